@@ -84,6 +84,11 @@ class CameraFreedom:
         """Take the camera as exact."""
         return cls(np.zeros((len(camera.parameter_names), 0)), np.zeros((0, 0)))
 
+    @property
+    def none(self) -> "CameraFreedom":
+        """The same camera held."""
+        return CameraFreedom(self.directions[:, :0], self.precision[:0, :0])
+
     @classmethod
     def of_names(cls, camera: Camera, names: Sequence[str], square: bool = True) -> "CameraFreedom":
         """Free the named parameters, of which nothing is known; if `square`, fx and fy move in proportion."""

@@ -26,6 +26,9 @@ CAUCHY = 2.385
 
 MEDIAN = float(chi2_distribution.median(2))
 
+LEAST_WEIGHT = 1e-6
+"""Factor on weights below which the robust cost does not go, so that every dot stays determined."""
+
 LEAST_DOTS = 4
 """Minimum number of dots of a view: fewer tell nothing of the dots or the camera."""
 
@@ -47,11 +50,14 @@ class Cleaned:
         Views that are left.
     dropped : array (v, n) of bool
         Outliers, in all views.
+    dots : array (n,) of bool
+        Dots that are left: those that two views or more see rightly, or one if they are held.
     """
 
     adjustment: Adjustment
     used: Mask
     dropped: Mask
+    dots: Mask
 
 
 def adjust_robustly(network: Network, views: Views) -> Cleaned:
@@ -62,7 +68,17 @@ def adjust_robustly(network: Network, views: Views) -> Cleaned:
     UndeterminedError
         If the photographs do not determine the unknowns.
     """
+    dots = views.seen.sum(axis=0) >= (2 if network.free else 1)
+    return _cleaned(network, views, dots)
+
+
+def _cleaned(network: Network, views: Views, dots: Mask) -> Cleaned:
+    """Adjust the dots of a network that are left."""
+    whole = network, views
+    network, views = network.of_dots(dots), views.of_dots(dots)
     used = views.seen.sum(axis=1) >= LEAST_DOTS
+    if not used.any():
+        raise UndeterminedError("photographs that show four dots or more")
     limit = float(chi2_distribution.isf(FALSE_ALARM / max(1, views.seen.sum()), 2))
     found = adjust(network, views.take(used))
     test = _tested(found)
@@ -70,7 +86,7 @@ def adjust_robustly(network: Network, views: Views) -> Cleaned:
         # A robust start: one outlier hides others, and spoils the pose of its view.
         weights = np.ones(test.shape)
         for _ in range(_ROBUST_ROUNDS):
-            before, weights = weights, 1 / (1 + test / CAUCHY**2)
+            before, weights = weights, np.maximum(1 / (1 + test / CAUCHY**2), LEAST_WEIGHT)
             if np.abs(weights - before).max() < _SETTLED:
                 break
             found = adjust(network, found.views, weights, found.places)
@@ -92,10 +108,17 @@ def adjust_robustly(network: Network, views: Views) -> Cleaned:
         states.add(new.tobytes())
         if not left.any():
             raise UndeterminedError("photographs whose dots agree with each other")
+        taken = (views.seen & ~new)[left].sum(axis=0) >= (2 if network.free else 1)
+        if not taken.all():
+            rest = dots.copy()
+            rest[dots] = taken
+            return _cleaned(*whole, rest)
         start, dropped, used = found.views.take(left[used]), new, left
         found = adjust(network, start, (~dropped[used]).astype(float), found.places)
         test = _tested(found)
-    return Cleaned(found, used, dropped)
+    everywhere = np.zeros((len(used), len(dots)), dtype=bool)
+    everywhere[:, dots] = dropped
+    return Cleaned(found, used, everywhere, dots)
 
 
 def _tested(found: Adjustment) -> Array:

@@ -1,17 +1,20 @@
 """Photographs of a calibration: the dots of the markers found in them, and a start for an unknown camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import UndeterminedError
+from markergen.calibration.labels import Guess, alternatives, relabelings, settle, turned_to_design
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
 from markergen.calibration.sightings import Sightings
 from markergen.detect.batch import detect_files
+from markergen.detect.detection import detect_dots
 from markergen.detect.detector import Detector, Found
 from markergen.detect.pose import fit_pose
 from markergen.errors import InputError
@@ -19,6 +22,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
+from markergen.read.images import grey_frame, read_image
 
 Array = NDArray[np.float64]
 
@@ -39,13 +43,14 @@ START = ("fx", "cx", "cy", "k1", "k2")
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Labeled dots of one marker in one photograph."""
+    """Labeled dots of one marker in one photograph; if `open`, the labels are one of several that fit it."""
 
     photo: int
     marker: int
     index: NDArray[np.intp]
     centers: Array
     covariance: Array
+    open: bool = False
 
 
 def find_dots(
@@ -92,11 +97,14 @@ def find_dots(
     seen = _labeled(markers, results, reasons)
     if not given and seen:
         camera = _adjusted(markers, seen, camera)
+    seen, doubts = _told_apart(markers, seen, camera, photos, names)
+    if not given and seen:
+        camera = _adjusted(markers, seen, camera)
     views, kept = _views(markers, seen, camera)
     for lost in sorted({each.photo for each in seen} - {seen[k].photo for k in kept}):
         reasons[lost] = "no pose sees the dots from the front"
     photo, marker = (np.array([getattr(seen[k], name) for k in kept], dtype=np.intp) for name in ("photo", "marker"))
-    return Sightings(names, size, views, photo, marker, reasons), camera
+    return Sightings(names, size, views, photo, marker, reasons, doubts), camera
 
 
 def _searched(
@@ -155,21 +163,80 @@ def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], re
                 reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
                 own = []
                 break
+            guessed = [each.detection for each in found if each.detection.marker == number]
+            place = {point.id: k for k, point in enumerate(marker.control_points)}
             if copies:
-                place = {point.id: k for k, point in enumerate(marker.control_points)}
                 index = np.array([place[int(name)] for name in copies[0].ids], dtype=np.intp)
                 own.append(_Seen(photo, number, index, copies[0].ellipse_centers, copies[0].covariance))
+            elif guessed and guessed[0].unlabeled is not None and guessed[0].rival is None:
+                dots = guessed[0].unlabeled
+                index = np.array([place[int(name)] for name in dots.guess], dtype=np.intp)
+                own.append(_Seen(photo, number, index, dots.ellipse_centers, dots.covariance, open=True))
         if not own and found:
             reasons.setdefault(photo, "; ".join(dict.fromkeys(each.reason for each in found if each.reason)))
         seen += own
     return seen
 
 
+def _told_apart(
+    markers: Sequence[Marker], seen: list[_Seen], camera: Camera, photos: Any, names: Sequence[str]
+) -> tuple[list[_Seen], tuple[str, ...]]:
+    """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
+    told, doubts = list(seen), []
+    for number, marker in enumerate(markers):
+        own = [k for k, each in enumerate(seen) if each.marker == number]
+        if not any(seen[k].open for k in own):
+            continue
+        points, radii, rings = (
+            marker.search_xyz,
+            _radii(marker),
+            np.array([p.feature.kind == "ring" for p in marker.control_points]),
+        )
+        group, options, kept = relabelings(points, rings), [], []
+        for k in own:
+            pose = _pose(markers, seen[k], camera)
+            if pose is None:
+                continue
+            guess = Guess(seen[k].index, seen[k].centers, seen[k].covariance, pose[0], pose[1])
+            kept.append(k)
+            if not seen[k].open:
+                options.append([guess])
+                continue
+            blobs = detect_dots(_grey(photos, names, seen[k].photo), marker.light)
+            dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
+            options.append(alternatives(guess, group, points, radii, camera, dots))
+        settled = settle(options, points, radii, camera)
+        if all(seen[k].open for k in kept):
+            settled = turned_to_design(settled, group, points, radii, camera)
+            doubts.append(
+                "The layout looks the same when turned, and the print hardly tells: the labels of all photographs may "
+                "be turned together"
+            )
+        if len(kept) > 1 and not settled.sure:
+            doubts.append(
+                f"The photographs hardly tell the labels of the symmetric layout apart: chi2 {settled.chi2:.3g}, for "
+                f"others {settled.runner_up:.3g}; take more from one side"
+            )
+        for k, guess in zip(kept, settled.guesses, strict=True):
+            told[k] = replace(seen[k], index=guess.index, centers=guess.centers, covariance=guess.covariance)
+    return told, tuple(doubts)
+
+
+def _grey(photos: Any, names: Sequence[str], photo: int) -> NDArray[Any]:
+    sources = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
+    if isinstance(sources[0], np.ndarray):
+        return grey_frame(sources[photo])
+    return read_image(Path(names[photo])).grey
+
+
+def _radii(marker: Marker) -> Array:
+    return np.array([point.feature.diameter / 2 for point in marker.control_points])
+
+
 def _dots_of(markers: Sequence[Marker], seen: _Seen) -> tuple[Array, Array]:
     """Designed places (m, 3) and radii (m,) of the dots seen."""
     marker = markers[seen.marker]
-    radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
-    return marker.xyz[seen.index], radii[seen.index]
+    return marker.xyz[seen.index], _radii(marker)[seen.index]
 
 
 def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array, Array, float] | None:
@@ -199,7 +266,7 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
     views, _ = _views(markers, seen, camera)
     network = Network(
         np.concatenate([marker.xyz for marker in markers]),
-        np.concatenate([[point.feature.diameter / 2 for point in marker.control_points] for marker in markers]),
+        np.concatenate([_radii(marker) for marker in markers]),
         camera,
         CameraFreedom.of_names(camera, START),
         np.repeat(np.arange(len(markers)), [len(marker) for marker in markers]),

@@ -7,21 +7,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.calibration import Calibration
 from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.flexing import Flex, flexing
 from markergen.calibration.judging import NotJudged, compare_halves, cross_validate
 from markergen.calibration.network import CameraFreedom, Length, Network, Views
-from markergen.calibration.outliers import Cleaned, adjust_robustly
+from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
 from markergen.calibration.photos import find_dots
 from markergen.calibration.sightings import Sightings
+from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
+from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rescale import photographed
+from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.validation.validation import setting_of
 
@@ -97,25 +100,6 @@ def _prior(designs: Sequence[Marker]) -> Array | None:
     return np.concatenate(blocks)
 
 
-def part_of(network: Network, chosen: NDArray[np.intp]) -> Network:
-    """Return the network of some of its dots; lengths between others are left out."""
-    place = {int(index): k for k, index in enumerate(chosen)}
-    lengths = tuple(
-        replace(each, first=place[each.first], second=place[each.second])
-        for each in network.lengths
-        if each.first in place and each.second in place
-    )
-    prior = None if network.prior is None else network.prior[chosen]
-    return replace(
-        network,
-        design=network.design[chosen],
-        radii=network.radii[chosen],
-        marker=network.marker[chosen],
-        lengths=lengths,
-        prior=prior,
-    )
-
-
 def calibrate(
     designs: Sequence[Marker], photos: Any, known: Known, workers: int | None = None, progress: Progress | None = None
 ) -> Calibration:
@@ -145,31 +129,26 @@ def calibrate(
         raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
-    chosen = np.flatnonzero(sightings.views.seen.sum(axis=0) >= (2 if known.free else 1))
-    views = _columns(sightings.views, chosen)
-    network = part_of(network_of(designs, known, camera, () if known.camera else BASE), chosen)
+    whole = network_of(designs, known, camera, () if known.camera else BASE)
     choice: CameraChoice | NotJudged | None = None
     try:
-        cleaned = adjust_robustly(network, views)
+        cleaned = _unflipped(whole, sightings.views)
         if known.camera is None:
             found, photo = cleaned.adjustment, sightings.photo[cleaned.used]
             choice = choose_camera(found.network, found.views, photo, found.weights)
             if isinstance(choice, CameraChoice) and choice.names != BASE:
-                cleaned = adjust_robustly(replace(network, camera=choice.camera, freedom=choice.freedom), views)
+                whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
+                cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
-    except UndeterminedError as error:
-        raise InputError(str(error), "others", "take more photographs, from other directions") from None
+    except (UndeterminedError, np.linalg.LinAlgError):
+        error = refusal(explain(whole, sightings.views, _names(designs)))
+        assert error is not None
+        raise error from None
     report("adjusting", 1, 1)
     report("judging", 0, 1)
-    result = _result(designs, known, sightings, chosen, cleaned, choice)
+    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice)
     report("judging", 1, 1)
     return result
-
-
-def _columns(views: Views, chosen: NDArray[np.intp]) -> Views:
-    return replace(
-        views, pixels=views.pixels[:, chosen], covariance=views.covariance[:, chosen], seen=views.seen[:, chosen]
-    )
 
 
 def _result(
@@ -183,7 +162,17 @@ def _result(
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
     names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
     cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
-    notes = [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    names_of = _names(designs)
+    poses = _working_poses(designs, known, adjustment)
+    found = findings(adjustment, known.print_sigma, poses, [names_of[k] for k in chosen]) if known.free else ()
+    if (error := refusal(found)) is not None:
+        raise error
+    counts = sightings.views.seen.sum(axis=0)
+    lost = np.setdiff1d(np.arange(len(names_of)), chosen)
+    rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if known.free else ()
+    notes = [str(each) for each in (*found, *rare)]
+    notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    notes += sightings.doubts
     if isinstance(choice, CameraChoice):
         notes += choice.notes
     elif choice is not None:
@@ -202,7 +191,7 @@ def _result(
         chosen,
         adjustment,
         cleaned.used,
-        cleaned.dropped,
+        cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
         _scale_source(adjustment.network),
         tuple(_sentence(note) for note in notes),
@@ -211,6 +200,45 @@ def _result(
         flex,
         choice,
     )
+
+
+def _names(designs: Sequence[Marker]) -> list[str]:
+    """Names of all dots, for sentences."""
+    if len(designs) == 1:
+        return [f"dot {point.id}" for point in designs[0].control_points]
+    return [f"dot {p.id} of marker {k + 1}" for k, each in enumerate(designs) for p in each.control_points]
+
+
+def _unflipped(network: Network, views: Views) -> Cleaned:
+    """Adjust, and again if a view fits better with its mirrored pose: from afar a flat marker has two."""
+    cleaned = adjust_robustly(network, views)
+    found, dots = cleaned.adjustment, cleaned.dots
+    held = replace(
+        found.network, design=found.places, camera=found.camera, free=False, freedom=found.network.freedom.none
+    )
+    own = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
+    own.rotation[cleaned.used], own.translation[cleaned.used] = found.views.rotation, found.views.translation
+    changed = False
+    for k in range(len(views)):
+        seen = views.seen[k] & dots & ~cleaned.dropped[k]
+        view = own.take(slice(k, k + 1)).of_dots(seen)
+        if seen.sum() < LEAST_DOTS:
+            continue
+        fits = []
+        mirrored = mirrored_poses(found.places[seen[dots]], view.rotation, view.translation)
+        for rotation, translation in ((view.rotation, view.translation), mirrored):
+            try:
+                fits.append(adjust(held.of_dots(seen[dots]), replace(view, rotation=rotation, translation=translation)))
+            except (UndeterminedError, np.linalg.LinAlgError):
+                continue
+        if (
+            len(fits) == 2
+            and fits[1].chi2 < 0.8 * fits[0].chi2
+            and np.trace(fits[0].views.rotation[0].T @ fits[1].views.rotation[0]) < 2.999
+        ):
+            own.rotation[k], own.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
+            changed = True
+    return adjust_robustly(network, own) if changed else cleaned
 
 
 def _sentence(text: str) -> str:
@@ -240,13 +268,8 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
     """Expected error of the first marker's pose with the print as designed and as measured."""
     network = adjustment.network
     own = network.marker == network.marker[0]
-    camera = adjustment.camera
-    try:
-        setting = setting_of(designs[network.marker[0]], known.poses, camera)
-    except InputError:
-        # The working volume is that of another camera.
-        setting = setting_of(designs[network.marker[0]], known.poses)
-    poses = setting.poses
+    setting = _setting(designs, known, adjustment)
+    poses, camera = setting.poses, adjustment.camera
     # As precise in the image as the photographs themselves.
     spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
     noise = float(np.sqrt(adjustment.scale * np.median(spread)))
@@ -267,6 +290,20 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
         found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         told.append(found.expected(covariance))
     return told[0], told[1]
+
+
+def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
+    """Working volume of the first marker, with the camera of the photographs if that sees it."""
+    marker = designs[adjustment.network.marker[0]]
+    try:
+        return setting_of(marker, known.poses, adjustment.camera)
+    except InputError:
+        return setting_of(marker, known.poses)
+
+
+def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[Array, Array]:
+    poses = _setting(designs, known, adjustment).poses
+    return poses.rotation, poses.translation
 
 
 def _scale_source(network: Network) -> str:

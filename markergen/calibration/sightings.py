@@ -25,6 +25,8 @@ class Sightings:
         Photograph and marker of each view.
     unused : mapping of photograph to reason
         Photographs without a view, by index.
+    doubts : tuple of str
+        What is uncertain about labels, as sentences.
     """
 
     photos: tuple[str, ...]
@@ -33,3 +35,4 @@ class Sightings:
     photo: NDArray[np.intp]
     marker: NDArray[np.intp]
     unused: dict[int, str] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()

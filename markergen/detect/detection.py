@@ -301,7 +301,7 @@ def identify(
             doubt = ambiguity(chosen)
             claims = {} if doubt else _claims(best, answers)
             if doubt or claims:
-                dots = _unlabeled(chosen, blobs, ellipses, camera)
+                dots = _unlabeled(chosen, blobs, ellipses, markers[best], camera)
                 for k, rival in ({best: best} if doubt else claims).items():
                     if k not in unlabeled:
                         unlabeled[k] = dots
@@ -391,13 +391,14 @@ def _claims(best: int, searches: dict[int, Search]) -> dict[int, int]:
     return {best: rivals[0], **dict.fromkeys(rivals, best)} if rivals else {}
 
 
-def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera) -> Unlabeled:
-    """Return the dots of the best labeling, without their labels."""
+def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, marker: Marker, camera: Camera) -> Unlabeled:
+    """Return the dots of the best labeling, whose labels are a guess."""
     used = np.flatnonzero(chosen.blobs >= 0)
     own, drawn = chosen.blobs[used], chosen.candidates.predicted
     corrected = ellipses.center[own] - (drawn.center - drawn.point)[0, used]
     index = ellipses.index[own]
-    return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index])
+    guess = np.array([marker.control_points[k].id for k in used], dtype=np.intp)
+    return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index], guess)
 
 
 def finish(

@@ -16,7 +16,7 @@ def _empty(*shape: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Unlabeled:
-    """Dots of a marker whose labels are ambiguous, in no particular order.
+    """Dots of a marker whose labels are ambiguous.
 
     Attributes
     ----------
@@ -26,11 +26,15 @@ class Unlabeled:
         may differ, by up to its own size, only between the two planar poses of a marker seen from afar.
     covariance, ellipse_centers : arrays (k, 2, 2), px^2, and (k, 2), px
         As in `Detection`.
+    guess : array (k,) of int
+        Ids of the control points by one of the labelings that fit: only what knows more, such as other photographs of
+        the same print, can tell which of them is right.
     """
 
     pixels: Array
     covariance: Array
     ellipse_centers: Array
+    guess: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,8 +156,9 @@ def detect_video(
         video = at_the_end.enter_context(open_video(one, size))
         watched = Watched(video.name)
         at_the_end.enter_context(silent_opencv())
-        notes = [*([detector.note] if detector.note else []), *video.notes]
-        at_the_end.callback(lambda: [tell(line) for line in watched.lines(notes)])
+        own = [detector.note] if detector.note else []
+        # The writer of an overlay may add to the video's notes.
+        at_the_end.callback(lambda: [tell(line) for line in watched.lines([*own, *video.notes])])
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)
