@@ -8,8 +8,10 @@ from scipy.optimize import least_squares
 
 from benchmarks.calibration_sets import hand_held, in_gauge, layout, nees, photographed, simulate
 from markergen.calibration.adjustment import adjust
+from markergen.calibration.flexing import flexing
 from markergen.calibration.judging import NotJudged, compare_halves, cross_validate, determined
-from markergen.calibration.network import CameraFreedom
+from markergen.calibration.network import CameraFreedom, Views
+from markergen.calibration.weaknesses import findings
 from markergen.maths.rotation import exponential
 
 
@@ -186,3 +188,32 @@ def test_the_true_dots_are_brought_into_the_gauge():
     assert np.abs(made.camera.project(places, rotation, translation) - before).max() < 1e-9
     found = adjust(network, made.views)
     assert 0.2 < nees((found.places - places).ravel(), found.covariance, 14) < 3
+
+
+def test_markers_of_one_photograph_are_judged_together():
+    """Two markers, and dots that are hidden here and there: every judgment counts dots of both."""
+    rng = np.random.default_rng(10)
+    parts = [simulate(n, 12, rng) for n in (7, 9)]
+    pixels, seen = np.zeros((24, 16, 2)), np.zeros((24, 16), dtype=bool)
+    for made, rows, columns in zip(parts, (slice(0, 12), slice(12, 24)), (slice(0, 7), slice(7, 16)), strict=True):
+        pixels[rows, columns], seen[rows, columns] = made.views.pixels, True
+    seen[rng.random(seen.shape) < 0.05] = False
+    views = Views(
+        pixels,
+        np.broadcast_to(0.03**2 * np.eye(2), (24, 16, 2, 2)),
+        seen,
+        *(np.concatenate([getattr(made.views, name) for made in parts]) for name in ("rotation", "translation")),
+    )
+    network = replace(
+        parts[0].network(),
+        design=np.concatenate([made.design for made in parts]),
+        radii=np.zeros(16),
+        marker=np.repeat([0, 1], [7, 9]),
+    )
+    whole, photo = adjust(network, views), np.tile(np.arange(12), 2)
+    found = cross_validate(whole, photo)
+    assert found.better
+    assert found.measured.dots.tolist() == (seen[:12].sum(axis=1) + seen[12:].sum(axis=1)).tolist()
+    assert compare_halves(whole, photo).degrees_of_freedom == 3 * 16 - 14
+    assert not flexing(whole).bends
+    assert findings(whole) == ()
