@@ -166,7 +166,7 @@ def image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axes":
 
 
 def directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
-    """Draw from which side each photograph was taken: its tilt as the distance from the middle, and a hand for the turn.
+    """Draw from which side each photograph was taken: tilt as the distance from the middle, a hand for the turn.
 
     The side is that of the camera as seen from the front of the marker, its x to the right and y up; the hand points to
     where the upper edge of the image is in this view.

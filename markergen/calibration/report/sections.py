@@ -206,10 +206,10 @@ def coverage(subject: Subject) -> ReportSection:
         plot(
             partial(plots.image_coverage, pixels, camera),
             "coverage",
-            f"Outlines of the dots of {len(pixels)} views over the image; {100 * covered.image:.0f} % of its cells have "
-            "a dot.",
-            "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only where "
-            "dots were.",
+            f"Outlines of the dots of {len(pixels)} views over the image; {100 * covered.image:.0f} % of its cells "
+            "have a dot.",
+            "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
+            "where dots were.",
             _image_size(subject),
         ),
         plot(
@@ -218,8 +218,8 @@ def coverage(subject: Subject) -> ReportSection:
             f"Sides and tilts from which {len(pixels)} views were taken: tilts of {covered.tilt_deg.min():.0f} to "
             f"{covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 sides.",
             "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, the "
-            "rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks all "
-            "around, with hands in all directions.",
+            "rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks "
+            "all around, with hands in all directions.",
             _SQUARE,
         ),
     ]
