@@ -157,6 +157,10 @@ class Calibration(SavableResult):
 
     def content(self, kind: str, path: Path) -> bytes:
         """See `SavableResult.content`."""
+        if kind == "report":
+            from markergen.calibration.report import page
+
+            return page(self)
         if kind == "camera":
             return camera_bytes(self.camera, path, self.camera_covariance, self.adjustment.rms)
         return super().content(kind, path)

@@ -294,16 +294,16 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
     n, k = int(own.sum()), len(camera.parameter_names)
     rows = np.concatenate([np.repeat(own, 3) if network.free else np.zeros(0, bool), np.ones(k, dtype=bool)])
     joint = adjustment.joint[np.ix_(rows, rows)]
+    flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
     if not network.free:
         joint = np.pad(joint, ((3 * n, 0), (3 * n, 0)))
-    flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
+        joint[: 3 * n, : 3 * n] = flat
     before = np.zeros((3 * n + k, 3 * n + k))
     before[: 3 * n, : 3 * n] = flat
-    if known.covariance is not None:
-        before[3 * n :, 3 * n :] = known.covariance
+    # A camera that was unknown is the same before and after: only the print differs.
+    before[3 * n :, 3 * n :] = adjustment.camera_covariance if known.covariance is None else known.covariance
     told = []
-    after = joint if network.free else before
-    for covariance, places in ((before, network.design[own]), (after, adjustment.places[own])):
+    for covariance, places in ((before, network.design[own]), (joint, adjustment.places[own])):
         blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
         found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         told.append(found.expected(covariance))

@@ -101,7 +101,7 @@ def findings(
     if adjustment.degrees_of_freedom <= 0:
         return (_too_few(adjustment),)
     try:
-        covariance = adjustment.scale * _covariance(adjustment)
+        covariance = adjustment.scale * bounded_covariance(adjustment)
     except np.linalg.LinAlgError:
         return (Finding("poses", "a photograph does not determine its pose", "leave it out, or show more dots", True),)
     size, n = adjustment.normal.dots, len(network.design)
@@ -212,10 +212,13 @@ def _too_few(adjustment: Adjustment) -> Finding:
     return Finding("dots and the camera" if camera else "dots", sentence, remedy, True)
 
 
-def _covariance(adjustment: Adjustment) -> Array:
-    """Covariance (3 n + r, 3 n + r) of dots and u, unscaled, finite even where nothing is known."""
+def bounded_covariance(adjustment: Adjustment, dot: float = FREE_M, pixels: float = FREE_PX) -> Array:
+    """Covariance (3 n + r, 3 n + r) of dots and u, unscaled, finite even where nothing is known.
+
+    Before the photographs, a dot is taken to be known to `dot` in m, and the camera to `pixels` in a dot's image.
+    """
     reduced, size, network = adjustment.normal.reduced(), adjustment.normal.dots, adjustment.network
-    loose = np.concatenate([np.full(size, FREE_M), FREE_PX * _units(adjustment)[size:]])
+    loose = np.concatenate([np.full(size, dot), pixels * _units(adjustment)[size:]])
     scaled = reduced * loose * loose[:, None] + np.eye(len(loose))
     if not size:
         return np.asarray(np.linalg.inv(scaled) * loose * loose[:, None], dtype=float)

@@ -1,33 +1,129 @@
-"""A calibration in words."""
+"""A calibration in words: what its report says first, and the terminal at all."""
 
 from typing import TYPE_CHECKING
 
-from markergen.calibration.judging import NotJudged
-from markergen.presentation.tables import Table
-from markergen.units import format_length
+from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJudged
+from markergen.calibration.working_error import ExpectedError
+from markergen.presentation.tables import Table, number
 
 if TYPE_CHECKING:
     from markergen.calibration.calibration import Calibration
 
+SOURCES = ("image", "print", "camera")
+"""Sources of an `ExpectedError`."""
+_WORDS = {"image": "image noise", "print": "the print", "camera": "the camera"}
+_MOST_NAMED = 3
+
 
 def summary(found: "Calibration") -> list[str | Table]:
-    """Return some ten lines: the expected error before and after, the scale, the residuals, and what limits it."""
-    before, after, sightings = found.before, found.after, found.sightings
-    adjustment = found.adjustment
-    used = len({int(k) for k in sightings.photo[found.used]})
-    said: list[str | Table] = [
-        f"Expected pose error over the working volume: {after.rotation_deg:.2g} deg and "
-        f"{format_length(float(f'{after.translation:.2g}'))}; with the print as designed {before.rotation_deg:.2g} deg "
-        f"and {format_length(float(f'{before.translation:.2g}'))}.",
-        found.scale_source,
-        f"{len(found.chosen)} dots in {used} of {len(sightings.photos)} photographs; residuals {adjustment.rms:.3f} px "
-        f"RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {int(found.dropped.sum())} dots rejected.",
-    ]
-    said += [
-        each.verdict[:1].upper() + each.verdict[1:] + "."
-        for each in (found.cross_validation, found.halves)
-        if not isinstance(each, NotJudged)
-    ]
+    """Return some ten lines: the error to expect, the scale, the residuals, how it was judged, and warnings."""
+    said: list[str | Table] = [headline(found), what_is_left(found), found.scale_source, *photographs(found)]
+    said += judged(found)
     if found.camera_covariance is not None:
         said.append(f"Camera: {found.camera}.")
     return [*said, *found.notes]
+
+
+def headline(found: "Calibration") -> str:
+    """Return the verdict: the pose error to expect before and after, and whether left-out photographs confirm it."""
+    before, after = errors(found.before), errors(found.after)
+    where = "over the working volume"
+    if len(found.designs) > 1:
+        where = f"from the first marker {where}"
+    if not found.measured:
+        return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed."
+    factor = found.before.rotation_deg / found.after.rotation_deg
+    if factor <= 1:
+        return (
+            f"Keep the marker as designed: with the print as these photographs measure it, expect a pose error of "
+            f"{after} {where}, as designed {before}."
+        )
+    expect = f"a pose error of {after} {where} instead of {before} with the print as designed"
+    cross, halves = found.cross_validation, found.halves
+    if isinstance(cross, CrossValidation) and not cross.better:
+        worse = "worse than" if cross.gain is not None and cross.gain.high < 1 else "no better than"
+        return (
+            f"Do not use the measured marker yet: it predicts left-out photographs {worse} the design does. By its "
+            f"claimed errors, expect {expect}."
+        )
+    if isinstance(halves, Halves) and halves.chance < CHANCE:
+        return (
+            f"Use the measured marker with care: expect {expect}, or somewhat more, since two halves of the "
+            "photographs differ by more than their claimed errors."
+        )
+    if isinstance(cross, NotJudged):
+        return f"Use the measured marker: expect {expect}. No photographs could be left out to confirm it."
+    return f"Use the measured marker: expect {expect}. Left-out photographs confirm it."
+
+
+def errors(error: ExpectedError) -> str:
+    """Return both errors as words: ``0.025 deg and 0.11 mm``."""
+    return f"{number(error.rotation_deg, 2)} deg and {number(1e3 * error.translation, 2)} mm"
+
+
+def shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
+    """Return the share of each source in the sum of the variances of rotation and of translation."""
+    parts = {name: getattr(error, name) for name in SOURCES}
+    totals = [sum(part[k] ** 2 for part in parts.values()) or 1.0 for k in range(2)]
+    return {name: (part[0] ** 2 / totals[0], part[1] ** 2 / totals[1]) for name, part in parts.items()}
+
+
+def what_is_left(found: "Calibration") -> str:
+    """Return what the error that is left comes from, the largest source first, and what lowers it."""
+    parts = {name: part for name, part in shares(found.after).items() if max(part) >= 1e-3}
+    ordered = sorted(parts, key=lambda name: -max(parts[name]))
+    listed = [f"{_WORDS[name]} {_rounded(parts[name][0])} and {_rounded(parts[name][1])}" for name in ordered]
+    advice = "more photographs would gain little"
+    if min(parts.get("image", (0.0, 0.0))) < 0.5:
+        lowers = "more photographs lower"
+        camera = lowers if found.estimated else "a better calibration of the camera lowers"
+        second = next(name for name in ordered if name != "image")
+        advice = camera if second == "camera" else lowers if found.measured else "measuring the print lowers"
+        advice += f" the part of {_WORDS[second]}"
+    return f"What is left, of the variances of rotation and translation: {', '.join(listed)}; {advice}."
+
+
+def _rounded(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def photographs(found: "Calibration") -> list[str]:
+    """Return how many photographs and dots took part and how well they fit, and which ones did not."""
+    sightings, adjustment = found.sightings, found.adjustment
+    used = len({int(k) for k in sightings.photo[found.used]})
+    rejected = int(found.dropped.sum())
+    said = [
+        f"{len(found.chosen)} dots in {used} of {len(sightings.photos)} photographs; residuals {adjustment.rms:.3f} px "
+        f"RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {rejected or 'no'} "
+        f"dot{'s' * (rejected != 1)} rejected."
+    ]
+    left = unused(found)
+    if left:
+        named = "; ".join(f"{name}: {reason}" for name, reason in left[:_MOST_NAMED])
+        more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
+        said.append(f"Not used: {named}{more}.")
+    return said
+
+
+def unused(found: "Calibration") -> list[tuple[str, str]]:
+    """Return the photographs that took no part, with the reason of each, in the order of the photographs."""
+    sightings = found.sightings
+    reasons = dict(sightings.unused)
+    taken = {int(k) for k in sightings.photo[found.used]}
+    for k in sightings.photo.tolist():
+        if k not in taken:
+            reasons[k] = "too few dots that agree with the other photographs"
+    return [(sightings.photos[k], reasons[k].rstrip(".")) for k in sorted(reasons)]
+
+
+def judged(found: "Calibration") -> list[str]:
+    """Return what left-out photographs and two halves say, or why they could not be asked."""
+    return [
+        sentence(each.reason if isinstance(each, NotJudged) else each.verdict)
+        for each in (found.cross_validation, found.halves)
+    ]
+
+
+def sentence(text: str) -> str:
+    """Return text with a capital and a period."""
+    return text[:1].upper() + text[1:].rstrip(".") + "."

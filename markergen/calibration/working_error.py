@@ -7,11 +7,13 @@ share is not averaged away by dots that err together.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.conic_projection import pose_rows
+from markergen.estimators.budget import pose_gain
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 
@@ -55,22 +57,29 @@ class Sensitivity:
     transfer: Array
     dots: int
 
+    @cached_property
+    def _matrices(self) -> tuple[Array, Array]:
+        turns, moves = (each.reshape(-1, each.shape[-1]) for each in (self.transfer[:, :3], self.transfer[:, 3:]))
+        return turns.T @ turns / len(self.transfer), moves.T @ moves / len(self.transfer)
+
     def matrices(self) -> tuple[Array, Array]:
         """M_rotation and M_translation (3 n + k, 3 n + k): mean squares are trace(M C), in rad^2 and m^2."""
-        turns, moves = self.transfer[:, :3], self.transfer[:, 3:]
-        return tuple(np.einsum("pia,pib->ab", each, each, optimize=True) / len(each) for each in (turns, moves))
+        return self._matrices
 
     def expected(self, covariance: Array) -> ExpectedError:
         """Error for a covariance (3 n + k, 3 n + k) of dots and camera."""
+        diagonal = np.einsum("pii->i", self.image) / len(self.image)
+        image = np.array([diagonal[:3].sum(), diagonal[3:].sum()])
+        products = [each * covariance for each in self.matrices()]
         size = self.dots
-        parts = [
-            _mean_squares(self.image),
-            _mean_squares(_through(self.transfer[..., :size], covariance[:size, :size])),
-            _mean_squares(_through(self.transfer[..., size:], covariance[size:, size:])),
-        ]
-        total = _mean_squares(self.image + _through(self.transfer, covariance))
-        image, printed, camera = ((float(np.rad2deg(np.sqrt(a))), float(np.sqrt(b))) for a, b in parts)
-        return ExpectedError(float(np.rad2deg(np.sqrt(total[0]))), float(np.sqrt(total[1])), image, printed, camera)
+        printed = np.array([each[:size, :size].sum() for each in products])
+        camera = np.array([each[size:, size:].sum() for each in products])
+        total = image + [each.sum() for each in products]
+        # Rounding may leave a sum of nothing below 0.
+        (turn, shift), *parts = (
+            (float(np.rad2deg(a)), float(b)) for a, b in np.sqrt(np.maximum([total, image, printed, camera], 0.0))
+        )
+        return ExpectedError(turn, shift, *parts)
 
 
 def sensitivity(
@@ -92,20 +101,9 @@ def sensitivity(
     rows = lens @ pose_rows(points, rotation, translation)
     dots = rows[..., 3:] @ rotation[:, None]
     spread = noise_px**2 * np.eye(2) + dots @ blocks @ dots.swapaxes(-1, -2)
-    weighted = np.linalg.inv(spread) @ rows
-    information = np.einsum("pnia,pnib->pab", weighted, rows, optimize=True)
-    gain = weighted @ np.linalg.inv(information)[:, None]
+    gain = pose_gain(rows, spread)
     count, n = rows.shape[:2]
     through = (gain.swapaxes(-1, -2) @ dots).swapaxes(1, 2).reshape(count, 6, 3 * n)
     lenses = np.einsum("pnia,pnik->pak", gain, camera.parameter_jacobian(normalized), optimize=True)
     image = noise_px**2 * np.einsum("pnia,pnib->pab", gain, gain, optimize=True)
     return Sensitivity(image, np.concatenate([through, lenses], axis=-1), 3 * n)
-
-
-def _through(transfer: Array, covariance: Array) -> Array:
-    return np.asarray(transfer @ covariance @ transfer.swapaxes(-1, -2), dtype=float)
-
-
-def _mean_squares(covariances: Array) -> tuple[float, float]:
-    diagonal = np.einsum("pii->pi", covariances)
-    return float(diagonal[:, :3].sum(axis=1).mean()), float(diagonal[:, 3:].sum(axis=1).mean())

@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ def page_bytes(template: str, values: Mapping[str, Any]) -> bytes:
     Parameters
     ----------
     template : str
-        Text of the template; lines with only a statement leave no line in the page.
+        Text of the template; lines with only a statement leave no line in the page. It may extend ``frame.html.j2``,
+        the page of all reports, and import from ``parts.html.j2``, their figures and tables.
     values : mapping
         Values are escaped unless the template marks them as safe, which is allowed for our own drawings.
 
@@ -32,9 +34,15 @@ def page_bytes(template: str, values: Mapping[str, Any]) -> bytes:
     >>> page_bytes("<p>{{ text }}</p>", {"text": "a<b"})
     b'<p>a&lt;b</p>'
     """
-    from jinja2 import Environment, StrictUndefined
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(lambda name: files("markergen.presentation").joinpath(name).read_text("utf-8")),
+    )
     # JSON allows lone surrogates, which UTF-8 cannot encode.
     return environment.from_string(template).render(values).encode("utf-8", "replace")
 

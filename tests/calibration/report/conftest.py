@@ -1,0 +1,75 @@
+"""Calibrations of simulated photographs, with false dots, unused photographs, and names from nobody we trust."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.calibration_sets import CAMERA, hand_held, printed
+from markergen.calibration import run
+from markergen.calibration.calibration import Calibration
+from markergen.calibration.network import Views
+from markergen.calibration.sightings import Sightings
+from markergen.detect.conic_projection import outlines
+from markergen.model.camera import Distortion
+from markergen.model.marker import Marker
+
+HOSTILE = "<script>alert(1)</script>.jpg"
+SIGMA = 0.03
+
+
+def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int = 3) -> Sightings:
+    """Return what photographs of printed markers show: in the first `false` a dot is 3 px off; the last is unused."""
+    rng = np.random.default_rng(seed)
+    counts = [len(marker) for marker in markers]
+    total, parts, rows = sum(counts), [], []
+    for k, marker in enumerate(markers):
+        rotation, translation = hand_held(photos, rng, marker.xyz)
+        place, before = printed(marker.xyz, rng), sum(counts[:k])
+        radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
+        own = slice(before, before + len(marker))
+        pixels, seen = np.ones((photos, total, 2)), np.zeros((photos, total), dtype=bool)
+        pixels[:, own] = CAMERA.to_pixels(outlines(place, radii, rotation, translation).center)
+        pixels[:, own] += rng.normal(0, SIGMA, pixels[:, own].shape)
+        seen[:, own] = True
+        pixels[range(false), before + 1] += [3.0, -1.0]
+        spread = np.broadcast_to(SIGMA**2 * np.eye(2), (photos, total, 2, 2))
+        parts.append(Views(pixels, spread, seen, rotation, translation))
+        rows += [k] * photos
+    views = Views(*(np.concatenate([getattr(part, name) for part in parts]) for name in Views.__dataclass_fields__))
+    names = (HOSTILE, *(f"photos/{k}.jpg" for k in range(1, photos)), "photos/" + 60 * "x" + "-dark.jpg")
+    photo = np.tile(np.arange(photos), len(markers))
+    return Sightings(names, (CAMERA.width, CAMERA.height), views, photo, np.array(rows), {photos: "no marker found"})
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> Callable[..., Calibration]:
+    """Calibrate from simulated photographs instead of real ones."""
+
+    def calibrated(markers: list[Marker], photos: int, known: run.Known, **drawn: int) -> Calibration:
+        start = replace(CAMERA, fx=780.0, fy=780.0, distortion=Distortion("radtan", (0.0,) * 5))
+        sightings = photographed(markers, photos, **drawn)
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(run, "find_dots", lambda *_, **__: (sightings, known.camera or start))
+            return run.calibrate(markers, None, known)
+
+    return calibrated
+
+
+@pytest.fixture(scope="module")
+def both(calibrated, make_ngon) -> Calibration:
+    """Print and camera unknown."""
+    return calibrated([make_ngon(9, 0.11, 0.02)], 12, run.Known())
+
+
+@pytest.fixture(scope="module")
+def two_markers(calibrated, make_ngon) -> Calibration:
+    """Two markers, a camera taken as exact, too few photographs for halves, and every dot where it was seen."""
+    return calibrated([make_ngon(5, 0.1, 0.02), make_ngon(6, 0.11, 0.02)], 4, run.Known(CAMERA), false=0)
+
+
+@pytest.fixture(scope="module")
+def nominal(calibrated, make_ngon) -> Calibration:
+    """Camera alone, the print taken as designed."""
+    return calibrated([make_ngon(9, 0.11, 0.02)], 8, run.Known(free=False), false=0)

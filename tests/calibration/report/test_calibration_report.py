@@ -1,0 +1,289 @@
+"""The report of a calibration has the numbers of the object, and leaves out what is not there."""
+
+import html as markup
+import importlib.resources
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.quiver import Quiver
+
+from markergen.calibration.judging import CrossValidation, Halves, NotJudged
+from markergen.calibration.report import TEMPLATE, page
+from markergen.calibration.report.plots import enlargement, print_map, round_factor
+from markergen.calibration.report.subject import Subject
+from markergen.calibration.words import errors, headline, shares, summary, unused, what_is_left
+from markergen.presentation.tables import number
+
+SECTIONS = ("answer", "print", "judged", "camera", "photos", "coverage", "method")
+
+
+class Page(HTMLParser):
+    """Elements of a page, its tables as rows of cells, and whether each element was closed where it should be."""
+
+    VOID = frozenset({"meta", "img", "br", "link", "hr"})
+
+    def __init__(self, made):
+        super().__init__()
+        self.elements, self.open, self.tables, self.titles = [], [], [], []
+        self.feed(made.decode())
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("th", "td"):
+            self.tables[-1][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("th", "td"):
+            self.tables[-1][-1][-1] += data
+        if self.open and self.open[-1] == "caption":
+            self.titles.append(data)
+
+    def table(self, title):
+        """Rows of the table whose title begins so, without its header."""
+        return next(rows for name, rows in zip(self.titles, self.tables, strict=True) if name.startswith(title))[1:]
+
+    @property
+    def sections(self):
+        return tuple(attributes["id"] for tag, attributes in self.elements if tag == "section")
+
+
+@pytest.fixture(scope="module")
+def made(both):
+    return page(both)
+
+
+def test_is_one_whole_page_that_loads_nothing(made):
+    found, text = Page(made), made.decode()
+    assert text.startswith("<!DOCTYPE html>")
+    assert not {tag for tag, _ in found.elements} & {"script", "link", "iframe", "object", "embed", "base", "form"}
+    for tag, attributes in found.elements:
+        assert not [name for name in attributes if name.startswith("on")]
+        for name in ("src", "href", "xlink:href"):
+            if name in attributes:
+                assert attributes[name].startswith("data:image/" if tag in ("img", "image") else "#")
+    assert "@import" not in text
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", text))
+    assert "default-src 'none'" in text
+    assert len(made) < 2_000_000
+
+
+def test_can_be_read_without_seeing_it(made):
+    elements = Page(made).elements
+    ids = [attributes["id"] for _, attributes in elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    referred = {a["href"][1:] for tag, a in elements if tag == "a"}
+    referred |= {a["aria-labelledby"] for _, a in elements if "aria-labelledby" in a}
+    assert referred <= set(ids)
+    drawings = [attributes for tag, attributes in elements if tag == "svg"]
+    assert len(drawings) == 8
+    assert all(len(each["aria-label"]) > 40 and each["role"] == "img" for each in drawings)
+    levels = [int(tag[1]) for tag, _ in elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+
+
+def test_foreign_text_stays_text(made):
+    assert b"<script" not in made
+    assert b"&lt;script&gt;alert(1)" in made
+
+
+def test_template_is_part_of_the_package():
+    assert (importlib.resources.files("markergen.calibration.report") / TEMPLATE).is_file()
+
+
+def test_is_written_with_the_calibration_the_same_each_time(both, made, tmp_path):
+    both.save(report=tmp_path / "calibration.html")
+    assert (tmp_path / "calibration.html").read_bytes() == made
+
+
+def test_has_a_section_for_everything_that_was_found(made, two_markers, nominal):
+    assert Page(made).sections == SECTIONS
+    unjudged = NotJudged("too few photographs")
+    exact = Page(page(replace(two_markers, cross_validation=unjudged)))
+    assert exact.sections == tuple(each for each in SECTIONS if each != "camera")
+    assert not [title for title in exact.titles if title.startswith(("Left-out", "Two halves", "Rejected"))]
+    held = Page(page(nominal))
+    assert held.sections == SECTIONS
+    assert len(held.table("Dots")[0]) == 4
+    assert not [a for tag, a in held.elements if tag == "svg" and a["aria-label"].startswith("Map")]
+
+
+def test_verdict_is_first_and_is_that_of_the_object(both, made):
+    text = markup.unescape(made.decode())
+    assert text.index(headline(both)) < text.index(both.scale_source) < text.index("<table")
+    assert errors(both.after) in headline(both)
+    assert errors(both.before) in headline(both)
+    rows = Page(made).table("Expected pose error")
+    assert rows[1][2:] == [
+        number(both.after.rotation_deg),
+        *(number(getattr(both.after, name)[0]) for name in ("image", "print", "camera")),
+    ]
+    assert rows[3][2] == number(1e3 * both.after.translation)
+
+
+def test_tables_hold_the_numbers_of_the_object(both, made):
+    found, told, adjustment = Page(made), both.as_dict(), both.adjustment
+    rows = found.table("Dots of the print")
+    for row, dot in zip(rows, told["dots"], strict=True):
+        assert row[0] == str(dot["id"])
+        assert [float(cell) for cell in row[1:4]] == pytest.approx(1e6 * np.array(dot["moved"]), abs=0.051)
+        assert [float(cell) for cell in row[4:7]] == pytest.approx(1e6 * np.array(dot["sigma"]), abs=0.051)
+        assert row[7:9] == [str(dot["views"]), str(dot["rejected"])]
+    rows = found.table("Photographs")
+    for row, photo in zip(rows, told["photos"], strict=True):
+        assert row[0] == photo["photo"]
+        assert row[2:4] == [str(photo["dots"]), str(len(photo["rejected"]))]
+        assert float(row[4]) == pytest.approx(photo["rms_px"], abs=6e-4)
+    rows = found.table("Camera")
+    assert [float(row[1]) for row in rows][:4] == pytest.approx(
+        [adjustment.camera.fx, adjustment.camera.fy, adjustment.camera.cx, adjustment.camera.cy], rel=1e-6
+    )
+    sigma = told["camera"]["sigma"]
+    assert [row[2] for row in rows] == [number(sigma[row[0]]) if sigma[row[0]] else "held" for row in rows]
+
+
+def test_tells_what_was_rejected_and_by_how_much(both, made):
+    rows = Page(made).table("Rejected dots")
+    assert len(rows) == int(both.dropped.sum()) == 3
+    assert {row[1] for row in rows} == {"1"}
+    # They are 3.16 px off, which is 100 sigma.
+    assert [float(row[2]) for row in rows] == pytest.approx([10**0.5] * 3, abs=0.3)
+    assert all(float(row[3]) > 50 for row in rows)
+    left = Page(made).table("Photographs not used")
+    assert [row[1] for row in left] == ["no marker found"]
+    assert len(left[0][0]) == 60
+
+
+def test_chi2_of_the_photographs_adds_up_to_that_of_the_adjustment(both):
+    subject, adjustment = Subject(both), both.adjustment
+    inverse = np.linalg.inv(adjustment.views.covariance)
+    own = inverse @ adjustment.residual_covariance()
+    freedom = (np.trace(own, axis1=2, axis2=3) * subject.taken).sum(axis=1)
+    assert freedom.sum() == pytest.approx(adjustment.degrees_of_freedom, abs=1e-4)
+    assert subject.variance_factors @ freedom == pytest.approx(adjustment.chi2, rel=1e-6)
+
+
+def test_dots_of_two_markers_are_told_apart(two_markers):
+    found = Page(page(two_markers))
+    assert [row[0] for row in found.table("Dots")] == [*(f"1:{k}" for k in range(5)), *(f"2:{k}" for k in range(6))]
+    assert len(found.table("Photographs")) == 8
+    maps = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "in the print" in a["aria-label"]]
+    assert [text[:15] for text in maps] == ["Map of marker 1", "Map of marker 2"]
+
+
+def test_summary_is_some_ten_lines(both, two_markers, nominal):
+    for found in (both, two_markers, nominal):
+        lines = summary(found)
+        assert lines[0] == headline(found)
+        assert found.scale_source in lines
+        assert 5 <= len(lines) - len(found.notes) <= 9
+        assert all("  " not in line and "nan" not in line for line in lines)
+
+
+def test_verdict_says_what_to_do(both, two_markers, nominal):
+    cross, halves = both.cross_validation, both.halves
+    assert isinstance(cross, CrossValidation)
+    assert isinstance(halves, Halves)
+    agreeing = replace(both, halves=replace(halves, chance=0.5))
+    assert headline(agreeing).startswith("Use the measured marker: expect")
+    assert headline(agreeing).endswith("confirm it.")
+    assert "with care" in headline(replace(both, halves=replace(halves, chance=1e-4)))
+    gain = replace(cross.gain, low=0.9, high=1.2)
+    doubtful = replace(agreeing, cross_validation=replace(cross, gain=gain))
+    assert headline(doubtful).startswith(
+        "Do not use the measured marker yet: it predicts left-out photographs no better"
+    )
+    worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
+    assert "worse than the design" in headline(worse)
+    unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
+    assert "No photographs could be left out" in headline(unjudged)
+    assert headline(replace(both, after=both.before)).startswith("Keep the marker as designed")
+    assert headline(nominal).startswith("The camera is calibrated")
+    assert "of the first marker" not in headline(both)
+    assert "from the first marker" in headline(two_markers)
+
+
+def test_only_the_print_differs_before_and_after(both, nominal):
+    """The camera that the photographs determined counts in both, apart from where the dots are."""
+    assert both.before.camera == pytest.approx(both.after.camera, rel=0.05)
+    assert both.before.print[0] > 3 * both.after.print[0]
+    assert nominal.before.camera[0] > 0
+    assert errors(nominal.after) == errors(nominal.before)
+    assert nominal.after.camera == pytest.approx(nominal.before.camera)
+
+
+def test_what_is_left_names_the_largest_source_first_and_what_lowers_it(both):
+    error = replace(both.after, image=(0.01, 0.03), print=(0.03, 0.01), camera=(0.0, 0.0))
+    assert shares(error)["print"] == pytest.approx((0.9, 0.1))
+    assert shares(error)["camera"] == (0.0, 0.0)
+    found = replace(both, after=error)
+    said = what_is_left(found)
+    assert said.endswith(
+        "image noise 10 % and 90 %, the print 90 % and 10 %; more photographs lower the part of the print."
+    )
+    noisy = replace(both, after=replace(error, image=(0.3, 0.3)))
+    assert what_is_left(noisy).endswith("more photographs would gain little.")
+    lens = replace(both, after=replace(error, camera=(0.0, 0.5)))
+    assert "more photographs lower the part of the camera" in what_is_left(lens)
+    assert "a better calibration of the camera lowers" in what_is_left(replace(lens, estimated=()))
+
+
+def test_photographs_whose_views_were_all_left_out_are_told(both):
+    used = both.used.copy()
+    used[0] = False
+    assert len(unused(replace(both, used=used))) == 2
+
+
+def test_displacements_are_drawn_as_large_as_there_is_room():
+    points, none = np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 20.0], [20.0, 20.0]]), np.zeros((4, 2, 2))
+    moved = np.full((4, 2), 0.1 / 2**0.5)
+    assert enlargement(points, moved, none, 200.0) == 200
+    # A 2-sigma region as large as the displacement takes half of the room.
+    assert enlargement(points, moved, none + 0.05**2 * np.eye(2), 200.0) == 100
+    # A displacement of nothing has no scale, but a drawing.
+    assert np.isfinite(enlargement(points, 0 * moved, none, 200.0))
+    assert [round_factor(value) for value in (1, 1.4, 2.9, 99, 0.031)] == [1, 1, 2, 70, 0.03]
+
+
+def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
+    from matplotlib.figure import Figure
+
+    marker = make_ngon(5, 0.1, 0.02)
+    rng = np.random.default_rng(0)
+    points, moved = 1e3 * marker.xyz[:, :2], rng.normal(0, 100, (5, 3))
+    root = rng.normal(0, 10, (5, 3, 3))
+    covariance = root @ root.swapaxes(-1, -2)
+    ax = Figure().add_subplot()
+    print_map(marker, [str(k) for k in range(5)], points, moved, covariance, 50.0, ax)
+    dots, regions = (each for each in ax.collections if isinstance(each, EllipseCollection))
+    assert dots.get_offsets() == pytest.approx(points)
+    ends = points + 50e-3 * moved[:, :2]
+    assert regions.get_offsets() == pytest.approx(ends)
+    for k in range(5):
+        angle = np.deg2rad(regions.get_angles()[k])
+        tip = regions.get_widths()[k] / 2 * np.array([np.cos(angle), np.sin(angle)]) / 50e-3
+        side = regions.get_heights()[k] / 2 * np.array([-np.sin(angle), np.cos(angle)]) / 50e-3
+        for edge in (tip, side, (tip + side) / 2**0.5):
+            assert edge @ np.linalg.solve(covariance[k, :2, :2], edge) == pytest.approx(4.0)
+    arrows = next(each for each in ax.collections if isinstance(each, Quiver))
+    assert np.column_stack([arrows.U, arrows.V]) == pytest.approx(ends - points)

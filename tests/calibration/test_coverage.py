@@ -1,0 +1,65 @@
+"""Directions of photographs as a photographer sees them, and what a set of them covers."""
+
+import numpy as np
+import pytest
+
+from benchmarks.calibration_sets import CAMERA, hand_held, layout, photographed
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.coverage import SIDES, coverage, posed, view_angles
+
+
+@pytest.mark.parametrize("side", range(8))
+@pytest.mark.parametrize("turn", [0.0, 90.0, 250.0])
+def test_the_side_of_the_picture_that_is_named_is_farther_away(side, turn):
+    rotation = posed(np.array([40.0]), np.array([45.0 * side]), np.array([turn]))
+    place = layout(36) @ rotation[0].T + [0, 0, 0.6]
+    picture = place[:, :2] / place[:, 2:]
+    words = {"right": (1, 0), "left": (-1, 0), "upper": (0, -1), "lower": (0, 1)}
+    toward = np.sum([words[word] for word in SIDES[side].split() if word in words], axis=0)
+    assert np.corrcoef(picture @ toward, place[:, 2])[0, 1] > 0.9
+    # Across that direction, depth does not change.
+    across = place[:, :2] @ [-toward[1], toward[0]]
+    assert abs(np.corrcoef(across, place[:, 2])[0, 1]) < np.sin(np.deg2rad(40)) * 0.9
+
+
+def test_a_camera_turned_to_the_right_has_its_x_axis_where_its_y_axis_was():
+    upright = np.diag([1.0, -1.0, -1.0])
+    turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ upright
+    tilt, toward, turn = view_angles(np.stack([upright, turned]))
+    assert np.allclose(tilt, 0)
+    assert np.allclose(toward, 0)
+    assert np.allclose(turn, [0, 90])
+
+
+def test_angles_and_poses_invert_each_other():
+    rng = np.random.default_rng(0)
+    angles = rng.uniform(1, 89, 50), rng.uniform(0, 360, 50), rng.uniform(0, 360, 50)
+    rotation = posed(*angles)
+    assert np.allclose(rotation @ rotation.swapaxes(-1, -2), np.eye(3))
+    assert np.allclose(view_angles(rotation), angles)
+
+
+def test_every_dot_and_view_is_counted():
+    design, rng = layout(24), np.random.default_rng(1)
+    rotation = posed(np.array([0.0, 30, 30, 5]), np.array([0.0, 180, 270, 90]), np.array([0.0, 90, 0, 2]))
+    made = photographed(design, design, rotation, np.array([[0, 0, 0.6]] * 4), rng)
+    found = coverage(adjust(made.network(), made.views))
+    assert found.cells.sum() == 4 * 24
+    assert found.cells.shape == (6, 8)
+    x, y = np.floor((made.views.pixels + 0.5) / 80).astype(int).reshape(-1, 2).T
+    assert all(found.cells[row, column] == np.sum((x == column) & (y == row)) for row, column in np.ndindex(6, 8))
+    assert found.image == np.mean(found.cells > 0)
+    assert found.sides == ("left edge", "upper edge")
+    assert found.quarters == (0, 1)
+    assert found.fill[0] == pytest.approx(np.ptp(design, axis=0)[1] / 0.6 * CAMERA.fy / 480, rel=0.03)
+    assert "tilts of 0 to 30 deg to 2 of 8 sides" in found.sentence
+    assert len(found.draw_image().texts) == 48
+    assert len(found.draw_tilts().lines) == 4
+
+
+def test_dots_left_out_are_not_counted():
+    design, rng = layout(6), np.random.default_rng(1)
+    made = photographed(design, design, *hand_held(8, rng, design), rng)
+    weights = np.ones((8, 6))
+    weights[0, 0] = 0
+    assert coverage(adjust(made.network(), made.views, weights)).cells.sum() == 47
