@@ -1,18 +1,21 @@
 """The report of a calibration: one self-contained HTML file, with the same bytes for the same results."""
 
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 from markergen import __version__
-from markergen.calibration.calibration import Calibration
 from markergen.calibration.report import sections
 from markergen.calibration.report.subject import Subject
 from markergen.presentation.pages import page_bytes
 from markergen.validation.report.overview import title
 
+if TYPE_CHECKING:
+    from markergen.calibration.calibration import Calibration
+
 TEMPLATE = "calibration.html.j2"
 
 
-def page(found: Calibration) -> bytes:
+def page(found: "Calibration") -> bytes:
     """Make a self-contained HTML page from a calibration.
 
     Returns

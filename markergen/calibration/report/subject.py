@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibration.calibration import Calibration
 from markergen.model.poses import PoseDistribution
+
+if TYPE_CHECKING:
+    from markergen.calibration.calibration import Calibration
 
 Array = NDArray[np.float64]
 
@@ -30,7 +33,7 @@ class Rejected:
 class Subject:
     """The calibration that a report shows; rows are its used views, columns its adjusted dots."""
 
-    found: Calibration
+    found: "Calibration"
 
     @cached_property
     def dots(self) -> list[str]:
