@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 DAMPING = Damping(start=1e-3, least=1e-12, most=1e12, slack=1e-12)
 STEPS = 100
 TOLERANCE = 1e-12
-"""Relative decrease of the cost below which the adjustment ends."""
+"""Relative decrease of the cost below which the adjustment ends, unless another is given."""
 
 SINGULAR = 1e-13
 """Smallest eigenvalue of a normal matrix, as correlations, that is not taken for rounding."""
@@ -202,7 +202,13 @@ class NormalEquations:
         return self.rest - flat.T @ flat
 
 
-def adjust(network: Network, views: Views, weights: Array | None = None, places: Array | None = None) -> Adjustment:
+def adjust(
+    network: Network,
+    views: Views,
+    weights: Array | None = None,
+    places: Array | None = None,
+    tolerance: float = TOLERANCE,
+) -> Adjustment:
     """Adjust a network by least squares.
 
     Parameters
@@ -213,6 +219,8 @@ def adjust(network: Network, views: Views, weights: Array | None = None, places:
         Factors on the weights of the measurements, 1 if not given; 0 leaves one out.
     places : array (n, 3), optional, m
         Start for the dots; the design if not given, and where they are held.
+    tolerance : float
+        Relative decrease of the cost below which the adjustment ends.
 
     Raises
     ------
@@ -227,7 +235,7 @@ def adjust(network: Network, views: Views, weights: Array | None = None, places:
     stiffness = (
         float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
-    problem = _Problem(network, views, factors, stiffness)
+    problem = _Problem(network, views, factors, stiffness, tolerance)
     start = (
         views.rotation[None],
         views.translation[None],
@@ -268,6 +276,7 @@ class _Problem(LeastSquares):
     views: Views
     weights: Array
     stiffness: float
+    tolerance: float
 
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
@@ -333,7 +342,7 @@ class _Problem(LeastSquares):
 
     def converged(self, attempt: Attempt) -> Mask:
         """See `LeastSquares.converged`."""
-        return attempt.good & (attempt.before - attempt.after <= TOLERANCE * attempt.before)
+        return attempt.good & (attempt.before - attempt.after <= self.tolerance * attempt.before)
 
     def take(self, chosen: Mask) -> "_Problem":
         """See `LeastSquares.take`: the batch is of one."""

@@ -6,17 +6,12 @@ turned counterclockwise.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment
 from markergen.maths.rotation import exponential, turn_z
-from markergen.presentation.plots import FAINT, INK, SERIES, axes_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -38,9 +33,6 @@ COLUMNS = 8
 TILTED_DEG = 10.0
 """Tilt in deg from which on a photograph counts as tilted to a side."""
 
-COLORS = "Blues"
-"""Colors of cells, from none to the most dots."""
-
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
@@ -50,7 +42,6 @@ class Coverage:
     ----------
     cells : array (rows, columns) of int
         Number of dots in each cell of the image, over all photographs.
-    size : (width, height), px
     tilt_deg, toward_deg, turn_deg : arrays (v,)
         Of each view; see `view_angles`.
     fill : array (v,)
@@ -58,7 +49,6 @@ class Coverage:
     """
 
     cells: NDArray[np.intp]
-    size: tuple[int, int]
     tilt_deg: Array
     toward_deg: Array
     turn_deg: Array
@@ -89,48 +79,6 @@ class Coverage:
             f"deg to {len(self.sides)} of 8 sides; camera turned to {len(self.quarters)} of 4 quarters."
         )
 
-    def draw_image(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the number of dots in each cell of the image."""
-        ax = axes_of(ax)
-        width, height = self.size
-        extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-        filled = ax.imshow(self.cells, extent=extent, cmap=COLORS, vmin=0, vmax=max(int(self.cells.max()), 1))
-        half = self.cells.max() / 2
-        rows, columns = self.cells.shape
-        for (row, column), number in np.ndenumerate(self.cells):
-            at = (column + 0.5) * width / columns - 0.5, (row + 0.5) * height / rows - 0.5
-            ax.text(*at, str(number), ha="center", va="center", fontsize=7, color="white" if number > half else INK)
-        ax.figure.colorbar(filled, ax=ax, label="dots", shrink=0.85)
-        ax.set(xlabel="x, px", ylabel="y, px")
-        ax.grid(visible=False)
-        return ax
-
-    def draw_tilts(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw a point for each view, away from the middle by its tilt, with a tick toward the marker's y axis."""
-        ax = axes_of(ax)
-        reach = max(60.0, float(self.tilt_deg.max()))
-        around = np.linspace(0, 2 * np.pi, 121)
-        for ring in (20, 40, 60):
-            ax.plot(ring * np.cos(around), ring * np.sin(around), color=FAINT, linewidth=0.7, zorder=1)
-            ax.annotate(f"{ring} deg", (0.71 * ring, 0.71 * ring), ha="left", va="top", fontsize=7, color=INK)
-        toward = np.deg2rad(self.toward_deg)
-        x, y = self.tilt_deg * np.cos(toward), self.tilt_deg * np.sin(toward)
-        # Upward in the picture without a turn; y points down.
-        up = np.deg2rad(self.turn_deg + 90)
-        ax.quiver(
-            x, y, np.cos(up), -np.sin(up), angles="xy", scale=0.13, scale_units="xy", width=3e-3, headwidth=0,
-            headlength=0, headaxislength=0, color=INK, zorder=2,
-        )  # fmt: skip
-        ax.plot(x, y, linestyle="", marker="o", color=SERIES[0]["color"], zorder=3)
-        limit = 1.2 * reach
-        ax.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect="equal", xticks=[], yticks=[])
-        for text, at in (("left", (-limit, 0)), ("right", (limit, 0)), ("top", (0, -limit)), ("bottom", (0, limit))):
-            ax.annotate(text, at, ha="center", va="center", fontsize=8, color=INK)
-        ax.grid(visible=False)
-        for spine in ax.spines.values():
-            spine.set_visible(False)
-        return ax
-
 
 def coverage(adjustment: Adjustment) -> Coverage:
     """Return what the views of a calibration cover, by the dots that took part."""
@@ -142,7 +90,7 @@ def coverage(adjustment: Adjustment) -> Coverage:
     np.add.at(cells, (np.clip(y, 0, rows - 1), np.clip(x, 0, COLUMNS - 1)), 1)
     shown = np.where(used[..., None], views.pixels, np.nan)
     extent = np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1)
-    return Coverage(cells, size, *view_angles(views.rotation), (extent / size).max(axis=1))
+    return Coverage(cells, *view_angles(views.rotation), (extent / size).max(axis=1))
 
 
 def posed(tilt_deg: Array, toward_deg: Array, turn_deg: Array) -> Array:

@@ -5,10 +5,9 @@ tens of micrometers and its paper is bent, so two photographs agree on one print
 photographs are joined one by one, each with the labels for which the network fits best, dots being free.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
-from math import prod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,11 @@ from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.detect.conic_projection import outlines, refine_poses
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import rigid_motion
-from markergen.model.camera import Camera
+from markergen.model.camera import NO_DISTORTION, Camera, Distortion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+T = TypeVar("T")
 
 MATCH = 0.2
 """Distance, as a share of the smallest between two dots, within which a dot that was moved is another one."""
@@ -33,14 +33,29 @@ OVERLAP = 0.6
 MOST_DOTS = 60
 """Number of dots that decide about labels; more decide no better, and take longer."""
 
-MOST_TRIED, ORDERS = 64, 4
-"""Number of combinations of labels that are all tried; number of orders in which photographs join if there are more."""
+WIDTH, HOPELESS, ENOUGH = 6, 3.0, 20
+"""Number of sets of labels that are kept while photographs join, and the variance factor, relative to the best one's,
+beyond which none is kept as soon as there are as many degrees of freedom."""
 
-SIZE_SIGMA = 0.1
-"""Standard deviation of the logarithm of a dot's area: of printed ink and of a rough ellipse."""
+ROUGHLY = 1e-3
+"""Relative decrease of the cost at which an adjustment ends that only compares labels."""
 
-SURELY = 12.0
-"""Difference of chi2 that settles labels by the dots' sizes alone."""
+CLEARLY = 15.0
+"""Difference of chi2, in units of the variance factor, beyond which labels are sure."""
+
+CAMERA_SIGMA = {"fx": 0.1, "cx": 0.03, "cy": 0.03, "k1": 0.1, "k2": 0.1}
+"""Standard deviations within which the camera may move while labels are compared: of f as a share of it, of the
+principal point as a share of the image's width."""
+
+LEAST_DOTS = 4
+
+UNKNOWN_LENS = Distortion("radtan", (0.0,) * 5)
+
+SIZE_SIGMA, SIZE_LIMIT = 0.04, 16.0
+"""Least standard deviation of the logarithm of a dot's area, and the most, in squares of it, that one dot counts."""
+
+SURELY = 20.0
+"""Difference of the sums of squares that settles labels by the dots' sizes alone: it takes two dots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +124,8 @@ class Guess:
     centers, covariance : arrays (m, 2), px, and (m, 2, 2), px^2
     rotation, translation : arrays (3, 3) and (3,), m
         Pose by that labeling.
+    area : array (m,), optional
+        Logarithms of the squared radii that the dots have in the image, up to a common constant.
     """
 
     index: Index
@@ -116,6 +133,20 @@ class Guess:
     covariance: Array
     rotation: Array
     translation: Array
+    area: Array | None = None
+
+    def misfit_of_sizes(self, radii: Array) -> float:
+        """Sum of squares, in sigma, of the logarithms of the dots' areas relative to those designed; 0 if unknown.
+
+        Ink spreads and markers are scaled, so only differences among the dots count. sigma is estimated from
+        the median.
+        """
+        if self.area is None:
+            return 0.0
+        off = self.area - 2 * np.log(radii[self.index])
+        off -= np.median(off)
+        sigma = max(SIZE_SIGMA, 1.4826 * float(np.median(np.abs(off))))
+        return float(np.minimum((off / sigma) ** 2, SIZE_LIMIT).sum())
 
 
 def alternatives(
@@ -136,7 +167,7 @@ def alternatives(
     dots : (centers (b, 2), covariance (b, 2, 2), areas (b,))
         All dots of the photograph, labeled or not, px.
     """
-    tree, found = cKDTree(dots[0]), list[tuple[Guess, float]]()
+    tree, found = cKDTree(dots[0]), list[Guess]()
     apart = cKDTree(guess.centers).query(guess.centers, k=2)[0][:, 1]
     for each in group:
         rotation, translation = each.pose(guess.rotation, guess.translation)
@@ -149,14 +180,16 @@ def alternatives(
         labeled = labeled[np.sort(once)]
         own = nearest[labeled]
         drawn = outlines(points[labeled], radii[labeled], rotation[None], translation[None])
-        size = np.log(dots[2][own] ** 2 / np.linalg.det(drawn.shape[0]))
-        size = (size - np.median(size)) / (2 * SIZE_SIGMA)
-        guessed = Guess(labeled, dots[0][own], dots[1][own], rotation, translation)
-        found.append((guessed, float(np.minimum(size**2, 25).sum())))
-    most = max(len(each.index) for each, _ in found)
-    found = [each for each in found if len(each[0].index) == most]
-    least = min(size for _, size in found)
-    return [each for each, size in found if size <= least + SURELY]
+        area = np.log(dots[2][own]) - np.log(np.linalg.det(drawn.shape[0])) / 2 + 2 * np.log(radii[labeled])
+        found.append(Guess(labeled, dots[0][own], dots[1][own], rotation, translation, area))
+    most = max(len(each.index) for each in found)
+    found = [each for each in found if len(each.index) == most]
+    return _of_right_sizes(found, [each.misfit_of_sizes(radii) for each in found])
+
+
+def _of_right_sizes(found: Sequence[T], misfit: Sequence[float]) -> list[T]:
+    """Return what the dots' sizes do not rule out."""
+    return [each for each, own in zip(found, misfit, strict=True) if own <= min(misfit) + SURELY]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,24 +201,41 @@ class Settled:
     guesses : tuple of Guess
         One for each photograph.
     chi2, runner_up : float
-        Of the network with these labels, and with the best others for a single photograph; inf if there are none.
+        Variance factors of the network with these labels, and with the best others; inf if there are none.
+    degrees_of_freedom : int
     """
 
     guesses: tuple[Guess, ...]
     chi2: float
     runner_up: float
+    degrees_of_freedom: int
 
     @property
     def sure(self) -> bool:
-        """Whether the other labels fit clearly worse: by a third and by more than chance."""
-        return self.runner_up > 1.33 * self.chi2 + 20
+        """Whether the other labels fit worse by more than chance, in units of the variance factor."""
+        return (self.runner_up - self.chi2) * max(1, self.degrees_of_freedom) > CLEARLY * max(1.0, self.chi2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Photographs joined with certain labels: option chosen for each, and the network adjusted to them.
+
+    `factor` is its variance factor.
+    """
+
+    chosen: dict[int, int]
+    factor: float = np.inf
+    degrees_of_freedom: int = 0
+    places: Array | None = None
+    poses: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
 
 def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, camera: Camera) -> Settled:
     """Choose one labeling for each photograph so that all agree on one print.
 
-    Every combination is tried if they are few. Otherwise photographs join one after another, in several orders, each
-    with the labels that suit the others best, and then change as long as one change improves the whole.
+    Photographs join one after another, the most different views first, each with every labeling; the best few sets of
+    labels are kept, and the best one in the end changes as long as one change improves the whole. Dots are free, and
+    so is the camera within `CAMERA_SIGMA`: an error of it would cost more than wrong labels.
 
     Parameters
     ----------
@@ -193,88 +243,109 @@ def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, came
         Labelings of each photograph.
     points, radii : arrays (n, 3) and (n,), m
     camera : Camera
-        Camera, held.
+        Approximate camera.
     """
+    network = _network(points, radii, camera)
+    order = _order(options)
     # All may be turned together: the first keeps its labels.
+    beam = [_Joined({order[0]: 0}, 0.0)]
+    for k in order[1:]:
+        longer = [_joined(each, k, c, options, network) for each in beam for c in range(len(options[k]))]
+        longer.sort(key=lambda each: each.factor)
+        best = longer[0]
+        limit = HOPELESS * best.factor if best.degrees_of_freedom >= ENOUGH else np.inf
+        beam = [each for each in longer[:WIDTH] if each.factor <= limit]
+    best, *others = beam
+    changed: list[_Joined] = []
+    while len(order) > 1:
+        pairs = [(k, c) for k in order[1:] for c in range(len(options[k])) if c != best.chosen[k]]
+        changed = [_joined(best, k, c, options, network) for k, c in pairs]
+        better = min(changed, key=lambda each: each.factor, default=best)
+        if better.factor >= best.factor:
+            break
+        others.append(best)
+        best = better
+    runner_up = min((each.factor for each in (*others, *changed) if each.chosen != best.chosen), default=np.inf)
+    guesses = tuple(options[k][best.chosen[k]] for k in range(len(options)))
+    return Settled(guesses, best.factor, float(runner_up), best.degrees_of_freedom)
+
+
+def _order(options: Sequence[Sequence[Guess]]) -> list[int]:
+    """Photographs in the order to join: first one of few labelings and many dots, then the one tilted most unlike."""
     first = min(range(len(options)), key=lambda k: (len(options[k]), -len(options[k][0].index)))
-    known: dict[tuple[tuple[int, int], ...], float] = {}
-
-    def cost(chosen: dict[int, int]) -> float:
-        key = tuple(sorted(chosen.items()))
-        if key not in known:
-            known[key] = _cost([options[k][c] for k, c in key], points, radii, camera)
-        return known[key]
-
-    others = [k for k in range(len(options)) if k != first]
-    choices = [range(len(options[k])) for k in others]
-    if prod(map(len, choices)) <= MOST_TRIED:
-        tried = [{first: 0, **dict(zip(others, each, strict=True))} for each in product(*choices)]
-        ranked = sorted(tried, key=cost)
-        best, runner_up = ranked[0], cost(ranked[1]) if len(ranked) > 1 else np.inf
-    else:
-        rng = np.random.default_rng(0)
-        grown = [_grown(options, first, rng.permutation(others).tolist(), cost) for _ in range(ORDERS)]
-        best = min(grown, key=cost)
-        changed = [{**best, k: c} for k in others for c in range(len(options[k])) if c != best[k]]
-        runner_up = min(map(cost, changed), default=np.inf)
-    return Settled(tuple(options[k][best[k]] for k in range(len(options))), cost(best), float(runner_up))
+    normals = np.array([each[0].rotation[:, 2] for each in options])
+    order, near = [first], normals @ normals[first]
+    while len(order) < len(options):
+        near[order] = np.inf
+        order.append(int(np.argmin(near)))
+        near = np.maximum(near, normals @ normals[order[-1]])
+    return order
 
 
-def _grown(
-    options: Sequence[Sequence[Guess]], first: int, order: Sequence[int], cost: Callable[[dict[int, int]], float]
-) -> dict[int, int]:
-    chosen = {first: 0}
-    for k in order:
-        chosen = min(({**chosen, k: c} for c in range(len(options[k]))), key=cost)
-    while True:
-        changed = [{**chosen, k: c} for k in order for c in range(len(options[k])) if c != chosen[k]]
-        better = min(changed, key=cost, default=chosen)
-        if cost(better) >= cost(chosen):
-            return chosen
-        chosen = better
+def _network(points: Array, radii: Array, camera: Camera) -> Network:
+    """Network of all dots and a camera that may move a little."""
+    if camera.distortion == NO_DISTORTION:
+        camera = replace(camera, distortion=UNKNOWN_LENS)
+    names = [name for name in CAMERA_SIGMA if name in camera.parameter_names]
+    freedom = CameraFreedom.of_names(camera, names)
+    unit = {"fx": camera.fx, "cx": camera.width, "cy": camera.width}
+    sigma = np.array([CAMERA_SIGMA[name] * unit.get(name, 1.0) for name in names])
+    freedom = replace(freedom, precision=np.diag(sigma**-2))
+    return Network(points, radii, camera, freedom, np.zeros(len(points), dtype=np.intp))
 
 
-def _cost(guesses: Sequence[Guess], points: Array, radii: Array, camera: Camera) -> float:
-    """chi2 of the network of some dots, free ones; inf if it cannot be adjusted."""
-    n = len(points)
-    kept = np.unique(np.linspace(0, n - 1, min(n, MOST_DOTS)).astype(int))
-    v = len(guesses)
+def _joined(before: _Joined, k: int, c: int, options: Sequence[Sequence[Guess]], network: Network) -> _Joined:
+    """Return the photographs joined before with photograph k added, or changed, to its labeling c."""
+    chosen = {**before.chosen, k: c}
+    photos = sorted(chosen)
+    guesses = [options[each][chosen[each]] for each in photos]
+    v, n = len(photos), len(network.design)
     pixels, spread = np.zeros((v, n, 2)), np.broadcast_to(np.eye(2), (v, n, 2, 2)).copy()
     seen = np.zeros((v, n), dtype=bool)
-    for k, each in enumerate(guesses):
-        pixels[k, each.index], spread[k, each.index], seen[k, each.index] = each.centers, each.covariance, True
-    kept = kept[seen[:, kept].sum(axis=0) > 1]
-    if len(kept) < 4:
-        return np.inf
-    network = Network(points[kept], radii[kept], camera, CameraFreedom.held(camera), np.zeros(len(kept), dtype=np.intp))
-    poses = np.array([each.rotation for each in guesses]), np.array([each.translation for each in guesses])
+    for row, each in enumerate(guesses):
+        pixels[row, each.index], spread[row, each.index], seen[row, each.index] = each.centers, each.covariance, True
+    shared = np.flatnonzero(seen.sum(axis=0) > 1)
+    kept = np.zeros(n, dtype=bool)
+    kept[shared[np.unique(np.linspace(0, len(shared) - 1, min(len(shared), MOST_DOTS)).astype(int))]] = True
+    if kept.sum() < LEAST_DOTS or (seen[:, kept].sum(axis=1) < LEAST_DOTS).any():
+        return _Joined(chosen)
+    old = {each: pose for each, pose in before.poses.items() if each != k}
+    poses = [old.get(each, (guess.rotation, guess.translation)) for each, guess in zip(photos, guesses, strict=True)]
+    views = Views(pixels, spread, seen, np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
+    start = network.design if before.places is None else before.places
     try:
-        return adjust(network, Views(pixels[:, kept], spread[:, kept], seen[:, kept], *poses)).chi2
+        found = adjust(network.of_dots(kept), views.of_dots(kept), places=start[kept], tolerance=ROUGHLY)
     except (UndeterminedError, np.linalg.LinAlgError):
-        return np.inf
+        return _Joined(chosen)
+    places = start.copy()
+    places[kept] = found.places
+    moved = zip(found.views.rotation, found.views.translation, strict=True)
+    factor = found.chi2 / max(1, found.degrees_of_freedom)
+    return _Joined(chosen, factor, found.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
 
 
 def turned_to_design(
     settled: Settled, group: Sequence[Relabeling], points: Array, radii: Array, camera: Camera
-) -> Settled:
-    """Turn all labels together, if the design then fits better: what is left is the print's own symmetry."""
-    whole = [each for each in group if (each.image >= 0).all()]
-    best, cost = settled.guesses, np.inf
-    for each in whole:
-        place = np.empty(len(points), dtype=np.intp)
-        place[:] = each.image
-        turned = tuple(
+) -> tuple[Settled, bool]:
+    """Turn all labels together, so that the design fits best, and tell whether the dots' sizes settle it.
+
+    Otherwise what is left is the print's own symmetry.
+    """
+    turned = [
+        tuple(
             replace(
                 guess,
-                index=place[guess.index],
+                index=each.image[guess.index],
                 **dict(zip(("rotation", "translation"), each.pose(guess.rotation, guess.translation), strict=True)),
             )
             for guess in settled.guesses
         )
-        value = _misfit(turned, points, radii, camera)
-        if value < cost:
-            best, cost = turned, value
-    return replace(settled, guesses=best)
+        for each in group
+        if (each.image >= 0).all()
+    ]
+    likely = _of_right_sizes(turned, [sum(guess.misfit_of_sizes(radii) for guess in each) for each in turned])
+    best = min(likely, key=lambda each: _misfit(each, points, radii, camera))
+    return replace(settled, guesses=best), len(likely) == 1
 
 
 def _misfit(guesses: Sequence[Guess], points: Array, radii: Array, camera: Camera) -> float:

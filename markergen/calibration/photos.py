@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import UndeterminedError
-from markergen.calibration.labels import Guess, alternatives, relabelings, settle, turned_to_design
+from markergen.calibration.labels import UNKNOWN_LENS, Guess, alternatives, relabelings, settle, turned_to_design
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
 from markergen.calibration.sightings import Sightings
@@ -19,7 +19,7 @@ from markergen.detect.detector import Detector, Found
 from markergen.detect.pose import fit_pose
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.model.camera import Camera, Distortion
+from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
 from markergen.read.images import grey_frame, read_image
@@ -28,8 +28,6 @@ Array = NDArray[np.float64]
 
 PRINT_SIGMA = 5e-4
 """Standard deviation in m of a printed dot while the print is unknown: no dot is to be taken for an outlier."""
-
-UNKNOWN_LENS = Distortion("radtan", (0.0,) * 5)
 
 FOCALS = np.geomspace(0.35, 5, 25)
 """Focal lengths tried for an unknown camera, in image widths."""
@@ -207,11 +205,12 @@ def _told_apart(
             options.append(alternatives(guess, group, points, radii, camera, dots))
         settled = settle(options, points, radii, camera)
         if all(seen[k].open for k in kept):
-            settled = turned_to_design(settled, group, points, radii, camera)
-            doubts.append(
-                "The layout looks the same when turned, and the print hardly tells: the labels of all photographs may "
-                "be turned together"
-            )
+            settled, told_by_sizes = turned_to_design(settled, group, points, radii, camera)
+            if not told_by_sizes:
+                doubts.append(
+                    "The layout looks the same when turned: the labels of all photographs are those nearest the "
+                    "design, and may all be turned together"
+                )
         if len(kept) > 1 and not settled.sure:
             doubts.append(
                 f"The photographs hardly tell the labels of the symmetric layout apart: chi2 {settled.chi2:.3g}, for "

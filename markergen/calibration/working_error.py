@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.conic_projection import pose_rows
+from markergen.estimators.budget import pose_gain
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 
@@ -100,9 +101,7 @@ def sensitivity(
     rows = lens @ pose_rows(points, rotation, translation)
     dots = rows[..., 3:] @ rotation[:, None]
     spread = noise_px**2 * np.eye(2) + dots @ blocks @ dots.swapaxes(-1, -2)
-    weighted = np.linalg.inv(spread) @ rows
-    information = np.einsum("pnia,pnib->pab", weighted, rows, optimize=True)
-    gain = weighted @ np.linalg.inv(information)[:, None]
+    gain = pose_gain(rows, spread)
     count, n = rows.shape[:2]
     through = (gain.swapaxes(-1, -2) @ dots).swapaxes(1, 2).reshape(count, 6, 3 * n)
     lenses = np.einsum("pnia,pnik->pak", gain, camera.parameter_jacobian(normalized), optimize=True)

@@ -204,11 +204,7 @@ def pose_budget(
     printing = print_covariance(jacobian, points, rotation, sources)
     image_covariance = np.broadcast_to(image_covariance, (count, n, 2, 2))
     spread = image_covariance + printing
-    # Without any error all points have the same weight, as in the limit of small isotropic noise.
-    weight = np.linalg.inv(spread) if spread.any() else np.broadcast_to(np.eye(2), spread.shape)
-    weighted = weight @ jacobian
-    normal = _stack(weighted).swapaxes(-1, -2) @ _stack(jacobian)
-    gain = _stack(weighted @ covariance(normal)[:, None])
+    gain = _stack(pose_gain(jacobian, spread))
     image, printed = (
         gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6)) for part in (image_covariance, printing)
     )
@@ -230,6 +226,22 @@ def pose_budget(
         through = gain.swapaxes(-1, -2) @ moved
         calibration = through @ sources.camera_covariance @ through.swapaxes(-1, -2)
     return PoseBudget(image, printed, calibration, image + printed + calibration)
+
+
+def pose_gain(jacobian: Array, spread: Array) -> Array:
+    """G (P, n, 2, 6) of the estimate that weights points by the inverse of their `spread`: the pose errs by sum G' e.
+
+    Parameters
+    ----------
+    jacobian : array (P, n, 2, 6)
+        Jacobian J of the image points with respect to the pose (w, dt).
+    spread : array (P, n, 2, 2)
+        Covariance of each image point.
+    """
+    # Without any error all points have the same weight, as in the limit of small isotropic noise.
+    weight = np.linalg.inv(spread) if spread.any() else np.broadcast_to(np.eye(2), spread.shape)
+    weighted = weight @ jacobian
+    return weighted @ covariance(_stack(weighted).swapaxes(-1, -2) @ _stack(jacobian))[:, None]
 
 
 def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: ErrorSources) -> Array:

@@ -1,0 +1,113 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_photos import hand_held
+
+from markergen.calibration.labels import Guess, relabelings, settle, turned_to_design
+from markergen.model.camera import Camera, Distortion
+
+CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
+ROUGH = Camera(640, 480, 760.0, 760.0, 319.5, 239.5)
+
+
+def grid(columns, rows, pitch=0.025):
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows)[::-1])
+    places = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]) * pitch
+    return places - places.mean(axis=0)
+
+
+def printed(design, rng, sigma=1e-4):
+    sag = 5e-4 * (design[:, 0] / np.ptp(design[:, 0]) + 0.3) ** 2
+    return design + np.column_stack([rng.normal(0, sigma, (len(design), 2)), sag])
+
+
+def photographs(places, count, rng, noise=0.05):
+    """Dots of hand-held photographs, and their poses."""
+    poses = hand_held(count, rng, (15, 55))
+    pixels = CAMERA.project(places, *poses)
+    return pixels + rng.normal(0, noise, pixels.shape), poses
+
+
+def options(design, group, pixels, poses, rng, noise=0.05):
+    """Labelings of every photograph, in random order; also which of them is right."""
+    all_options, right = [], []
+    for seen, rotation, translation in zip(pixels, *poses, strict=True):
+        order = rng.permutation(len(group))
+        own = []
+        for each in (group[k] for k in order):
+            spread = np.broadcast_to(noise**2 * np.eye(2), (len(design), 2, 2))
+            own.append(Guess(each.image, seen, spread, *each.pose(rotation, translation)))
+        all_options.append(own)
+        right.append(int(np.flatnonzero(order == 0)[0]))
+    return all_options, right
+
+
+@pytest.mark.parametrize(("columns", "rows", "turns"), [(6, 5, 2), (5, 5, 4), (5, 1, 2)])
+def test_a_grid_is_itself_when_turned(columns, rows, turns):
+    design = grid(columns, rows)
+    group = relabelings(design, np.zeros(len(design), dtype=bool))
+    whole = [each for each in group if (each.image >= 0).all()]
+    assert len(whole) == turns
+    np.testing.assert_array_equal(group[0].image, np.arange(len(design)))
+    for each in whole:
+        moved = design[:, :2] @ each.rotation.T + each.shift
+        np.testing.assert_allclose(moved, design[each.image, :2], rtol=0, atol=1e-12)
+    # A ring at one corner leaves no turn.
+    rings = np.arange(len(design)) == 0
+    assert [len(each.image) for each in relabelings(design, rings) if (each.image >= 0).all()] == [len(design)]
+
+
+def test_a_moved_layout_looks_the_same_from_its_pose():
+    design = grid(6, 5)
+    rotation, translation = hand_held(1, np.random.default_rng(0))
+    for each in relabelings(design, np.zeros(30, dtype=bool)):
+        kept = each.image >= 0
+        turned = (part[None] for part in each.pose(rotation[0], translation[0]))
+        ours, theirs = CAMERA.project(design, rotation, translation)[0], CAMERA.project(design, *turned)[0]
+        np.testing.assert_allclose(theirs[each.image[kept]], ours[kept], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("columns", "rows", "camera"), [(6, 5, CAMERA), (6, 5, ROUGH), (5, 5, ROUGH)])
+def test_photographs_tell_the_labels_of_a_symmetric_grid(columns, rows, camera):
+    rng = np.random.default_rng(columns)
+    design = grid(columns, rows)
+    group = [each for each in relabelings(design, np.zeros(len(design), bool)) if (each.image >= 0).all()]
+    pixels, poses = photographs(printed(design, rng), 6, rng)
+    choices, right = options(design, group, pixels, poses, rng)
+    settled = settle(choices, design, np.zeros(len(design)), camera)
+    assert settled.sure
+    # Up to one turn of all photographs together.
+    turns = set()
+    for guess, own, k in zip(settled.guesses, choices, right, strict=True):
+        turns.add(tuple(guess.index[np.argsort(own[k].index)]))
+    assert len(turns) == 1
+
+
+def test_an_exact_print_leaves_the_labels_in_doubt():
+    rng = np.random.default_rng(1)
+    design = grid(6, 5)
+    group = [each for each in relabelings(design, np.zeros(30, bool)) if (each.image >= 0).all()]
+    choices, _ = options(design, group, *photographs(design, 4, rng), rng)
+    assert not settle(choices, design, np.zeros(30), CAMERA).sure
+
+
+@pytest.mark.parametrize("larger", [False, True])
+def test_the_turn_of_all_together_is_told_by_a_dot_of_another_size_or_not_at_all(larger):
+    rng = np.random.default_rng(2)
+    design, radii = grid(6, 5), np.full(30, 0.006)
+    if larger:
+        radii[3] *= 1.2
+    group = [each for each in relabelings(design, np.zeros(30, bool)) if (each.image >= 0).all()]
+    pixels, poses = photographs(printed(design, rng), 4, rng)
+    choices, right = options(design, group, pixels, poses, rng)
+    # All photographs wrong by the same half turn.
+    wrong = [own[1 - k] for own, k in zip(choices, right, strict=True)]
+    area = 2 * np.log(radii) + rng.normal(0, 0.03, 30)
+    wrong = [replace(each, area=area) for each in wrong]
+    settled = settle([[each] for each in wrong], design, radii, CAMERA)
+    turned, told = turned_to_design(settled, group, design, radii, CAMERA)
+    assert told == larger
+    if larger:
+        for guess in turned.guesses:
+            np.testing.assert_array_equal(guess.index, np.arange(30))

@@ -1,0 +1,135 @@
+"""From photographs to labeled dots: rendered ones, and real ones where they are."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_photos import hand_held, layout
+
+from markergen.calibration.photos import find_dots
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import Camera, Distortion
+from markergen.model.marker import Marker, build_marker
+from markergen.render import Optics, render_view
+
+PHOTOS = Path(__file__).parents[3] / "shared" / "photos"
+CAMERA = Camera(640, 480, 700.0, 700.0, 322.0, 238.0, Distortion("radtan", (-0.2, 0.05, 0.0, 0.0, 0.0)))
+
+
+def grid_marker(columns=6, rows=5, pitch=0.03):
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows)[::-1])
+    places = np.column_stack([x.ravel(), y.ravel()]) * pitch
+    return build_marker(places - places.mean(axis=0), Circle(0.13), diameter=0.014, clearance=0.002, keyed=False)
+
+
+def dots_marker(n):
+    diameter = 0.03 if n == 5 else 0.012
+    places = layout(5)[:, :2] * 0.9 if n == 5 else _scattered(n)
+    return build_marker(places, Circle(0.13), diameter=diameter, clearance=0.002)
+
+
+def _scattered(n):
+    rng, places = np.random.default_rng(3), np.zeros((0, 2))
+    while len(places) < n:
+        new = rng.uniform(-0.09, 0.09, 2)
+        if np.hypot(*new) < 0.11 and (np.hypot(*(places - new).T) > 0.022).all():
+            places = np.vstack([places, new])
+    return places
+
+
+def misprinted(marker, rng, sigma=1e-4):
+    """The marker as it was printed: dots off by sigma."""
+    points = tuple(
+        replace(point, x=point.x + dx, y=point.y + dy)
+        for point, (dx, dy) in zip(marker.control_points, rng.normal(0, sigma, (len(marker), 2)), strict=True)
+    )
+    return replace(marker, control_points=points)
+
+
+def rendered(marker, count, rng):
+    rotation, translation = hand_held(count, rng, (15, 45))
+    translation *= 0.5 / translation[:, 2:]
+    poses = zip(rotation, translation, strict=True)
+    return [render_view(marker, CAMERA, *pose, Optics(), rng) for pose in poses], rotation, translation
+
+
+def check(found, marker, rotation, translation, turn=None):
+    """Every dot seen is where the marker's own dot of this label, or `turn` of it, is."""
+    truth = CAMERA.project(marker.xyz, rotation, translation)
+    views = found.views
+    np.testing.assert_array_equal(found.photo, np.arange(len(rotation)))
+    assert views.seen.mean() > 0.95
+    place = np.arange(len(marker)) if turn is None else turn
+    off = np.linalg.norm(views.pixels - truth[:, place], axis=-1)
+    assert off[views.seen].max() < 0.6  # centers of ellipses are not images of centers
+
+
+@pytest.mark.parametrize("n", [5, 24])
+def test_dots_of_rendered_photographs_are_found_and_labeled(n):
+    rng = np.random.default_rng(n)
+    marker = dots_marker(n)
+    frames, rotation, translation = rendered(misprinted(marker, rng), 4, rng)
+    found, camera = find_dots([marker], frames, CAMERA)
+    assert camera is CAMERA
+    assert not found.unused
+    assert not found.doubts
+    assert found.size == (640, 480)
+    check(found, marker, rotation, translation)
+    np.testing.assert_allclose(found.views.translation, translation, rtol=0.01, atol=1e-3)
+    np.testing.assert_allclose(found.views.rotation, rotation, rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_symmetric_grid_is_labeled_by_all_photographs_together(known):
+    rng = np.random.default_rng(7)
+    marker = grid_marker()
+    frames, rotation, translation = rendered(misprinted(marker, rng), 5, rng)
+    found, camera = find_dots([marker], frames, CAMERA if known else None)
+    assert not found.unused
+    (doubt,) = found.doubts
+    assert "turned together" in doubt
+    off = np.linalg.norm(found.views.pixels[0, 0] - CAMERA.project(marker.xyz, rotation, translation)[0], axis=1)
+    turn = np.arange(30) if off.argmin() == 0 else np.arange(30)[::-1]
+    check(found, marker, rotation, translation, turn)
+    if not known:
+        assert abs(camera.fx / 700 - 1) < 0.05
+        assert abs(camera.distortion.coefficients[0] + 0.2) < 0.05
+
+
+def test_photographs_that_cannot_be_used_say_why():
+    rng = np.random.default_rng(5)
+    marker = dots_marker(5)
+    frames, *_ = rendered(marker, 2, rng)
+    aside = [np.array([x, 0.0, 1.0]) for x in (-0.17, 0.17)]
+    level = np.diag([1.0, -1.0, -1.0])
+    twice = np.minimum(*(render_view(marker, CAMERA, level, each, Optics(), rng) for each in aside))
+    found, _ = find_dots([marker], [frames[0], np.full((480, 640), 200, np.uint8), twice, frames[1]], CAMERA)
+    assert found.photo.tolist() == [0, 3]
+    assert "found 0 dots" in found.unused[1]
+    assert "2 copies" in found.unused[2]
+    with pytest.raises(InputError, match="one size, 640x480"):
+        find_dots([marker], [frames[0], frames[1][:400]], None)
+
+
+@pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
+@pytest.mark.parametrize("camera", ["camera.yaml", pytest.param(None, marks=pytest.mark.long)])
+def test_real_photographs_of_a_square_grid_are_labeled_alike(camera):
+    folder = PHOTOS / "robot_grid"
+    marker = Marker.load(folder / "marker.json")
+    found, _ = find_dots([marker], str(folder), camera and Camera.load(folder / camera))
+    labels = {each["image"]: np.array(each["centres_px_row_major"]) for each in json.loads(_text(folder))}
+    assert len(found.photo) == len(labels)
+    assert not found.doubts
+    # The labels run from the larger dot along x, then y; the marker's from the top row down.
+    place = np.arange(100).reshape(10, 10)[::-1].ravel()
+    for photo, pixels, seen in zip(found.photo, found.views.pixels, found.views.seen, strict=True):
+        off = np.linalg.norm(pixels - labels[Path(found.photos[photo]).name][place], axis=1)
+        assert seen.all()
+        assert off.max() < 0.5
+
+
+def _text(folder):
+    return (folder / "labels.json").read_text()
