@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 BASE = ("fx", "cx", "cy", "k1", "k2")
 """Parameters of an unknown camera that are always estimated; fy goes with fx."""
 
+LOOSE_PLANE, LOOSE_HEIGHT = 2.0, 10.0
+"""Standard deviations of printed dots about the design in the plane and in height, in those of `Known.print_sigma`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Known:
@@ -142,6 +145,7 @@ def calibrate(
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
+        cleaned = _held_loosely(cleaned, known.print_sigma)
     except (UndeterminedError, np.linalg.LinAlgError):
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
@@ -151,6 +155,20 @@ def calibrate(
     result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice)
     report("judging", 1, 1)
     return result
+
+
+def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
+    """Adjust again with the weak knowledge that a print is about as designed, and bends by a few sigma more.
+
+    It keeps dots that few photographs show from taking up the errors of a poor camera. The image counts with its
+    errors as they were found, so its share of the variance is that of the prior.
+    """
+    found = cleaned.adjustment
+    if not found.network.free:
+        return cleaned
+    sigma = print_sigma / np.sqrt(found.scale)
+    network = replace(found.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
+    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
 
 
 def _result(
