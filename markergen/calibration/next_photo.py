@@ -317,7 +317,7 @@ def _translations(points: Array, radii: Array, rotation: Array, camera: Camera, 
     for _ in range(_ROUNDS):
         pixels = _rims(points - middle, radii, rotation, target, camera)
         # Those that leave the domain of the lens model step back, toward the middle.
-        lost = ~np.isfinite(pixels).all(axis=(1, 2))
+        lost = np.asarray(~np.isfinite(pixels).all(axis=(1, 2)))
         pixels[lost] = 0.0
         low, high = pixels.min(axis=1), pixels.max(axis=1)
         share = ((high - low) / room).max(axis=1) / fill
