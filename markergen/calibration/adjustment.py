@@ -249,6 +249,10 @@ def adjust(
     residual = _residual(network.radii, found, places, camera)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that see all dots from the front")
+    if network.free and network.loose is not None:
+        # So weak that the image's residuals have the degrees of freedom that they have without it.
+        off = (network.design - places).ravel()
+        cost = cost - off @ network.looseness(places) @ off
     freedom = _freedom(network, int(np.count_nonzero(factors)), len(views))
     return Adjustment(network, found, places, camera, factors, residual, float(cost[0]), freedom)
 
@@ -417,7 +421,7 @@ def _normal_equations(
 
 def _prior(network: Network, places: Array) -> tuple[float, Array | float, Array | float]:
     """Cost of what is known of the dots besides the photographs, minus half its gradient (3 n,), and its matrix."""
-    if not network.free or (not network.lengths and network.prior is None):
+    if not network.free or (not network.lengths and network.prior is None and network.loose is None):
         return 0.0, 0.0, 0.0
     cost = 0.0
     gradient: Array = np.zeros(places.size)
@@ -431,6 +435,12 @@ def _prior(network: Network, places: Array) -> tuple[float, Array | float, Array
         cost += weight * short**2
         gradient += weight * short * row.ravel()
         matrix += weight * np.outer(row, row)
+    if network.loose is not None:
+        off = (network.design - places).ravel()
+        information = network.looseness(places)
+        cost += float(off @ information @ off)
+        gradient += information @ off
+        matrix += information
     if network.prior is not None:
         for marker in np.unique(network.marker):
             information = _without_motion(network, places, marker)

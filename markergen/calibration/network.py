@@ -147,6 +147,9 @@ class Network:
     prior : array (n, 3, 3), 1/m^2
         Inverse covariance of dots measured before, about `design`; 0 for others. Only their shape counts: the rigid
         motion of the frame they were measured in is unknown.
+    loose : (float, float), m, optional
+        Standard deviations of printed dots about the design, in the marker plane and in height, as weak knowledge: it
+        keeps dots that few photographs show near the design, and tells nothing of what the gauge fixes.
     """
 
     design: Array
@@ -157,6 +160,7 @@ class Network:
     free: bool = True
     lengths: tuple[Length, ...] = ()
     prior: Array | None = field(default=None)
+    loose: tuple[float, float] | None = None
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
@@ -196,3 +200,11 @@ class Network:
             columns += [*shifts, *turns, *([] if self.scale_known(each) else [centered])]
         matrix = np.array([column.ravel() for column in columns]).T
         return matrix / np.linalg.norm(matrix, axis=0)
+
+    def looseness(self, places: Array) -> Array:
+        """Information (3 n, 3 n) about the dots by `loose`, in 1/m^2, less that about their motions."""
+        plane, height = self.loose or (np.inf, np.inf)
+        weight = np.tile(np.array([plane, plane, height]) ** -2.0, len(places))
+        gauge = self.gauge(places)
+        through = weight[:, None] * gauge
+        return np.asarray(np.diag(weight) - through @ np.linalg.solve(gauge.T @ through, through.T), dtype=float)

@@ -33,6 +33,12 @@ Array = NDArray[np.float64]
 BASE = ("fx", "cx", "cy", "k1", "k2")
 """Parameters of an unknown camera that are always estimated; fy goes with fx."""
 
+LOOSE_PLANE, LOOSE_HEIGHT = 2.0, 10.0
+"""Standard deviations of printed dots about the design in the plane and in height, in those of `Known.print_sigma`."""
+
+MISFIT = 1e-3
+"""Probability of residuals as large as they are by the image's noise alone, below which a model misses something."""
+
 
 @dataclass(frozen=True, eq=False)
 class Known:
@@ -140,6 +146,7 @@ def calibrate(
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
+        cleaned = _held_loosely(cleaned, known.print_sigma)
     except (UndeterminedError, np.linalg.LinAlgError):
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
@@ -149,6 +156,22 @@ def calibrate(
     result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice)
     report("judging", 1, 1)
     return result
+
+
+def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
+    """Where residuals are larger than claimed, adjust again with the weak knowledge that a print is about as designed.
+
+    The image counts with its errors as they were found. It keeps dots that few photographs show from taking up the
+    errors of a poor camera.
+    """
+    from scipy.stats import chi2
+
+    found = cleaned.adjustment
+    if not found.network.free or chi2.sf(found.chi2, found.degrees_of_freedom) > MISFIT:
+        return cleaned
+    sigma = print_sigma / np.sqrt(found.scale)
+    network = replace(found.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
+    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
 
 
 def _result(

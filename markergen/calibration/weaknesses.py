@@ -2,8 +2,8 @@
 
 The yardstick is the design. A pose from working views errs by trace(M C) with the covariance C of dots and camera (see
 `working_error`); a print that nothing measures has the standard deviation of a printed dot. A calibration whose dots
-would give worse poses than the design's is refused; a direction that alone is worse than the design is named, from the
-eigenvector of the covariance.
+would give worse poses is refused, unless they show that the print is worse still. A direction that alone is worse than
+the design is named, from the eigenvector of the covariance.
 """
 
 from collections.abc import Sequence
@@ -107,16 +107,19 @@ def findings(
     size, n = adjustment.normal.dots, len(network.design)
     matrix, design = _worth(adjustment, print_sigma, poses)
     measured = float(np.trace(matrix[:size, :size] @ covariance[:size, :size]))
-    refused = measured > design
+    # A design that the photographs themselves show to err more than the measured dots is no better.
+    moved = (adjustment.places - network.design).ravel()[:size]
+    worse = measured > design
+    refused = worse and float(moved @ matrix[:size, :size] @ moved) < 2 * measured
     units = _units(adjustment)
     values, vectors = np.linalg.eigh(covariance / units / units[:, None])
     patterns = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] * units
     # What the direction costs: where the dots are refused, by the dots alone.
-    told = size if refused else len(units)
+    told = size if worse else len(units)
     costs = np.einsum("kp,pq,kq->k", patterns[:, :told], matrix[:told, :told], patterns[:, :told], optimize=True)
     squares = (patterns[:, :size].reshape(len(patterns), -1, 3) ** 2).sum(axis=2) if size else np.zeros((len(units), n))
     chosen = (costs > design) | (squares.max(axis=1) > print_sigma**2)
-    if refused and not chosen.any():
+    if worse and not chosen.any():
         chosen[int(np.argmax(costs))] = True
     ratio = _ratio(adjustment)
     sigma_ratio = float(np.sqrt(max(float(ratio @ covariance[size:, size:] @ ratio), 0.0)))
@@ -137,14 +140,13 @@ def findings(
         opened[f"{', '.join(single[:SINGLES])} and {len(single) - SINGLES} more"] = (cost, square)
     found = []
     for name, (cost, square) in sorted(opened.items(), key=lambda each: -each[1][0]):
-        sentence, lost = _extent(adjustment, name, covariance, float(np.sqrt(square.max())), np.sqrt(cost / design))
+        sentence, guessed = _extent(adjustment, name, covariance, float(np.sqrt(square.max())), np.sqrt(cost / design))
         remedy = _REMEDIES.get(name, f"take photographs that show {name}, from several sides")
-        found.append(Finding(name, sentence, remedy, refused or lost))
-    if refused:
-        worse = (
-            f"poses by the measured dots would err {_short(np.sqrt(measured / design))} times as much as by the design"
-        )
-        found[0] = replace(found[0], sentence=f"{found[0].sentence}, and {worse}")
+        found.append(Finding(name, sentence, remedy, refused or guessed))
+    if worse:
+        times = f"{_short(np.sqrt(measured / design))} times as much as by a print with errors of"
+        lost = f"poses by the measured dots would err {times} {_short(1e3 * print_sigma)} mm"
+        found[0] = replace(found[0], sentence=f"{found[0].sentence}, and {lost}")
     return tuple(found)
 
 
@@ -182,7 +184,8 @@ def refusal(found: Sequence[Finding]) -> InputError | None:
     bad = [each for each in found if each.refuses]
     if not bad:
         return None
-    return InputError(f"photographs that determine the {bad[0].what}", bad[0].sentence, bad[0].remedy)
+    what = bad[0].what if bad[0].what.startswith("dot ") else f"the {bad[0].what}"
+    return InputError(f"photographs that determine {what}", bad[0].sentence, bad[0].remedy)
 
 
 def rarely_seen(views: NDArray[np.intp], names: Sequence[str]) -> tuple[Finding, ...]:

@@ -15,9 +15,11 @@ BASE = ("fx", "cx", "cy", "k1", "k2")
 FRONT = np.diag([1.0, -1.0, -1.0])
 
 
-def _set(n, rotation, translation, names=None, free=True, seed=1):
+def _set(n, rotation, translation, names=None, free=True, seed=1, good=False):
+    """Photographs of a print that is stretched and bulges, or has errors of 0.1 mm alone: what the design claims."""
     design, rng = layout(n), np.random.default_rng(seed)
-    made = photographed(design, printed(design, rng), rotation, translation, rng)
+    true = printed(design, rng, 1e-4, 0.0, 0.0) if good else printed(design, rng)
+    made = photographed(design, true, rotation, translation, rng)
     freedom = None if names is None else CameraFreedom.of_names(made.camera, names, square="fy" not in names)
     return made, replace(made.network(freedom), free=free)
 
@@ -78,9 +80,14 @@ def test_photographs_that_are_only_shifted_are_refused(names, what):
     rng = np.random.default_rng(0)
     rotation = hand_held(1, rng, layout(24), tilt=(30, 40))[0]
     shifts = np.column_stack([rng.uniform(-0.1, 0.1, (20, 2)), np.full(20, 0.7)])
-    found = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names)
+    found = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names, good=True)
     assert found[0].what == what
     assert found[0].refuses
+    # They show that a print with half a millimeter of sag is worse than what they leave open.
+    carried = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names)
+    assert carried[0].what == what
+    assert carried[0].refuses is (names is not None)
+    assert "errors of 0.1 mm" in carried[0].sentence
 
 
 def test_one_roll_leaves_the_ratio_of_the_focal_lengths_open():
@@ -147,11 +154,11 @@ def test_a_refused_set_is_worse_than_the_design_and_an_accepted_one_better():
     all_sides = hand_held(20, rng, layout(8))
     errors = {}
     for title, poses in (("refused", one_side), ("accepted", all_sides)):
-        squares, nominal = [], []
+        squares, nominal, refused = [], [], []
         for seed in range(12):
-            made, network = _set(8, *poses, seed=seed)
+            made, network = _set(8, *poses, seed=seed, good=True)
             whole = adjust(network, made.views)
-            assert (refusal(findings(whole)) is not None) is (title == "refused")
+            refused += [refusal(findings(whole)) is not None]
             fresh = hand_held(8, rng, layout(8))
             exact = photographed(made.design, made.true, *fresh, rng, sigma=1e-4)
             truth = in_gauge(network, made.true, *fresh)[1]
@@ -159,9 +166,9 @@ def test_a_refused_set_is_worse_than_the_design_and_an_accepted_one_better():
                 fitted = adjust(replace(network, design=places, free=False), exact.views)
                 kept += [np.sum((fitted.views.rotation - truth) ** 2)]
         errors[title] = np.sqrt(np.sum(squares) / np.sum(nominal))
-    # The print of the simulation errs by a sag and a stretch, too, so that the design is worse than its print sigma.
+        assert np.mean(refused) == pytest.approx(float(title == "refused"), abs=0.2)
     assert errors["accepted"] < 0.3
-    assert errors["refused"] > 3 * errors["accepted"]
+    assert errors["refused"] > 0.9
 
 
 def test_photographs_without_enough_dots_are_told():
