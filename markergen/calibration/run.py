@@ -38,6 +38,9 @@ BASE = ("fx", "cx", "cy", "k1", "k2")
 LOOSE_PLANE, LOOSE_HEIGHT = 2.0, 10.0
 """Standard deviations of printed dots about the design in the plane and in height, in those of `Known.print_sigma`."""
 
+MISFIT = 1e-3
+"""Probability of residuals as large as they are by the image's noise alone, below which a model misses something."""
+
 
 @dataclass(frozen=True, eq=False)
 class Known:
@@ -158,13 +161,15 @@ def calibrate(
 
 
 def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
-    """Adjust again with the weak knowledge that a print is about as designed, and bends by a few sigma more.
+    """Where residuals are larger than claimed, adjust again with the weak knowledge that a print is about as designed.
 
-    It keeps dots that few photographs show from taking up the errors of a poor camera. The image counts with its
-    errors as they were found, so its share of the variance is that of the prior.
+    The image counts with its errors as they were found. It keeps dots that few photographs show from taking up the
+    errors of a poor camera.
     """
+    from scipy.stats import chi2
+
     found = cleaned.adjustment
-    if not found.network.free:
+    if not found.network.free or chi2.sf(found.chi2, found.degrees_of_freedom) > MISFIT:
         return cleaned
     sigma = print_sigma / np.sqrt(found.scale)
     network = replace(found.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
