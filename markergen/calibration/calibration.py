@@ -13,6 +13,7 @@ from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.camera_choice import CameraChoice
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
+from markergen.calibration.next_photo import NextPhotos
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.working_error import ExpectedError
 from markergen.errors import InputError
@@ -62,6 +63,8 @@ class Calibration(SavableResult):
         Warnings, as sentences.
     cross_validation, halves, flex
         What left-out photographs, two halves, and a test for bending say; `NotJudged` where there are too few.
+    next_photos : NextPhotos or None
+        Which photographs to take next; None if the dots were held.
     camera_choice : CameraChoice, NotJudged or None
         Which parameters of an unknown camera were tried and taken; None if the camera was given.
 
@@ -76,6 +79,7 @@ class Calibration(SavableResult):
 
     KINDS: ClassVar[Mapping[str, str]] = {
         ".json": "marker",
+        **dict.fromkeys((".html", ".htm"), "report"),
         **dict.fromkeys((".yaml", ".yml", ".xml", ".txt"), "camera"),
     }
 
@@ -97,6 +101,7 @@ class Calibration(SavableResult):
     halves: Halves | NotJudged
     flex: Flex | NotJudged
     camera_choice: CameraChoice | NotJudged | None
+    next_photos: NextPhotos | None
     written: tuple[Written, ...] = ()
 
     def parts(self) -> list[str | Table]:

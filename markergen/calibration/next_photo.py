@@ -231,7 +231,7 @@ def next_photos(
     adjustment : Adjustment
         Of the photographs taken; they may leave unknowns open.
     poses : arrays (P, 3, 3) and (P, 3), m
-        Working volume, seen by the camera of the adjustment.
+        Working volume; those outside the domain of the camera's lens model do not count.
     names : sequence of str, optional
         Names of the adjusted dots, "dot 0", "dot 1" and so on if not given.
     count : int
@@ -243,12 +243,14 @@ def next_photos(
     names = [f"dot {k}" for k in range(len(network.design))] if names is None else names
     spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
     noise = float(np.sqrt(np.median(spread)))
-    problem = _Problem(adjustment, points, camera, own, noise, poses)
+    taken = adjustment.views.seen[:, own].any(axis=1)
+    earlier = adjustment.views.rotation[taken], adjustment.views.translation[taken]
+    shown = np.isfinite(camera.project(points, *poses)).all(axis=(1, 2))
+    working = (poses[0][shown], poses[1][shown]) if shown.any() else earlier
+    problem = _Problem(adjustment, points, camera, own, noise, working)
     covariance = bounded_covariance(adjustment, GUESS_M, GUESS_PX)
     covariance = covariance[np.ix_(problem.columns, problem.columns)]
     candidates = candidate_photos(points, radii, camera)
-    taken = adjustment.views.seen[:, own].any(axis=1)
-    earlier = adjustment.views.rotation[taken], adjustment.views.translation[taken]
     photos: list[NextPhoto] = []
     told = problem.sensitivity(covariance)
     before = problem.expected(told, covariance)
@@ -314,12 +316,16 @@ def _translations(points: Array, radii: Array, rotation: Array, camera: Camera, 
     target = np.array([0.0, 0.0, 1.0]) * (8 * extent * camera.fx / min(size) / fill)[:, None]
     for _ in range(_ROUNDS):
         pixels = _rims(points - middle, radii, rotation, target, camera)
-        low, high = np.nanmin(pixels, axis=1), np.nanmax(pixels, axis=1)
+        # Those that leave the domain of the lens model step back, toward the middle.
+        lost = np.asarray(~np.isfinite(pixels).all(axis=(1, 2)))
+        pixels[lost] = 0.0
+        low, high = pixels.min(axis=1), pixels.max(axis=1)
         share = ((high - low) / room).max(axis=1) / fill
-        depth = target[:, 2] * np.clip(np.nan_to_num(share, nan=2.0), 0.7, 2.0)
+        depth = target[:, 2] * np.where(lost, 2.0, np.clip(share, 0.7, 2.0))
         goal = (size - 1) / 2 + place * (room - (high - low)) / 2
         shift = (goal - (low + high) / 2) / camera.focal
-        aside = target[:, :2] / target[:, 2:] + 0.8 * np.nan_to_num(shift)
+        aside = target[:, :2] / target[:, 2:]
+        aside = np.where(lost[:, None], 0.5 * aside, aside + 0.8 * shift)
         target = np.column_stack([aside * depth[:, None], depth])
     return target - rotation @ middle
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.calibration import Calibration
@@ -13,6 +14,7 @@ from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.flexing import Flex, flexing
 from markergen.calibration.judging import NotJudged, compare_halves, cross_validate
 from markergen.calibration.network import CameraFreedom, Length, Network, Views
+from markergen.calibration.next_photo import next_photos
 from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
 from markergen.calibration.photos import find_dots
 from markergen.calibration.sightings import Sightings
@@ -222,6 +224,7 @@ def _result(
         halves,
         flex,
         choice,
+        next_photos(adjustment, poses, [names_of[k] for k in chosen]) if known.free else None,
     )
 
 
@@ -296,19 +299,22 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
     # As precise in the image as the photographs themselves.
     spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
     noise = float(np.sqrt(adjustment.scale * np.median(spread)))
-    n, k = int(own.sum()), len(camera.parameter_names)
-    rows = np.concatenate([np.repeat(own, 3) if network.free else np.zeros(0, bool), np.ones(k, dtype=bool)])
-    joint = adjustment.joint[np.ix_(rows, rows)]
+    n, size = int(own.sum()), 3 * int(own.sum())
     flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
-    if not network.free:
-        joint = np.pad(joint, ((3 * n, 0), (3 * n, 0)))
-        joint[: 3 * n, : 3 * n] = flat
-    before = np.zeros((3 * n + k, 3 * n + k))
-    before[: 3 * n, : 3 * n] = flat
+    joint = adjustment.joint
+    if network.free:
+        rows = np.concatenate([np.repeat(own, 3), np.ones(len(camera.parameter_names), dtype=bool)])
+        joint = joint[np.ix_(rows, rows)]
+    else:
+        joint = block_diag(flat, joint)
     # A camera that was unknown is the same before and after: only the print differs.
-    before[3 * n :, 3 * n :] = adjustment.camera_covariance if known.covariance is None else known.covariance
+    lens = joint[size:, size:] if known.covariance is None else known.covariance
+    if setting.camera is not camera:
+        # Another camera works: exact, as far as is known.
+        lens = np.zeros((len(setting.camera.parameter_names),) * 2)
+        joint = block_diag(joint[:size, :size], lens)
     told = []
-    for covariance, places in ((before, network.design[own]), (joint, adjustment.places[own])):
+    for covariance, places in ((block_diag(flat, lens), network.design[own]), (joint, adjustment.places[own])):
         blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
         found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         told.append(found.expected(covariance))

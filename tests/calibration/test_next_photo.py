@@ -12,6 +12,7 @@ from markergen.calibration.next_photo import LEAST_DIAMETER, MARGIN, candidate_p
 from markergen.calibration.working_error import sensitivity
 from markergen.detect.conic_projection import outlines
 from markergen.maths.rotation import exponential, turn_z
+from markergen.model.camera import Camera, Distortion
 
 NOISE = 0.03
 FRONT = np.diag([1.0, -1.0, -1.0])
@@ -164,6 +165,24 @@ def test_candidates_are_in_view_and_as_large_as_told(radius):
     if radius:
         short = 2 * CAMERA.fx * np.sqrt(np.linalg.eigvalsh(images.shape)[..., 0])
         assert short.min() > 0.9 * LEAST_DIAMETER
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(640, 480, 300.0, 300.0, 320.0, 240.0, Distortion("equidistant", (0.01, 0.0, 0.0, 0.0))),
+        Camera(480, 640, 250.0, 260.0, 200.0, 350.0, Distortion("radtan", (-0.5, 0.1, 0.0, 0.0, 0.0))),
+        Camera(640, 480, 8000.0, 8000.0, 320.0, 240.0),
+    ],
+)
+def test_other_cameras_see_their_candidates(camera):
+    """A fish-eye, a lens whose model folds over inside the image, and a long lens."""
+    points = layout(5)
+    found = candidate_photos(points, np.zeros(5), camera)
+    assert len(found) > 100
+    pixels = camera.project(points, found.rotation, found.translation)
+    assert camera.sees(pixels).all()
+    assert (abs(np.linalg.det(found.rotation) - 1) < 1e-9).all()
 
 
 def test_dots_too_small_are_not_asked_for():

@@ -107,3 +107,11 @@ def test_the_mean_square_is_linear_in_the_covariance(calibrated):
     turns, moves = (np.trace(each @ calibrated.joint) for each in found.matrices())
     assert np.rad2deg(np.sqrt(turns + np.deg2rad(told.image[0]) ** 2)) == pytest.approx(told.rotation_deg)
     assert np.sqrt(moves + told.image[1] ** 2) == pytest.approx(told.translation)
+
+
+def test_a_wrong_scale_of_the_print_moves_the_marker_along_the_line_of_sight_only(calibrated):
+    rotation, translation = hand_held(5, np.random.default_rng(0), layout(6))
+    found = sensitivity(calibrated.places, calibrated.camera, rotation, translation, NOISE, np.zeros((6, 3, 3)))
+    error = found.transfer[..., :18] @ calibrated.places.ravel()
+    assert np.allclose(error[:, :3], 0, atol=1e-9)
+    assert np.allclose(abs(error[:, 3:]), abs(translation))
