@@ -21,6 +21,8 @@ def summary(found: "Calibration") -> list[str | Table]:
     said += judged(found)
     if found.camera_covariance is not None:
         said.append(f"Camera: {found.camera}.")
+    if found.next_photos is not None:
+        said.append(found.next_photos.sentence)
     return [*said, *found.notes]
 
 
@@ -69,22 +71,14 @@ def shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
 
 
 def what_is_left(found: "Calibration") -> str:
-    """Return what the error that is left comes from, the largest source first, and what lowers it."""
-    parts = {name: part for name, part in shares(found.after).items() if max(part) >= 1e-3}
-    ordered = sorted(parts, key=lambda name: -max(parts[name]))
-    listed = [f"{_WORDS[name]} {_rounded(parts[name][0])} and {_rounded(parts[name][1])}" for name in ordered]
-    advice = "more photographs would gain little"
-    if min(parts.get("image", (0.0, 0.0))) < 0.5:
-        lowers = "more photographs lower"
-        camera = lowers if found.estimated else "a better calibration of the camera lowers"
-        second = next(name for name in ordered if name != "image")
-        advice = camera if second == "camera" else lowers if found.measured else "measuring the print lowers"
-        advice += f" the part of {_WORDS[second]}"
-    return f"What is left, of the variances of rotation and translation: {', '.join(listed)}; {advice}."
-
-
-def _rounded(share: float) -> str:
-    return f"{100 * share:.0f} %"
+    """Return what the error that is left comes from, the largest source first."""
+    parts = sorted(shares(found.after).items(), key=lambda part: -max(part[1]))
+    listed = [
+        f"{_WORDS[name]} (rotation {100 * turn:.0f} %, translation {100 * move:.0f} %)"
+        for name, (turn, move) in parts
+        if max(turn, move) >= 0.005
+    ]
+    return f"The variance that is left comes from {', '.join(listed)}."
 
 
 def photographs(found: "Calibration") -> list[str]:

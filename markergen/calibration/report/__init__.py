@@ -31,6 +31,7 @@ def page(found: "Calibration") -> bytes:
             ("camera", "The camera", sections.camera(subject)),
             ("photos", "Photographs", sections.photos(subject)),
             ("coverage", "Coverage", sections.coverage(subject)),
+            ("next", "Next photographs", sections.next_photos(subject)),
         ]
     )
     return page_bytes(

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from markergen.calibration.judging import CrossValidation
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.poses import PoseDistribution
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, legend_below, log_axis, positive
 
 if TYPE_CHECKING:
@@ -166,26 +165,27 @@ def image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axes":
     return _image_axes(camera, ax)
 
 
-def directions(poses: PoseDistribution, ax: "Axes") -> "Axes":
-    """Draw from where each photograph was taken: tilt as distance from the middle, and the roll as a hand's direction.
+def directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
+    """Draw from which side each photograph was taken: tilt as the distance from the middle, a hand for the turn.
 
-    The direction is that of the camera seen from the marker, its x to the right and y up; the hand points to where the
-    image's upper edge is in this view.
+    The side is that of the camera as seen from the front of the marker, its x to the right and y up; the hand points to
+    where the upper edge of the image is in this view.
+
+    Parameters
+    ----------
+    rotation : array (v, 3, 3)
+    tilt_deg : array (v,)
     """
-    centers = -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
-    azimuth = np.arctan2(centers[:, 1], centers[:, 0])
-    tilt = poses.polar_angle_deg
-    spots = tilt[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    outermost = next((ring for ring in _RINGS if ring >= tilt.max()), 90)
+    spots = tilt_deg[:, None] * _unit(-rotation[:, 2, :2])
+    outermost = next((ring for ring in _RINGS if ring >= tilt_deg.max()), 90)
     for ring in (*(each for each in _RINGS if each < outermost), outermost):
         ax.plot(ring * np.cos(_AROUND), ring * np.sin(_AROUND), color=FAINT, linewidth=0.8, zorder=1)
         ax.text(0, ring, f"{ring}°", ha="center", va="bottom", fontsize=8, color=MUTED, zorder=1)
     for angle in np.arange(4) * np.pi / 4:
         along = outermost * np.array([np.cos(angle), np.sin(angle)])
         ax.plot([-along[0], along[0]], [-along[1], along[1]], color=FAINT, linewidth=0.8, zorder=1)
-    up = -poses.rotation[:, 1, :2]
-    up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
-    ax.plot(*_strokes(spots, spots + 0.13 * outermost * up), color=SERIES[0]["color"], linewidth=1.5, zorder=3)
+    hands = spots + 0.13 * outermost * _unit(-rotation[:, 1, :2])
+    ax.plot(*_strokes(spots, hands), color=SERIES[0]["color"], linewidth=1.5, zorder=3)
     ax.plot(*spots.T, linestyle="none", marker="o", markersize=5, color=SERIES[0]["color"], zorder=3)
     ax.text(1.04 * outermost, 0, "x", ha="left", va="center", style="italic", color=MUTED)
     ax.text(0, -1.04 * outermost, "tilt", ha="center", va="top", fontsize=8.5, color=MUTED)
@@ -193,6 +193,10 @@ def directions(poses: PoseDistribution, ax: "Axes") -> "Axes":
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.axis("off")
     return ax
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
 def left_out(cross: CrossValidation, ax: "Axes") -> "Axes":

@@ -22,16 +22,16 @@ from markergen.presentation.tables import Table, number
 from markergen.validation.report import subject as validated
 from markergen.validation.report.subject import ReportSection
 
-_HANG_UP, _IMAGE, _SQUARE = (7.2, 6.2), (4.9, 4.1), (4.9, 4.9)
+_HANG_UP, _SQUARE = (7.2, 6.2), (4.9, 4.9)
 """Widths and heights of plots in inches."""
-_CELLS = (8, 6)
-"""Columns and rows of the image in which dots are counted."""
 
 
 def answer(subject: Subject) -> ReportSection:
     """What to expect before and after, by source, and where the scale comes from."""
     found = subject.found
     section = ReportSection([headline(found), what_is_left(found), found.scale_source])
+    if found.next_photos is not None:
+        section.sentences.append(found.next_photos.sentence)
     rows = []
     for name, pick in (("rotation, deg", 0), ("translation, mm", 1)):
         factor = (1.0, 1e3)[pick]
@@ -148,10 +148,11 @@ def photos(subject: Subject) -> ReportSection:
                 f"Residuals of {int(taken.sum())} dots over the image, {number(found.adjustment.rms)} px RMS.",
                 f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
                 "lens that the model does not follow, or a marker that bends.",
-                _IMAGE if camera.width <= 1.6 * camera.height else (4.9, 3.4),
+                _image_size(subject),
             )
         )
-    rms, factors, poses = subject.rms(axis=1), subject.variance_factors, subject.poses
+    rms, factors, tilt = subject.rms(axis=1), subject.variance_factors, subject.coverage.tilt_deg
+    distance = np.linalg.norm(views.translation, axis=1)
     numbers = found.sightings.photo[found.used] + 1
     section.tables.append(
         Table(
@@ -165,8 +166,8 @@ def photos(subject: Subject) -> ReportSection:
                     str(rejected[row].sum()),
                     _px(rms[row]),
                     f"{factors[row]:.2f}",
-                    f"{poses.polar_angle_deg[row]:.0f}",
-                    f"{poses.distance[row]:.3f}",
+                    f"{tilt[row]:.0f}",
+                    f"{distance[row]:.3f}",
                 ]
                 for row, name in enumerate(subject.rows)
             ],
@@ -194,41 +195,68 @@ def photos(subject: Subject) -> ReportSection:
 
 
 def coverage(subject: Subject) -> ReportSection:
-    """Where in the image, from which directions, and with which rolls the marker was seen."""
-    found, views, poses = subject.found, subject.found.adjustment.views, subject.poses
-    camera = found.camera
+    """Where in the image, from which sides, and with which turns the marker was seen."""
+    covered, views, camera = subject.coverage, subject.found.adjustment.views, subject.found.camera
     pixels = [views.pixels[row][taken] for row, taken in enumerate(subject.taken)]
-    columns, rows = _CELLS
-    cell = np.concatenate(pixels) / [camera.width, camera.height] * [columns, rows]
-    filled = len(np.unique(np.clip(cell.astype(int), 0, [columns - 1, rows - 1]), axis=0))
-    tilt = poses.polar_angle_deg
-    share = f"{100 * filled / (columns * rows):.0f} %"
-    spread = f"{tilt.min():.0f} to {tilt.max():.0f} deg"
+    distance = np.linalg.norm(views.translation, axis=1)
     section = ReportSection(
-        [
-            f"Dots were seen in {share} of the image ({columns} by {rows} cells), from tilts of {spread} and "
-            f"{poses.distance.min():.2f} to {poses.distance.max():.2f} m away."
-        ]
+        [covered.sentence, f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker."]
     )
     section.plots += [
         plot(
             partial(plots.image_coverage, pixels, camera),
             "coverage",
-            f"Outlines of the dots of {len(pixels)} views over the image; they touch {share} of its cells.",
+            f"Outlines of the dots of {len(pixels)} views over the image; {100 * covered.image:.0f} % of its cells "
+            "have a dot.",
             "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
             "where dots were.",
-            _IMAGE if camera.width <= 1.6 * camera.height else (4.9, 3.4),
+            _image_size(subject),
         ),
         plot(
-            partial(plots.directions, poses),
+            partial(plots.directions, views.rotation, covered.tilt_deg),
             "directions",
-            f"Camera directions of {len(pixels)} views around the marker: tilts of {spread}.",
-            "From where each photograph was taken, seen from the front of the marker: the middle is frontal, the rings "
-            "are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks all "
-            "around, with hands in all directions.",
+            f"Sides and tilts from which {len(pixels)} views were taken: tilts of {covered.tilt_deg.min():.0f} to "
+            f"{covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 sides.",
+            "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, the "
+            "rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks "
+            "all around, with hands in all directions.",
             _SQUARE,
         ),
     ]
+    return section
+
+
+def next_photos(subject: Subject) -> ReportSection | None:
+    """Which photographs to take next, in words and pictures; None if that was not asked."""
+    asked = subject.found.next_photos
+    if asked is None:
+        return None
+    section = ReportSection([asked.sentence])
+    if not asked.helps:
+        return section
+    for k, photo in enumerate(asked.photos):
+        section.plots.append(
+            plot(
+                partial(asked.draw, which=k),
+                f"next-{k}",
+                f"Picture {k + 1} to take next: {photo.request}.",
+                f"{k + 1}. {sentence(photo.request)} Gray: the photographs taken.",
+                _image_size(subject),
+            )
+        )
+    section.tables.append(
+        Table(
+            "Expected pose error after the next photographs, one after the other",
+            ["photograph", "rotation, deg", "translation, mm"],
+            [
+                [name, number(error.rotation_deg), number(1e3 * error.translation)]
+                for name, error in (
+                    ("now", asked.photos[0].before),
+                    *((str(k + 1), photo.after) for k, photo in enumerate(asked.photos)),
+                )
+            ],
+        )
+    )
     return section
 
 
@@ -300,7 +328,7 @@ def camera(subject: Subject) -> ReportSection | None:
     section = ReportSection(
         [f"Where the camera sees a far point is known to {low} to {high} px (1 sigma) over the image."]
     )
-    shape = _IMAGE if found.camera.width <= 1.6 * found.camera.height else (4.9, 3.4)
+    shape = _image_size(subject)
     section.plots.append(
         plot(
             lambda ax: draw_uncertainty(center, found.camera, ax),
@@ -364,6 +392,12 @@ def _trials(choice: CameraChoice) -> Table:
         rows,
         "A parameter joins only where it predicts left-out photographs better: how many times, with the 95 % interval.",
     )
+
+
+def _image_size(subject: Subject) -> tuple[float, float]:
+    """Return width and height in inches of a plot over the image."""
+    width, height = subject.found.sightings.size
+    return (4.9, float(np.clip(4.3 * height / width + 0.9, 2.6, 5.6)))
 
 
 def _rms(values: np.ndarray) -> float:

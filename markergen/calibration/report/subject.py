@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.poses import PoseDistribution
+from markergen.calibration.coverage import Coverage, coverage
 
 if TYPE_CHECKING:
     from markergen.calibration.calibration import Calibration
@@ -112,10 +112,9 @@ class Subject:
         return np.sqrt(np.where(count > 0, self.squares.sum(axis=axis) / np.maximum(count, 1), np.nan))
 
     @cached_property
-    def poses(self) -> PoseDistribution:
-        """Poses of the used views."""
-        views = self.found.adjustment.views
-        return PoseDistribution("photographs", views.rotation, views.translation)
+    def coverage(self) -> Coverage:
+        """What the used views cover."""
+        return coverage(self.found.adjustment)
 
     @cached_property
     def outliers(self) -> list[Rejected]:

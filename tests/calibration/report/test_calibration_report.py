@@ -12,14 +12,16 @@ import pytest
 from matplotlib.collections import EllipseCollection
 from matplotlib.quiver import Quiver
 
+from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.report import TEMPLATE, page
-from markergen.calibration.report.plots import enlargement, print_map, round_factor
+from markergen.calibration.report.plots import directions, enlargement, print_map, round_factor
 from markergen.calibration.report.subject import Subject
 from markergen.calibration.words import errors, headline, shares, summary, unused, what_is_left
+from markergen.maths.rotation import exponential
 from markergen.presentation.tables import number
 
-SECTIONS = ("answer", "print", "judged", "camera", "photos", "coverage", "method")
+SECTIONS = ("answer", "print", "judged", "camera", "photos", "coverage", "next", "method")
 
 
 class Page(HTMLParser):
@@ -86,7 +88,7 @@ def test_is_one_whole_page_that_loads_nothing(made):
     assert len(made) < 2_000_000
 
 
-def test_can_be_read_without_seeing_it(made):
+def test_can_be_read_without_seeing_it(both, made):
     elements = Page(made).elements
     ids = [attributes["id"] for _, attributes in elements if "id" in attributes]
     assert len(ids) == len(set(ids))
@@ -94,7 +96,8 @@ def test_can_be_read_without_seeing_it(made):
     referred |= {a["aria-labelledby"] for _, a in elements if "aria-labelledby" in a}
     assert referred <= set(ids)
     drawings = [attributes for tag, attributes in elements if tag == "svg"]
-    assert len(drawings) == 8
+    asked = both.next_photos
+    assert len(drawings) == 8 + len(asked.photos) * asked.helps
     assert all(len(each["aria-label"]) > 40 and each["role"] == "img" for each in drawings)
     levels = [int(tag[1]) for tag, _ in elements if re.fullmatch("h[1-6]", tag)]
     assert levels[0] == 1
@@ -123,7 +126,7 @@ def test_has_a_section_for_everything_that_was_found(made, two_markers, nominal)
     assert exact.sections == tuple(each for each in SECTIONS if each != "camera")
     assert not [title for title in exact.titles if title.startswith(("Left-out", "Two halves", "Rejected"))]
     held = Page(page(nominal))
-    assert held.sections == SECTIONS
+    assert held.sections == tuple(each for each in SECTIONS if each != "next")
     assert len(held.table("Dots")[0]) == 4
     assert not [a for tag, a in held.elements if tag == "svg" and a["aria-label"].startswith("Map")]
 
@@ -174,6 +177,20 @@ def test_tells_what_was_rejected_and_by_how_much(both, made):
     assert len(left[0][0]) == 60
 
 
+def test_asks_for_the_next_photographs(two_markers):
+    asked = two_markers.next_photos
+    assert asked.helps
+    found, text = Page(page(two_markers)), markup.unescape(page(two_markers).decode())
+    assert text.count(asked.sentence) == 2
+    assert asked.sentence in summary(two_markers)
+    rows = found.table("Expected pose error after the next")
+    assert [row[1] for row in rows] == [
+        number(error.rotation_deg) for error in (asked.photos[0].before, *(photo.after for photo in asked.photos))
+    ]
+    pictures = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "to take next" in a["aria-label"]]
+    assert pictures == [f"Picture {k + 1} to take next: {photo.request}." for k, photo in enumerate(asked.photos)]
+
+
 def test_chi2_of_the_photographs_adds_up_to_that_of_the_adjustment(both):
     subject, adjustment = Subject(both), both.adjustment
     inverse = np.linalg.inv(adjustment.views.covariance)
@@ -197,7 +214,7 @@ def test_summary_is_some_ten_lines(both, two_markers, nominal):
         lines = summary(found)
         assert lines[0] == headline(found)
         assert found.scale_source in lines
-        assert 5 <= len(lines) - len(found.notes) <= 9
+        assert 5 <= len(lines) - len(found.notes) <= 10
         assert all("  " not in line and "nan" not in line for line in lines)
 
 
@@ -233,20 +250,29 @@ def test_only_the_print_differs_before_and_after(both, nominal):
     assert nominal.after.camera == pytest.approx(nominal.before.camera)
 
 
-def test_what_is_left_names_the_largest_source_first_and_what_lowers_it(both):
+def test_what_is_left_names_the_largest_source_first(both):
     error = replace(both.after, image=(0.01, 0.03), print=(0.03, 0.01), camera=(0.0, 0.0))
     assert shares(error)["print"] == pytest.approx((0.9, 0.1))
     assert shares(error)["camera"] == (0.0, 0.0)
-    found = replace(both, after=error)
-    said = what_is_left(found)
-    assert said.endswith(
-        "image noise 10 % and 90 %, the print 90 % and 10 %; more photographs lower the part of the print."
+    said = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
+    assert said == (
+        "The variance that is left comes from image noise (rotation 6 %, translation 100 %), the print (rotation 94 %, "
+        "translation 0 %)."
     )
-    noisy = replace(both, after=replace(error, image=(0.3, 0.3)))
-    assert what_is_left(noisy).endswith("more photographs would gain little.")
-    lens = replace(both, after=replace(error, camera=(0.0, 0.5)))
-    assert "more photographs lower the part of the camera" in what_is_left(lens)
-    assert "a better calibration of the camera lowers" in what_is_left(replace(lens, estimated=()))
+
+
+def test_photograph_from_the_right_is_drawn_at_the_right():
+    from matplotlib.figure import Figure
+
+    # The camera moves to the marker's right by 40 deg and looks back at it; its upper edge stays up.
+    view = exponential(np.array([0.0, np.deg2rad(40.0), 0.0])) @ np.diag([1.0, -1.0, -1.0])
+    toward = -view[2]
+    assert toward[0] == pytest.approx(np.sin(np.deg2rad(40)))
+    ax = directions(view[None], view_angles(view[None])[0], Figure().add_subplot())
+    hand, spot = ax.lines[-2:]
+    assert np.column_stack(spot.get_data()) == pytest.approx(np.array([[40.0, 0.0]]))
+    assert hand.get_ydata()[1] > 1
+    assert hand.get_xdata()[1] == pytest.approx(40.0)
 
 
 def test_photographs_whose_views_were_all_left_out_are_told(both):
