@@ -59,7 +59,7 @@ class Flex:
         if self.bends:
             return (
                 f"the marker bends between the photographs, by {1e3 * self.amplitude:.2g} mm RMS over its dots "
-                "(or the lens model is too simple): fix it to a flat, stiff plate"
+                "(or the camera is not quite as modeled): fix it to a flat, stiff plate"
             )
         if self.chance < FALSE_ALARM:
             return f"the marker bends between the photographs by a negligible {1e3 * self.amplitude:.2g} mm RMS"

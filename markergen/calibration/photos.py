@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
-from markergen.read.images import grey_frame, read_image
+from markergen.read.images import find_images, grey_frame, read_image
 
 Array = NDArray[np.float64]
 
@@ -31,6 +30,10 @@ PRINT_SIGMA = 5e-4
 
 FOCALS = np.geomspace(0.35, 5, 25)
 """Focal lengths tried for an unknown camera, in image widths."""
+
+SCOUTS, ENOUGH = 8, 4
+"""Number of photographs that are searched for an unknown camera, which takes much longer than with one, and number of
+these that must show a marker; otherwise all are."""
 
 SCANNED = 12
 """Maximum number of views that choose among them."""
@@ -67,8 +70,8 @@ def find_dots(
     markers : sequence of Marker
     photos : path, folder, pattern, array (h, w[, 3]), or several of these
     camera : Camera or None
-        None: the photographs are searched without a camera, a camera is estimated from what was found, and they are
-        searched again with it, so that a strong lens costs neither photographs nor dots.
+        None: some photographs are searched without a camera, a camera is estimated from what was found, and all are
+        searched with it, so that a strong lens costs neither photographs nor dots.
 
     Returns
     -------
@@ -84,18 +87,23 @@ def find_dots(
     raised = next((marker for marker in markers if np.ptp(marker.as_designed.xyz[:, 2])), None)
     if camera is None and raised is not None:
         raise InputError("a camera for a marker with relief", "none", "give a rough one with --camera-covariance")
-    names, results, size, reasons = _searched(markers, photos, camera, camera_covariance, progress, workers)
     given = camera is not None
+    sources = _sources(photos)
+    chosen = sources if given else _some(sources)
+    names, results, size, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers)
     if camera is None:
-        seen = _labeled(markers, results, reasons)
+        seen = _labeled(markers, results, {})
+        if len({each.photo for each in seen}) < ENOUGH and len(chosen) < len(sources):
+            names, results, size, reasons = _searched(markers, sources, None, None, progress, workers)
+            seen = _labeled(markers, results, {})
         camera = _rough_camera(markers, seen, size)
         if seen:
             camera = _adjusted(markers, seen, camera)
-            names, results, size, reasons = _searched(markers, photos, camera, None, progress, workers)
+            names, results, size, reasons = _searched(markers, sources, camera, None, progress, workers)
     seen = _labeled(markers, results, reasons)
     if not given and seen:
         camera = _adjusted(markers, seen, camera)
-    seen, doubts = _told_apart(markers, seen, camera, photos, names)
+    seen, doubts = _told_apart(markers, seen, camera, sources)
     if not given and seen:
         camera = _adjusted(markers, seen, camera)
     views, kept = _views(markers, seen, camera)
@@ -105,17 +113,27 @@ def find_dots(
     return Sightings(names, size, views, photo, marker, reasons, doubts), camera
 
 
+def _sources(photos: Any) -> list[Any]:
+    """Arrays, or paths of image files."""
+    sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
+    return sources if sources and isinstance(sources[0], np.ndarray) else list(find_images(sources))
+
+
+def _some(sources: Sequence[Any]) -> list[Any]:
+    """Return at most `SCOUTS` photographs, spread evenly."""
+    return [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, min(SCOUTS, len(sources))).astype(int))]
+
+
 def _searched(
     markers: Sequence[Marker],
-    photos: Any,
+    sources: Sequence[Any],
     camera: Camera | None,
     camera_covariance: Array | None,
     progress: Progress | None,
     workers: int | None,
 ) -> tuple[tuple[str, ...], list[tuple[Found, ...]], tuple[int, int], dict[int, str]]:
     """Names of the photographs, results for each, their size, and why some could not be used."""
-    sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
-    if sources and isinstance(sources[0], np.ndarray):
+    if isinstance(sources[0], np.ndarray):
         names = tuple(f"photo {k}" for k in range(len(sources)))
         sizes = [(image.shape[1], image.shape[0]) for image in sources]
         _check_sizes(names, sizes)
@@ -177,7 +195,7 @@ def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], re
 
 
 def _told_apart(
-    markers: Sequence[Marker], seen: list[_Seen], camera: Camera, photos: Any, names: Sequence[str]
+    markers: Sequence[Marker], seen: list[_Seen], camera: Camera, sources: Sequence[Any]
 ) -> tuple[list[_Seen], tuple[str, ...]]:
     """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
     told, doubts = list(seen), []
@@ -200,7 +218,7 @@ def _told_apart(
             if not seen[k].open:
                 options.append([guess])
                 continue
-            blobs = detect_dots(_grey(photos, names, seen[k].photo), marker.light)
+            blobs = detect_dots(_grey(sources[seen[k].photo]), marker.light)
             dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
             options.append(alternatives(guess, group, points, radii, camera, dots))
         settled = settle(options, points, radii, camera)
@@ -221,11 +239,8 @@ def _told_apart(
     return told, tuple(doubts)
 
 
-def _grey(photos: Any, names: Sequence[str], photo: int) -> NDArray[Any]:
-    sources = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
-    if isinstance(sources[0], np.ndarray):
-        return grey_frame(sources[photo])
-    return read_image(Path(names[photo])).grey
+def _grey(source: Any) -> NDArray[Any]:
+    return grey_frame(source) if isinstance(source, np.ndarray) else read_image(source).grey
 
 
 def _radii(marker: Marker) -> Array:

@@ -139,7 +139,12 @@ def _halves(sets, seed, freedom=None, sigma=None):
 
 
 @pytest.mark.parametrize(
-    ("freedom", "sigma", "rank"), [(None, None, 8), ([4.0, 4.0, 4.0, 4.0, 0, 0, 0, 0, 0], None, 8), (None, 2e-5, 8)]
+    ("freedom", "sigma", "rank"),
+    [
+        (None, None, 8),
+        ([4.0, 4.0, 4.0, 4.0, 0, 0, 0, 0, 0], None, 8),
+        pytest.param(None, 2e-5, 8, marks=pytest.mark.long),
+    ],
 )
 def test_two_halves_differ_by_their_claimed_errors(freedom, sigma, rank):
     """Mean chi2 per degree of freedom: 8 of them in each of 16 sets, so its standard deviation is 0.13.

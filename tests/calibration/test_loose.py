@@ -55,7 +55,7 @@ def test_many_photographs_overrule_it():
 
 def test_few_photographs_with_a_poor_camera_are_predicted_better_with_it():
     """A focal length 4 % off: free dots take up its error, and left-out photographs show it."""
-    rng, design = np.random.default_rng(4), layout(40)
+    rng, design = np.random.default_rng(4), layout(24)
     made = photographed(design, printed(design, rng), *hand_held(4, rng, design, tilt=(10, 40)), rng)
     wrong = replace(CAMERA, fx=770.0, fy=770.0)
     free = adjust(made.network(camera=wrong), made.views)
