@@ -354,6 +354,11 @@ class Marker:
         whole[rows] = self.joint_covariance.array.reshape(len(index), axes, len(index), axes)
         return whole
 
+    @property
+    def places_measured(self) -> bool:
+        """True if the covariance of any dot's place on the print is known."""
+        return self.joint_covariance is not None or any(point.covariance for point in self.control_points)
+
     @cached_property
     def search_xyz(self) -> Array:
         """Control points (n, 3) in m with their designed heights: a print of a flat marker is only nearly flat."""

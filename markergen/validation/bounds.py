@@ -174,6 +174,7 @@ def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]
     image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
+        "print_measured": series.marker.places_measured,
         "camera_exact": series.errors.camera_covariance is None,
         "outlook": _outlook(series),
         "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
@@ -185,8 +186,7 @@ def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]
 def _outlook(series: SyntheticViews) -> str | None:
     """What more dots would bring (see `outlook`); None for a relief, bare points and measured prints."""
     marker, errors = series.marker, series.errors
-    measured = marker.place_covariance is not None or marker.joint_covariance is not None
-    if marker.height or measured or not marker.dot_diameter or not len(series.poses):
+    if marker.height or marker.places_measured or not marker.dot_diameter or not len(series.poses):
         return None
     optics = series.optics
     spec = Spec(

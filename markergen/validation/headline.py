@@ -40,7 +40,9 @@ def of(expected: Expectation, series: SyntheticViews, bare_px: float, seed: int)
     """
     errors, camera = series.errors, series.camera
     calibrated = errors.camera_covariance is not None
-    found = headline(expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated))
+    found = headline(
+        expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated, series.marker.places_measured)
+    )
     found["calibration"] = None
     if not calibrated:
         sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
@@ -140,9 +142,10 @@ def compare_views(
     }
 
 
-def source_of(print_sigma_mm: float | None, calibrated: bool) -> str:
+def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = False) -> str:
     """Name the sources of the expected errors: image noise, the print, and the calibration if its errors are given."""
     printed = "print errors" if print_sigma_mm is None else f"a print good to {print_sigma_mm:g} mm"
+    printed = "a print as it was measured" if measured else printed
     return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
 
 

@@ -39,6 +39,7 @@ REMEDIES = {
         "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
         "really are"
     ),
+    "measured": "measure it again, with more photographs from other directions, or make the marker larger",
     "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
 }
 """How to reduce the error of each source."""
@@ -178,10 +179,10 @@ def budget_table(results: Mapping[str, Any]) -> Table:
         if budget["camera_exact"]
         else "as --camera-covariance, or the camera's file,"
     )
-    caption = (
-        f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
-        f"per axis (--print-sigma); the camera {camera} says."
-    )
+    printed = f"dots printed to {budget['print_sigma_mm']:g} mm per axis (--print-sigma)"
+    if budget.get("print_measured"):
+        printed = "dots placed as they were measured on the print, with that covariance"
+    caption = f"Dot centers measured to {number(budget['image_px'])} px; {printed}; the camera {camera} says."
     return Table(
         "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
     )
@@ -290,7 +291,8 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
     said = []
     for name in dict.fromkeys(first.values()):
         limited = [what for what, largest in first.items() if largest == name]
-        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {REMEDIES[name]}."
+        remedy = REMEDIES["measured" if name == "print" and budget.get("print_measured") else name]
+        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
         if all(found[what][name] > DOMINANT for what in limited):
             line += " Improving anything else of these would gain next to nothing."
         said.append(line)
@@ -358,5 +360,6 @@ def _conditions(views: Mapping[str, Any]) -> str:
         said.append(f"{views['hidden']} of the dots hidden")
     if views["refine"] != "none":
         said.append(f"{views['refine']} refinement")
-    said.append(f"dots misprinted by {views['print_sigma_mm']:g} mm" if views["print_sigma_mm"] else "printed exactly")
+    misprint = f"dots misprinted by {views['print_sigma_mm']:g} mm" if views["print_sigma_mm"] else "printed exactly"
+    said.append("misprinted as the measurement allows" if views.get("print_measured") else misprint)
     return ": " + ", ".join(said)

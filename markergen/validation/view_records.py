@@ -136,6 +136,7 @@ def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
         "hidden": series.hidden,
         "refine": series.refine,
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
+        "print_measured": series.marker.places_measured,
         "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
         "by_distance": _by_group(records, names, pose, poses.by_distance()),
         "samples": [_sample(each, poses) for each in records if each.detected],

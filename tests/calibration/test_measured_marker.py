@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from simulated_photos import CAMERA, hand_held, nees, scene
 
+from markergen.api.validate import validate
 from markergen.calibration.adjustment import adjust
 from markergen.detect import Detector, kernel
 from markergen.detect.pose import estimate_pose
@@ -147,3 +148,13 @@ def test_a_camera_of_its_own_keeps_the_image_part(measured):
     )
     budget = pose_budget(measured.xyz, rotation, translation, CAMERA, 0.01 * np.eye(2), PAPER.of(measured))
     assert (budget.rotation_deg["image"] >= 0.99 * exact.rotation_deg["image"]).all()
+
+
+def test_a_validation_says_that_the_print_was_measured(measured):
+    found = validate(measured, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
+    assert found.budget["print_measured"]
+    assert "a print as it was measured" in str(found)
+    assert "measure it again" in str(found)
+    assert "0.1 mm" not in str(found)
+    designed = validate(measured.as_designed, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
+    assert "a print good to 0.1 mm" in str(designed)

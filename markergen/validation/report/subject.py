@@ -155,7 +155,7 @@ class Subject:
         if not self.views:
             return None
         if self.budget is not None:
-            printed = self.budget.print if self.views.get("print_sigma_mm") else 0.0
+            printed = self.budget.print if self.views.get("print_sigma_mm") or self.marker.places_measured else 0.0
             sampled = {} if np.any(self.budget.camera) else self.expected.sampled
             return Expected(self.budget.image + printed, self.setting.poses, "predicted", sampled)
         # The bound of a dot's center is the root of the sum of both axes' variances.
@@ -172,7 +172,7 @@ def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budge
     """Expected errors of this marker: for the whole budget if there is one, else for image noise alone."""
     if budget is not None:
         parts = results.get("budget") or {}
-        source = source_of(parts.get("print_sigma_mm"), bool(np.any(budget.camera)))
+        source = source_of(parts.get("print_sigma_mm"), bool(np.any(budget.camera)), marker.places_measured)
         stated = results.get("expected") or {}
         keys = ("rotation_deg", "translation_mm") if stated else ()
         # JSON has no infinity.
