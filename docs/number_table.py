@@ -6,7 +6,7 @@ from docs.numbers import Block, Command, Entry, Given, Number
 
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
-CONVENTIONS = "docs/conventions.md"
+CONVENTIONS, CALIBRATE = "docs/conventions.md", "docs/calibrate.md"
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
 POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
@@ -27,6 +27,7 @@ ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in ra
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
+CALIBRATED = Command("python -m benchmarks.calibration", 900)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
 STUDIED = Command(
@@ -92,6 +93,11 @@ def _rival(row: str, label: str) -> Number:
         [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
         lambda found, rms, low, high, median, bound: [rms, low, high, median, found, bound],
     )
+
+
+def _calibrated(row: str, case: str) -> Number:
+    sources = [(CALIBRATED, f"{n} 20 {case}: # +- @ deg, @ mm") for n in (5, 24)]
+    return Number(CALIBRATE, f"| {row} | # deg | # deg |", CALIBRATED.line, sources)
 
 
 def _all_found() -> Number:
@@ -296,6 +302,11 @@ MEASURED: Sequence[Entry] = (
         [(STUDIED, f"{name},6,@,@,@,@,#") for name in ("ngon", "unit", "random")]
         + [(STUDIED, f"relief-{height},6,1,@,,,#") for height in (20, 50)],
     ),
+    _calibrated("the dots as designed", "as designed"),
+    _calibrated("measured dots, camera known", "camera known"),
+    _calibrated("the same, @ % of the dots false by @ to @ px", "camera known, 5 % of false dots"),
+    _calibrated("measured dots, camera estimated from the same photographs", "camera unknown"),
+    _calibrated("the same, and the estimated camera used as well", "camera unknown, and used"),
     Block(PAPER, "<!-- sentences -->", "<!-- end -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
     Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
 )
@@ -310,6 +321,17 @@ EXAMPLE = "an example of what to type, or of a size"
 GIVEN: Sequence[Given] = tuple(
     Given(file, place, reason)
     for file, reason, places in (
+        (CALIBRATE, DEFAULT, ["was read, # mm unless given"]),
+        (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
+        (
+            CALIBRATE,
+            SETTING,
+            [
+                "off by # mm along each axis, # % longer along x and bulging by # mm, in",
+                "measured to # px",
+                "the same, # % of the dots false by # to # px",
+            ],
+        ),
         (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
         (
             README,

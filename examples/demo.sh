@@ -1,5 +1,5 @@
 #!/bin/sh
-# The main workflow: design, print, validate, make, detect. `make demo` runs this with the output folder.
+# The main workflow: design, print, validate, make, detect, measure. `make demo` runs this with the output folder.
 set -eu
 examples=$(cd "$(dirname "$0")" && pwd)
 folder=${1:-out}
@@ -22,6 +22,9 @@ say "4. Take photos of it in clutter, through a wide-angle lens, and detect it i
 python "$examples/take_photos.py" marker.json photos
 markergen detect photos --marker marker.json --camera photos/camera.yaml --json found.json --overlay seen
 
+say "5. Measure a print of it, made badly on purpose, by 20 photographs"
+python "$examples/measure_print.py" marker.json print
+
 say "Results, in $(pwd)"
 cat <<'END'
   marker.pdf       the marker at true size: print at 100 % on A2 and check the rulers
@@ -33,4 +36,5 @@ cat <<'END'
   marker.fab.pdf   the drawing for a workshop: dimensions, coordinates, tolerances
   marker.dxf       the face for a laser cutter: exact circles
   seen/            the annotated photos; found.json has the poses with their covariances
+  print/           photographs of a bad print, measured.json with its dots as they are, and calibration.html
 END

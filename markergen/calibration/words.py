@@ -13,6 +13,8 @@ SOURCES = ("image", "print", "camera")
 """Sources of an `ExpectedError`."""
 _WORDS = {"image": "image noise", "print": "the print", "camera": "the camera"}
 _MOST_NAMED = 3
+_WORSE = 1.05
+"""Ratio of translation errors from which on the measured print counts as worse."""
 
 
 def summary(found: "Calibration") -> list[str | Table]:
@@ -27,7 +29,7 @@ def summary(found: "Calibration") -> list[str | Table]:
 
 
 def headline(found: "Calibration") -> str:
-    """Return the verdict: the pose error to expect before and after, and whether left-out photographs confirm it."""
+    """Return the verdict in a sentence: the pose error to expect, before and after, and whether it is confirmed."""
     before, after = errors(found.before), errors(found.after)
     where = "over the working volume"
     if len(found.designs) > 1:
@@ -41,21 +43,31 @@ def headline(found: "Calibration") -> str:
             f"{after} {where}, as designed {before}."
         )
     expect = f"a pose error of {after} {where} instead of {before} with the print as designed"
+    scaled = found.adjustment.network.scale_known(int(found.adjustment.network.marker[0]))
+    worse_moves = found.after.translation > _WORSE * found.before.translation
+    if worse_moves and not scaled:
+        return (
+            "Take more photographs before you use the measured marker, since rotations gain by it but translations "
+            f"lose: expect {expect}."
+        )
     cross, halves = found.cross_validation, found.halves
     if isinstance(cross, CrossValidation) and not cross.better:
         worse = "worse than" if cross.gain is not None and cross.gain.high < 1 else "no better than"
         return (
-            f"Do not use the measured marker yet: it predicts left-out photographs {worse} the design does. By its "
-            f"claimed errors, expect {expect}."
+            f"Do not use the measured marker yet: it predicts left-out photographs {worse} the design does, "
+            f"although its claimed errors promise {expect}."
         )
     if isinstance(halves, Halves) and halves.chance < CHANCE:
         return (
             f"Use the measured marker with care: expect {expect}, or somewhat more, since two halves of the "
             "photographs differ by more than their claimed errors."
         )
+    confirmed = "left-out photographs confirm it"
     if isinstance(cross, NotJudged):
-        return f"Use the measured marker: expect {expect}. No photographs could be left out to confirm it."
-    return f"Use the measured marker: expect {expect}. Left-out photographs confirm it."
+        confirmed = "there were too few photographs to confirm it by leaving some out"
+    if worse_moves:
+        confirmed += "; only the translation as measured counts how well the scale of the print is known"
+    return f"Use the measured marker: expect {expect}; {confirmed}."
 
 
 def errors(error: ExpectedError) -> str:

@@ -57,6 +57,14 @@ def test_design_and_save(monkeypatch, capsys, tmp_path):
     assert "8 control points in a polygon of 170 mm x 170 mm" in capsys.readouterr().out
 
 
+def test_measure_print(monkeypatch, capsys, tmp_path, make_ngon):
+    (tmp_path / "m.json").write_bytes(to_json(make_ngon(5, 0.15, 0.036)))
+    run("measure_print.py", tmp_path / "m.json", tmp_path / "print", monkeypatch=monkeypatch)
+    assert "Use the measured marker" in capsys.readouterr().out
+    assert (tmp_path / "print" / "measured.json").is_file()
+    assert (tmp_path / "print" / "calibration.html").is_file()
+
+
 def test_validate_and_plot(monkeypatch, capsys, tmp_path):
     run("validate_and_plot.py", tmp_path / "errors.png", "--runs", 5, "--views", 4, monkeypatch=monkeypatch)
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")

@@ -14,6 +14,7 @@ from matplotlib.quiver import Quiver
 
 from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
+from markergen.calibration.network import Length
 from markergen.calibration.report import TEMPLATE, page
 from markergen.calibration.report.plots import directions, enlargement, print_map, round_factor
 from markergen.calibration.report.subject import Subject
@@ -211,6 +212,7 @@ def test_dots_of_two_markers_are_told_apart(two_markers):
 
 def test_summary_is_some_ten_lines(both, two_markers, nominal):
     for found in (both, two_markers, nominal):
+        assert ". " not in headline(found)
         lines = summary(found)
         assert lines[0] == headline(found)
         assert found.scale_source in lines
@@ -234,9 +236,15 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
     assert "worse than the design" in headline(worse)
     unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
-    assert "No photographs could be left out" in headline(unjudged)
+    assert "too few photographs to confirm" in headline(unjudged)
     assert headline(replace(both, after=both.before)).startswith("Keep the marker as designed")
     assert headline(nominal).startswith("The camera is calibrated")
+    adjustment = both.adjustment
+    far = replace(agreeing, after=replace(both.after, translation=1.1 * both.before.translation))
+    assert headline(far).startswith("Take more photographs before")
+    ruled = replace(adjustment, network=replace(adjustment.network, lengths=(Length(0, 1, 0.07, 1e-4),)))
+    assert headline(replace(far, adjustment=ruled)).startswith("Use the measured marker")
+    assert headline(replace(far, adjustment=ruled)).endswith("how well the scale of the print is known.")
     assert "of the first marker" not in headline(both)
     assert "from the first marker" in headline(two_markers)
 
