@@ -33,9 +33,9 @@ OVERLAP = 0.6
 MOST_DOTS = 60
 """Number of dots that decide about labels; more decide no better, and take longer."""
 
-WIDTH, HOPELESS, ENOUGH = 6, 3.0, 20
-"""Number of sets of labels that are kept while photographs join, and the variance factor, relative to the best one's,
-beyond which none is kept as soon as there are as many degrees of freedom."""
+WIDTH, HOPELESS = 6, 100.0
+"""Number of sets of labels that are kept while photographs join, and difference of chi2 to the best one's, in units of
+its variance factor, beyond which none is kept."""
 
 ROUGHLY = 1e-3
 """Relative decrease of the cost at which an adjustment ends that only compares labels."""
@@ -253,8 +253,8 @@ def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, came
         longer = [_joined(each, k, c, options, network) for each in beam for c in range(len(options[k]))]
         longer.sort(key=lambda each: each.factor)
         best = longer[0]
-        limit = HOPELESS * best.factor if best.degrees_of_freedom >= ENOUGH else np.inf
-        beam = [each for each in longer[:WIDTH] if each.factor <= limit]
+        limit = best.factor + HOPELESS * max(1.0, best.factor) / max(1, best.degrees_of_freedom)
+        beam = [best, *(each for each in longer[1:WIDTH] if each.factor <= limit)]
     best, *others = beam
     changed: list[_Joined] = []
     while len(order) > 1:

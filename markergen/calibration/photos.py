@@ -139,10 +139,10 @@ def _searched(
         _check_sizes(names, sizes)
         detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA)
         results: list[tuple[Found, ...]] = []
-        for k, image in enumerate(sources):
-            if progress:
-                progress("detecting", k, len(sources))
+        for image in sources:
             results.append(tuple(detector(image)))
+            if progress:
+                progress("detecting", len(results), len(sources))
         return names, results, sizes[0], {}
     found = detect_files(
         sources, markers, camera,

@@ -32,6 +32,9 @@ from markergen.validation.validation import setting_of
 
 Array = NDArray[np.float64]
 
+ELSEWHERE = 10.0
+"""chi2 per degree of freedom from which dots that were held are said to be elsewhere."""
+
 BASE = ("fx", "cx", "cy", "k1", "k2")
 """Parameters of an unknown camera that are always estimated; fy goes with fx."""
 
@@ -135,6 +138,12 @@ def calibrate(
     if not len(sightings.views):
         reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
         raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
+    if known.free and len(sightings.views) < 2:
+        raise InputError(
+            "two photographs or more that show the marker",
+            "one",
+            "take ten to forty, tilted by 20 to 60 deg to all sides",
+        )
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
     whole = network_of(designs, known, camera, () if known.camera else BASE)
@@ -148,7 +157,8 @@ def calibrate(
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
-        cleaned = _held_loosely(cleaned, known.print_sigma)
+        if cleaned.adjustment.degrees_of_freedom > 0:
+            cleaned = _held_loosely(cleaned, known.print_sigma)
     except (UndeterminedError, np.linalg.LinAlgError):
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
@@ -197,6 +207,11 @@ def _result(
     rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if known.free else ()
     notes = [str(each) for each in (*found, *rare)]
     notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    if not known.free and adjustment.variance_factor > ELSEWHERE:
+        notes.append(
+            f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
+            "measure them, without --geometry nominal, for a better camera"
+        )
     notes += sightings.doubts
     if isinstance(choice, CameraChoice):
         notes += choice.notes

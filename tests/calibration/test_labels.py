@@ -73,7 +73,7 @@ def test_photographs_tell_the_labels_of_a_symmetric_grid(columns, rows, camera):
     rng = np.random.default_rng(columns)
     design = grid(columns, rows)
     group = [each for each in relabelings(design, np.zeros(len(design), bool)) if (each.image >= 0).all()]
-    pixels, poses = photographs(printed(design, rng), 6, rng)
+    pixels, poses = photographs(printed(design, rng), 5, rng)
     choices, right = options(design, group, pixels, poses, rng)
     settled = settle(choices, design, np.zeros(len(design)), camera)
     assert settled.sure

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held, layout
 
+from markergen.calibration.network import CameraFreedom, Network
+from markergen.calibration.outliers import adjust_robustly
 from markergen.calibration.photos import find_dots
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
@@ -114,22 +116,55 @@ def test_photographs_that_cannot_be_used_say_why():
         find_dots([marker], [frames[0], frames[1][:400]], None)
 
 
-@pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
-@pytest.mark.parametrize("camera", ["camera.yaml", pytest.param(None, marks=pytest.mark.long)])
-def test_real_photographs_of_a_square_grid_are_labeled_alike(camera):
-    folder = PHOTOS / "robot_grid"
+REAL = pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
+
+
+def _real(kind, known):
+    folder = PHOTOS / kind
     marker = Marker.load(folder / "marker.json")
-    found, _ = find_dots([marker], str(folder), camera and Camera.load(folder / camera))
-    labels = {each["image"]: np.array(each["centres_px_row_major"]) for each in json.loads(_text(folder))}
-    assert len(found.photo) == len(labels)
+    found, camera = find_dots([marker], str(folder), Camera.load(folder / "camera.yaml") if known else None)
+    labels = {each["image"]: each for each in json.loads((folder / "labels.json").read_text())}
+    assert sorted(Path(found.photos[photo]).name for photo in found.photo) == sorted(labels)
+    return marker, found, camera, [labels[Path(found.photos[photo]).name] for photo in found.photo]
+
+
+def _adjusted_rms(marker, found, camera, names):
+    """RMS in px along an axis of the residuals of dots that are free."""
+    radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
+    freedom = CameraFreedom.of_names(camera, names)
+    network = Network(marker.xyz, radii, camera, freedom, np.zeros(len(marker), dtype=np.intp))
+    adjusted = adjust_robustly(network, found.views).adjustment
+    return adjusted.rms / np.sqrt(2), adjusted.camera
+
+
+@REAL
+def test_real_photographs_of_a_symmetric_grid_agree_on_one_print():
+    marker, found, camera, labels = _real("circle_grid", True)
+    for pixels, each in zip(found.views.pixels, labels, strict=True):
+        given = np.array(each["centres_px_row_major"])
+        assert min(np.linalg.norm(pixels - given[::turn], axis=1).max() for turn in (1, -1)) < 0.5
+    assert _adjusted_rms(marker, found, camera, ())[0] < 0.06
+
+
+@pytest.mark.long
+@REAL
+def test_real_photographs_of_a_strong_lens_need_no_camera():
+    marker, found, camera, _ = _real("hex_grid", False)
+    assert found.views.seen.all()
+    rms, camera = _adjusted_rms(marker, found, camera, ("fx", "cx", "cy", "k1", "k2"))
+    assert rms < 0.03
+    assert abs(camera.fx - 700) < 15
+    assert abs(camera.distortion.coefficients[0] + 0.26) < 0.03
+
+
+@pytest.mark.long
+@REAL
+@pytest.mark.parametrize("known", [False, True])
+def test_real_photographs_of_a_square_grid_are_labeled_by_its_larger_dot(known):
+    _, found, _, labels = _real("robot_grid", known)
     assert not found.doubts
     # The labels run from the larger dot along x, then y; the marker's from the top row down.
     place = np.arange(100).reshape(10, 10)[::-1].ravel()
-    for photo, pixels, seen in zip(found.photo, found.views.pixels, found.views.seen, strict=True):
-        off = np.linalg.norm(pixels - labels[Path(found.photos[photo]).name][place], axis=1)
+    for pixels, seen, each in zip(found.views.pixels, found.views.seen, labels, strict=True):
         assert seen.all()
-        assert off.max() < 0.5
-
-
-def _text(folder):
-    return (folder / "labels.json").read_text()
+        assert np.linalg.norm(pixels - np.array(each["centres_px_row_major"])[place], axis=1).max() < 0.5

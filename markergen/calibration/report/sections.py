@@ -19,7 +19,6 @@ from markergen.calibration.report.subject import UM, Subject
 from markergen.calibration.words import SOURCES, headline, judged, photographs, sentence, unused, what_is_left
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table, number
-from markergen.validation.report import subject as validated
 from markergen.validation.report.subject import ReportSection
 
 _HANG_UP, _SQUARE = (7.2, 6.2), (4.9, 4.9)
@@ -44,7 +43,7 @@ def answer(subject: Subject) -> ReportSection:
     section.tables.append(
         Table(
             "Expected pose error over the working volume, RMS over its poses",
-            ["error", "print", "total", *(validated.SOURCES[source] for source in SOURCES)],
+            ["error", "marker", "total", "image noise", "print", "camera"],
             rows,
             "Each source alone. Dots and camera that come from the same photographs err together, so that the total "
             "may be less than the root of the sum of squares.",
