@@ -11,9 +11,15 @@ from markergen.detect import kernel, kernel_pose
 from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
-from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance, together_covariance
+from markergen.estimators.budget import (
+    ErrorSources,
+    PoseBudget,
+    pose_budget,
+    pose_gain,
+    print_covariance,
+    together_covariance,
+)
 from markergen.maths.dlt import estimate_homography, four_in_general_position
-from markergen.maths.information import covariance as information_inverse
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import NO_DISTORTION, Camera
@@ -192,7 +198,7 @@ def _estimated(
         if errors.joint_places is not None and len(solved[2]):
             rows = pose_rows(points, solved[0][:1], solved[1][:1])
             printed = print_covariance(rows, points, solved[0][:1], errors)
-            gain = _gain(rows, image + printed)
+            gain = pose_gain(rows, image + printed)
             solved[3][1] = together_covariance(gain, rows, solved[0][:1], errors)[0]
         return solved
 
@@ -215,17 +221,11 @@ def _estimated(
     rows = pose_rows(points, best_rotation, best_translation)
     printed = print_covariance(rows, points, best_rotation, errors)
     residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
-    gain = _gain(rows, image + printed)[0]
+    gain = pose_gain(rows, image + printed)[0]
     covariance = np.stack([np.einsum("mia,mij,mjb->ab", gain, part, gain) for part in (image, printed[0])])
     if errors.joint_places is not None:
         covariance[1] = together_covariance(gain[None], rows, best_rotation, errors)[0]
     return *found, covariance, residual_scale(residual, image + printed[0])
-
-
-def _gain(rows: Array, spread: Array) -> Array:
-    """Return the gain (k, m, 2, 6) of the estimate that weights points by 1/spread."""
-    weighted = np.linalg.inv(spread) @ rows
-    return weighted @ information_inverse(np.einsum("kmia,kmib->kab", weighted, rows))[:, None]
 
 
 def refine_weighted(
