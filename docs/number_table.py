@@ -321,7 +321,7 @@ EXAMPLE = "an example of what to type, or of a size"
 GIVEN: Sequence[Given] = tuple(
     Given(file, place, reason)
     for file, reason, places in (
-        (CALIBRATE, DEFAULT, ["was read, # mm unless given"]),
+        (CALIBRATE, DEFAULT, ["was read, # mm unless given", "count as # % (`--scale-sigma`)"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
         (
             CALIBRATE,

@@ -12,6 +12,7 @@ from markergen.calibration.run import Known
 from markergen.calibration.run import calibrate as run
 from markergen.errors import InputError
 from markergen.model.marker import Marker
+from markergen.model.spec import check_scale
 from markergen.options import (
     CameraLike,
     File,
@@ -101,6 +102,7 @@ def calibrate(
     settled = settle(options, CalibrateKeywords)
     if settled["geometry"] not in ("free", "nominal"):
         raise InputError("the geometry free or nominal", repr(settled["geometry"]), "see markergen calibrate --help")
+    check_scale(settled["scale_sigma"])
     others = as_list(settled["also"] or ())
     designs = [marker_of(each) for each in (marker, *others)]
     taken = camera_of(camera)
@@ -113,6 +115,7 @@ def calibrate(
         settled["geometry"] == "free",
         tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
         settled["print_sigma"],
+        settled["scale_sigma"],
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)

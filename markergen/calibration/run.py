@@ -60,6 +60,8 @@ class Known:
         Measured lengths; dots by their index among those of all markers.
     print_sigma : float
         Standard deviation in m of a printed dot that nothing measures, along each axis.
+    scale_sigma : float
+        Standard deviation of the print's scale along x and y, as a share, while nothing measures it.
     poses : str, PoseDistribution or None
         Working volume; None is that of the design.
     """
@@ -69,6 +71,7 @@ class Known:
     free: bool = True
     lengths: tuple[Length, ...] = ()
     print_sigma: float = 1e-4
+    scale_sigma: float = 0.0
     poses: str | PoseDistribution | None = None
 
 
@@ -233,7 +236,7 @@ def _result(
         cleaned.used,
         cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
-        _scale_source(adjustment.network),
+        _scale_source(adjustment.network, known.scale_sigma),
         tuple(_sentence(note) for note in notes),
         cross,
         halves,
@@ -329,11 +332,29 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
         lens = np.zeros((len(setting.camera.parameter_names),) * 2)
         joint = block_diag(joint[:size, :size], lens)
     told = []
-    for covariance, places in ((block_diag(flat, lens), network.design[own]), (joint, adjustment.places[own])):
+    cases = (block_diag(flat, lens), network.design[own], False), (joint, adjustment.places[own], network.free)
+    for covariance, places, measured in cases:
         blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
         found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
-        told.append(found.expected(covariance))
+        # A wrong scale moves all dots together, so weights ignore it.
+        moved = np.zeros((len(covariance), 2))
+        moved[:size] = _scaled(designs[network.marker[0]], network, known, places, measured)
+        told.append(found.expected(covariance + moved @ moved.T))
     return told[0], told[1]
+
+
+def _scaled(design: Marker, network: Network, known: Known, places: Array, measured: bool) -> Array:
+    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both together.
+
+    Photographs measure the ratio of the two, and leave their mean, unless a length or dots measured by hand fix it.
+    """
+    columns = np.zeros((len(places), 3, 2))
+    rescaled = design.print_scale != (1.0, 1.0) or network.prior is not None
+    if measured and not rescaled and not network.scale_known(int(network.marker[0])):
+        columns[:, :, 0] = known.scale_sigma / np.sqrt(2) * places
+    elif not measured and not rescaled and known.free:
+        columns[:, 0, 0], columns[:, 1, 1] = known.scale_sigma * places[:, :2].T
+    return columns.reshape(-1, 2)
 
 
 def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
@@ -350,15 +371,14 @@ def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustme
     return poses.rotation, poses.translation
 
 
-def _scale_source(network: Network) -> str:
+def _scale_source(network: Network, sigma: float) -> str:
     if not network.free:
         return "The scale is that of the design."
     if network.lengths:
-        count = len(network.lengths)
-        return f"The scale is that of {count} measured length{'s' * (count > 1)}."
+        return f"The scale is that of the measured length{'s' * (len(network.lengths) > 1)}."
     if network.scale_known(int(network.marker[0])):
         return "The scale is that of the dots measured by hand."
     return (
-        "The scale is that of the design: translations keep the scale error of the print. Give --measured, the "
-        "distance between two dots, to find it."
+        "The scale is that of the design: translations keep the scale error of the print, "
+        f"{100 * sigma:.2g} % expected. Give --measured, the distance between two dots, to find it."
     )

@@ -42,6 +42,16 @@ class CalibrateKeywords(TypedDict, total=False):
     ]
     camera_covariance: Calibrated
     print_sigma: Printed
+    scale_sigma: Annotated[
+        float,
+        Option(
+            ERRORS,
+            "Standard deviation of the print's scale along x and y while nothing measures it, for the expected error: "
+            "0.002 is 0.2 %.",
+            0.002,
+            metavar="SHARE",
+        ),
+    ]
     workers: Workers
     also: Annotated[
         Files,
