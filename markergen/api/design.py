@@ -133,10 +133,8 @@ def _request(options: Mapping[str, Any]) -> _Request:
             values.pop(other, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
     fit = values.get("radius") == "fit"
-    if fit and (values.get("n") == "auto" or values.get("target")):
-        raise InputError(
-            "a length for the radius", "--radius fit with --n auto or --target", "give --radius 90mm, for example"
-        )
+    if fit and values.get("target"):
+        raise InputError("a length for the radius", "--radius fit with --target", "give --radius 90mm, for example")
     if fit:
         values = {"paper": USUAL.name, **values}
         if hasattr(values.get("camera"), "read"):  # An open file can be read only once.

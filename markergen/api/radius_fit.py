@@ -1,11 +1,12 @@
 """The largest disk whose marker one page of a paper holds."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import fits, largest_disk
 from markergen.errors import InputError
-from markergen.model.spec import Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.optimize.design import Design
 from markergen.optimize.dot_size import choose_dots, clearance_of, largest_that_leaves_room
 from markergen.read.poses import poses_from
@@ -37,7 +38,7 @@ def radius_limits(make: Make, sheet: SheetOptions) -> tuple[int, int]:
 def largest_that_fits(
     make: Make, limits: tuple[int, int], sheet: SheetOptions, find: Callable[[Spec], Design]
 ) -> tuple[Spec, Design]:
-    """Design of the largest radius within the limits that one page holds, by bisection, and its spec.
+    """Design of the largest radius within the limits that one page holds, by bisection from the top, and its spec.
 
     Raises
     ------
@@ -46,14 +47,15 @@ def largest_that_fits(
     """
     low, high = limits
     best: tuple[Spec, Design] | None = None
+    radius = high
     while low < high:
-        middle = (low + high + 1) // 2
-        spec = make(middle)
+        spec = make(radius)
         found = find(spec)
         if fits(found.marker, sheet):
-            low, best = middle, (spec, found)
+            low, best = radius, (spec, found)
         else:
-            high = middle - 1
+            high = radius - 1
+        radius = (low + high + 1) // 2
     spec, found = best or ((spec := make(low)), find(spec))
     if found.marker.dot_diameter and not fits(found.marker, sheet):
         raise InputError(
@@ -65,7 +67,11 @@ def largest_that_fits(
 
 
 def _beyond(spec: Spec) -> float:
-    """Maximum distance in mm of a quiet zone from the disk, which dots touch but for their clearance."""
+    """Maximum distance in mm of a quiet zone from the disk, which dots touch but for their clearance.
+
+    The fewest of `--n auto` would have the largest dots.
+    """
+    spec = replace(spec, n=4) if spec.n == AUTO else spec
     if spec.dot == "auto":
         diameter = largest_that_leaves_room(spec)
         clearance = clearance_of(spec, diameter)

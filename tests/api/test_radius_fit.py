@@ -15,7 +15,7 @@ from markergen.drawing.sheet_layout import fits, pages_for
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.spec import Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import spec_from_mapping
@@ -64,6 +64,28 @@ def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limit
     assert found.marker is tried[radius]
     assert len(pages_for([found.marker], sheet)) == 1
     assert not fits(make_ngon(5, (radius + 1) / 1e3, dot), sheet)
+
+
+def test_the_best_number_of_dots_is_that_of_the_largest_disk():
+    quick = {"n": "auto", "restarts": 1, "poses": "cone:count=20", "dot": "20mm"}
+    found = design(**quick, radius="fit", paper="A5")
+    radius = found.marker.boundary.radius
+    assert found.marker == design(**quick, radius=radius).marker
+    assert fits(found.marker, SheetOptions("A5"))
+
+
+def test_it_is_tried_from_the_top(make_ngon):
+    tried = []
+
+    def find(spec):
+        tried.append(round(1e3 * spec.boundary.radius))
+        return SimpleNamespace(marker=make_ngon(5, spec.boundary.radius, 0.005))
+
+    sheet = SheetOptions("letter", margin=0.005)
+    limits = radius_limits(lambda radius: Spec(n=AUTO, boundary=Circle(radius / 1e3)), sheet)
+    assert limits[0] < limits[1]
+    largest_that_fits(lambda radius: Spec(boundary=Circle(radius / 1e3)), limits, sheet, find)
+    assert tried == [limits[1]]
 
 
 def test_holes_of_a_plate_larger_than_the_disk_must_fit_too(make_ngon):
