@@ -236,7 +236,7 @@ def _result(
         cleaned.used,
         cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
-        _scale_source(adjustment.network, known.scale_sigma),
+        _scale_source(designs[adjustment.network.marker[0]], adjustment.network, known.scale_sigma),
         tuple(_sentence(note) for note in notes),
         cross,
         halves,
@@ -371,13 +371,15 @@ def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustme
     return poses.rotation, poses.translation
 
 
-def _scale_source(network: Network, sigma: float) -> str:
+def _scale_source(design: Marker, network: Network, sigma: float) -> str:
     if not network.free:
         return "The scale is that of the design."
     if network.lengths:
         return f"The scale is that of the measured length{'s' * (len(network.lengths) > 1)}."
     if network.scale_known(int(network.marker[0])):
         return "The scale is that of the dots measured by hand."
+    if design.print_scale != (1.0, 1.0):
+        return "The scale is that of the rulers that markergen rescale was told."
     return (
         "The scale is that of the design: translations keep the scale error of the print, "
         f"{100 * sigma:.2g} % expected. Give --measured, the distance between two dots, to find it."

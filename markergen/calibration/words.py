@@ -36,8 +36,14 @@ def headline(found: "Calibration") -> str:
         where = f"from the first marker {where}"
     if not found.measured:
         return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed."
-    factor = found.before.rotation_deg / found.after.rotation_deg
-    if factor <= 1:
+    cross, halves = found.cross_validation, found.halves
+    if found.before.rotation_deg <= found.after.rotation_deg:
+        if isinstance(cross, CrossValidation) and cross.better and cross.gain is not None:
+            return (
+                f"Use the measured marker: it predicts left-out photographs {cross.gain.ratio:.3g} times better than the "
+                f"design does; expect a pose error of {after} {where}. The {before} of the design are those of a better "
+                "print than this one."
+            )
         return (
             f"Keep the marker as designed: with the print as these photographs measure it, expect a pose error of "
             f"{after} {where}, as designed {before}."
@@ -50,7 +56,6 @@ def headline(found: "Calibration") -> str:
             "Take more photographs before you use the measured marker, since rotations gain by it but translations "
             f"lose: expect {expect}."
         )
-    cross, halves = found.cross_validation, found.halves
     if isinstance(cross, CrossValidation) and not cross.better:
         worse = "worse than" if cross.gain is not None and cross.gain.high < 1 else "no better than"
         return (

@@ -237,7 +237,8 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert "worse than the design" in headline(worse)
     unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
     assert "too few photographs to confirm" in headline(unjudged)
-    assert headline(replace(both, after=both.before)).startswith("Keep the marker as designed")
+    assert headline(replace(both, after=both.before)).startswith("Use the measured marker: it predicts left-out")
+    assert headline(replace(doubtful, after=both.before)).startswith("Keep the marker as designed")
     assert headline(nominal).startswith("The camera is calibrated")
     adjustment = both.adjustment
     far = replace(agreeing, after=replace(both.after, translation=1.1 * both.before.translation))
