@@ -41,6 +41,8 @@ FALSE = 0.05
 """Share of false dots, 0.5 to 20 px off."""
 
 UNKNOWN = ("fx", "cx", "cy", "k1", "k2")
+ROUGH = replace(CAMERA, fx=780.0, fy=780.0, cx=319.5, cy=239.5, distortion=Distortion("radtan", (0.0,) * 5))
+"""What an unknown camera is estimated from."""
 
 
 def designed(n: int) -> Array:
@@ -105,8 +107,7 @@ def accuracy(n: int, photos: int, sets: int) -> list[tuple[str, float, float, fl
 
 def estimated(made: SimulatedSet) -> Adjustment:
     """Adjustment with an unknown camera, whose parameters left-out photographs choose."""
-    start = replace(CAMERA, fx=780.0, fy=780.0, cx=319.5, cy=239.5, distortion=Distortion("radtan", (0.0,) * 5))
-    network = made.network(CameraFreedom.of_names(start, UNKNOWN), start)
+    network = made.network(CameraFreedom.of_names(ROUGH, UNKNOWN), ROUGH)
     found = adjust_robustly(network, made.views).adjustment
     choice = choose_camera(found.network, found.views, np.arange(len(found.views)), found.weights)
     if isinstance(choice, CameraChoice) and choice.names != UNKNOWN:
@@ -170,16 +171,19 @@ def by_opencv(network: Network, views: Views) -> float:
     return float(rms)
 
 
-def peers(n: int, photos: int) -> list[tuple[str, float, float]]:
-    """Rows of solver, seconds and RMS in px on one problem: all dots seen, points, no robust cost, unknown camera."""
-    rng = np.random.default_rng(1)
+def compared(design: Array, photos: int, rng: np.random.Generator) -> tuple[Network, Views]:
+    """One problem for all solvers: an unknown camera, all dots seen, points, equal weights, single precision."""
+    made = one_set(design.astype(np.float32).astype(float), photos, rng)
     # OpenCV takes single precision.
-    design = (designed(n) if n < 100 else grid(n)).astype(np.float32).astype(float)
-    made = one_set(design, photos, rng)
-    start = replace(CAMERA, fx=780.0, fy=780.0, cx=319.5, cy=239.5, distortion=Distortion("radtan", (0.0,) * 5))
-    network = made.network(CameraFreedom.of_names(start, UNKNOWN), start)
-    pixels, spread = made.views.pixels.astype(np.float32).astype(float), np.eye(2)
-    plain = replace(made.views, pixels=pixels, covariance=np.broadcast_to(spread, made.views.covariance.shape))
+    pixels = made.views.pixels.astype(np.float32).astype(float)
+    spread = np.broadcast_to(np.eye(2), made.views.covariance.shape)
+    network = made.network(CameraFreedom.of_names(ROUGH, UNKNOWN), ROUGH)
+    return network, replace(made.views, pixels=pixels, covariance=spread)
+
+
+def peers(n: int, photos: int) -> list[tuple[str, float, float]]:
+    """Rows of solver, seconds and RMS in px on one problem, see `compared`."""
+    network, plain = compared(designed(n) if n < 100 else grid(n), photos, np.random.default_rng(1))
     calls: dict[str, Callable[[], float]] = {
         "markergen": lambda: adjust(network, plain).rms,
         "scipy, sparse": lambda: by_scipy(network, plain),

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from simulated_photos import CAMERA, in_gauge, nees, scene
 
+from benchmarks.calibration import by_opencv, compared, grid
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import CameraFreedom, Length, moved_camera
 from markergen.maths.rotation import exponential
@@ -40,6 +41,12 @@ def test_the_minimum_is_that_of_another_solver(photographs, known):
     network = photographs.network if known else photographs.unknown_camera(("fx", "cx", "cy", "k1"))
     found = adjust(network, photographs.views)
     assert found.chi2 == pytest.approx(by_scipy(network, photographs.views, found), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_minimum_is_that_of_opencv(seed):
+    network, views = compared(2 * grid(12), 8, np.random.default_rng(seed))
+    assert adjust(network, views).rms == pytest.approx(by_opencv(network, views), rel=1e-6)
 
 
 def test_the_dots_stay_in_the_frame_of_the_design(photographs):
