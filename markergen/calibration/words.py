@@ -40,9 +40,9 @@ def headline(found: "Calibration") -> str:
     if found.before.rotation_deg <= found.after.rotation_deg:
         if isinstance(cross, CrossValidation) and cross.better and cross.gain is not None:
             return (
-                f"Use the measured marker: it predicts left-out photographs {cross.gain.ratio:.3g} times better than the "
-                f"design does; expect a pose error of {after} {where}. The {before} of the design are those of a better "
-                "print than this one."
+                f"Use the measured marker: it predicts left-out photographs {cross.gain.ratio:.3g} times better than "
+                f"the design does; expect a pose error of {after} {where}. The {before} of the design are those of "
+                "a better print than this one."
             )
         return (
             f"Keep the marker as designed: with the print as these photographs measure it, expect a pose error of "
