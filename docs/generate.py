@@ -1,4 +1,4 @@
-"""Write what follows from the code: the schemas of marker.json and of specs, and the command-line reference.
+"""Write what follows from the code: the schemas of marker.json, rig.json and specs, and the command-line reference.
 
 python -m docs.generate
 """
@@ -10,6 +10,7 @@ import typer
 
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
+from markergen.model.rig_json import rig_schema
 from markergen.read.spec_file import spec_schema
 
 HERE = Path(__file__).parent
@@ -18,6 +19,11 @@ HERE = Path(__file__).parent
 def schema(version: int) -> str:
     """Return the published JSON Schema of one version of marker.json."""
     return json.dumps(json_schema(version), indent=2) + "\n"
+
+
+def rig_file_schema() -> str:
+    """Return the published JSON Schema of rig.json."""
+    return json.dumps(rig_schema(), indent=2) + "\n"
 
 
 def spec_file_schema() -> str:
@@ -42,6 +48,7 @@ def main() -> None:
     """Write the files beside this one."""
     for version in VERSIONS:
         (HERE / f"marker-v{version}.schema.json").write_text(schema(version))
+    (HERE / "rig-v1.schema.json").write_text(rig_file_schema())
     (HERE / "spec.schema.json").write_text(spec_file_schema())
     (HERE / "cli.md").write_text(reference())
 

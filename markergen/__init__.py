@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
+    from markergen.model.rig import Rig, RigMarker
     from markergen.optimize.design import Design
     from markergen.validation.comparison import Comparison
     from markergen.validation.validation import Validation
@@ -48,6 +49,8 @@ __all__ = [
     "MissingLibraryError",
     "OutputError",
     "Rescaled",
+    "Rig",
+    "RigMarker",
     "Study",
     "Validation",
     "Verification",
@@ -64,6 +67,7 @@ __all__ = [
 _HOMES = {
     "model.marker": ("Marker",),
     "model.camera": ("Camera",),
+    "model.rig": ("Rig", "RigMarker"),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
     "detect.detector": ("Detector", "Found"),

@@ -85,6 +85,9 @@ KINDS = {
         "export the outline alone, simplified",
     ),
     "poses": Kind("a file of poses", 50_000_000, "100,000 poses, an hour of video", "take every tenth pose"),
+    "rig": Kind(
+        "a rig.json", 50_000_000, "a hundred markers of ten dots have 1 MB", "name the markers as files", pipes=True
+    ),
     "spec": Kind("a spec", 10_000, "one dotted key of ten times as many keeps a TOML parser busy for a minute"),
     "artifact": Kind(
         "a file to verify", 1 << 30, "a PNG of a large sheet has some ten MB", "check it", "export it again",

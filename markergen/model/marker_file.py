@@ -156,8 +156,8 @@ class _Rulers(_MarkerPart):
     y: Positive | None = None
 
 
-class _Pose(_MarkerPart):
-    """T_marker_plate: X_marker = R X_plate + t."""
+class PoseFile(_MarkerPart):
+    """T_outer_inner: X_outer = R X_inner + t."""
 
     rotation: Annotated[list[Three], Field(min_length=3, max_length=3, description="R, row by row.")]
     translation: Annotated[Three, Field(description="t, m.")]
@@ -167,7 +167,7 @@ class _Plate(_MarkerPart):
     """One of several plates; in its own frame x is right, y up, z out of the printed face, which is z = 0."""
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
-    pose: _Pose
+    pose: PoseFile
     boundary: Annotated[BoundaryFile, Field(description="In the plate frame.")]
     control_points: Annotated[
         list[Id],

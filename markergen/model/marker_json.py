@@ -66,7 +66,7 @@ def to_json(marker: Marker) -> bytes:
         **({"extensions": dict(marker.extensions)} if marker.extensions else {}),
     }
     content["version"] = max((version for _, version in newer_keys(content)), default=1)
-    text = _dumped(content)
+    text = dumped(content)
     return ((_with_matrix(text, joint) if joint else text) + "\n").encode()
 
 
@@ -129,7 +129,8 @@ def _with_matrix(text: str, joint: JointCovariance) -> str:
     return text.replace('\n    "matrix": null', f'\n    "matrix": [\n{rows}\n    ]', 1)
 
 
-def _dumped(content: Any, indent: int | None = 2) -> str:
+def dumped(content: Any, indent: int | None = 2) -> str:
+    """Return plain JSON values as text; raises InputError for others, and for numbers that are not finite."""
     try:
         return json.dumps(content, indent=indent, allow_nan=False, default=_plain)
     except RecursionError:
@@ -154,7 +155,7 @@ def load_marker(source: object) -> Marker:
         return read_marker(source)
     if isinstance(source, Mapping):
         # By way of text: non-JSON values are refused, and nothing is shared with the caller.
-        return from_json(_dumped(source, None), "the dict")
+        return from_json(dumped(source, None), "the dict")
     if callable(getattr(source, "read", None)):
         return _read(source)
     raise InputError(
@@ -183,7 +184,7 @@ def _read(source: object) -> Marker:
 
 def from_json(text: str, name: str = "marker.json") -> Marker:
     """Parse the text of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
-    content = _parse(text, name)
+    content = parsed(text, name)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
@@ -214,7 +215,8 @@ def _other_version(content: Mapping[str, Any], name: str) -> InputError:
     return InputError(expected, f"version {brief(version)}, written by {by}", "update markergen")
 
 
-def _parse(text: str, name: str) -> Any:
+def parsed(text: str, name: str) -> Any:
+    """Parse JSON with distinct keys and finite numbers; `name` is the file's name in messages. Raises InputError."""
     try:
         return json.loads(
             text, object_pairs_hook=_distinct, parse_constant=_number, parse_float=_number, parse_int=_integer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import typer
 
-from docs.generate import reference, schema, spec_file_schema
+from docs.generate import reference, rig_file_schema, schema, spec_file_schema
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
 from markergen.render import DEFAULT_OPTICS, render_view
@@ -21,7 +21,8 @@ def test_generated_documents_are_up_to_date():
     for version in VERSIONS:
         assert (ROOT / "docs" / f"marker-v{version}.schema.json").read_text() == schema(version)
     assert (ROOT / "docs" / "spec.schema.json").read_text() == spec_file_schema()
-    published = {"spec.schema.json", *(f"marker-v{version}.schema.json" for version in VERSIONS)}
+    assert (ROOT / "docs" / "rig-v1.schema.json").read_text() == rig_file_schema()
+    published = {"spec.schema.json", "rig-v1.schema.json", *(f"marker-v{version}.schema.json" for version in VERSIONS)}
     assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == published
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
 
@@ -32,7 +33,7 @@ def test_every_key_of_marker_json_is_explained():
         "_JointCovariance",
         "_MeasuredSize",
         "_Plate",
-        "_Pose",
+        "PoseFile",
         "_Rulers",
         "_ControlPoint",
         "_Feature",

@@ -1,0 +1,147 @@
+"""rig.json: markers, inline or as files beside it, each with its pose T_rig_marker (docs/rig-v1.schema.json)."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, ValidationError
+
+from markergen.errors import InputError, brief
+from markergen.files import write_atomic
+from markergen.guard import Content, read, text_of
+from markergen.model.findings import findings_of, listed
+from markergen.model.marker_file import PoseFile
+from markergen.model.marker_json import dumped, from_json, parsed, read_marker, to_json
+from markergen.model.rig import MOST_MARKERS, Rig, RigMarker
+from markergen.model.shape_file import STRICT, Finite
+
+FORMAT, VERSION = "markergen-rig", 1
+
+_FRAME = "that of the poses T_rig_marker: X_rig = R X_marker + t"
+
+
+class _Part(BaseModel):
+    model_config = STRICT
+
+
+class _Frame(_Part):
+    """Rig frame, spelled out for readers of the file without this program."""
+
+    unit: Literal["m"] = "m"
+    axes: Literal["that of the poses T_rig_marker: X_rig = R X_marker + t"] = _FRAME  # type: ignore[assignment]
+
+
+class _RigMarker(_Part):
+    """One marker: its marker.json inline, or its file, relative to the folder of the rig.json."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    T_rig_marker: PoseFile
+    marker: Annotated[dict[str, Any] | None, Field(description="A whole marker.json.")] = None
+    file: Annotated[str | None, Field(min_length=1, max_length=1000, description="Path of a marker.json.")] = None
+
+
+class RigFile(_Part):
+    """Markers with a known rigid relation; lengths in m."""
+
+    format: Literal["markergen-rig"]
+    version: Literal[1]
+    frame: _Frame = _Frame()
+    markers: Annotated[list[_RigMarker], Field(min_length=1, max_length=MOST_MARKERS)]
+    relation_covariance: Annotated[
+        list[list[Finite]] | None,
+        Field(
+            max_length=6 * MOST_MARKERS,
+            description="6 k rows of the k poses' (w, dt) in rad and m, rig frame: R <- exp([w]x) R, t <- t + dt; "
+            "null or missing: they are exact.",
+        ),
+    ] = None
+    provenance: dict[str, Any] = {}
+    extensions: Annotated[dict[str, Any], Field(description="Of other programs, by name; preserved.")] = {}
+
+
+def is_rig(content: object) -> bool:
+    """Return whether the content of a JSON file says that it is a rig.json."""
+    return isinstance(content, Mapping) and content.get("format") == FORMAT
+
+
+def rig_to_json(rig: Rig) -> bytes:
+    """Return the rig as JSON with all markers inline; the same rig gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If it contains a number that is not finite, or its provenance or extensions are not plain JSON.
+    """
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "frame": {"unit": "m", "axes": _FRAME},
+        "markers": [
+            {
+                "name": each.name,
+                "T_rig_marker": {"rotation": each.rotation, "translation": each.translation},
+                "marker": json.loads(to_json(each.marker)),
+            }
+            for each in rig.markers
+        ],
+        **({"relation_covariance": rig.relation} if rig.relation else {}),
+        "provenance": dict(rig.provenance),
+        **({"extensions": dict(rig.extensions)} if rig.extensions else {}),
+    }
+    return (dumped(content) + "\n").encode()
+
+
+def write_rig(rig: Rig, path: str | os.PathLike[str]) -> None:
+    """Write a rig.json atomically; see `Rig.save`."""
+    write_atomic(Path(path), rig_to_json(rig))
+
+
+def load_rig(source: object) -> Rig:
+    """Read a rig from a path, an open file, or parsed JSON; see `Rig.load`."""
+    if isinstance(source, Rig):
+        return source
+    if isinstance(source, Mapping):
+        return _built(parsed(dumped(source, None), "the dict"), "the dict", Path())
+    if isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None)):
+        content: Content = read(source, "rig")
+        folder = Path(source).parent if isinstance(source, str | os.PathLike) else Path()
+        return _built(parsed(text_of(content), content.name), content.name, folder)
+    raise InputError(
+        "a path, an open file or a dict of rig.json",
+        f"{type(source).__name__} {brief(source)}",
+        "give Rig.load what markergen rig wrote",
+    )
+
+
+def _built(content: Any, name: str, folder: Path) -> Rig:
+    if not is_rig(content):
+        raise InputError(f'"format": "{FORMAT}" in {name}', "another kind of file", "give what markergen rig wrote")
+    version = content.get("version")
+    if type(version) is not int or version != VERSION:
+        update = "update markergen" if isinstance(version, int) and version > VERSION else "make the rig again"
+        raise InputError(f"rig.json version {VERSION} in {name}", f"version {brief(version)}", update)
+    try:
+        form = RigFile.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"a valid rig in {name}", listed(findings_of(error)), "correct these places") from None
+    findings, markers = list[str](), list[RigMarker]()
+    for k, each in enumerate(form.markers):
+        try:
+            if (each.marker is None) == (each.file is None):
+                raise InputError("a marker, or the file of one", "both or neither", "give one of them")
+            marker = read_marker(folder / each.file) if each.file else from_json(dumped(each.marker, None), each.name)
+            pose = each.T_rig_marker
+            markers.append(RigMarker(each.name, marker, tuple(map(tuple, pose.rotation)), tuple(pose.translation)))
+        except InputError as error:
+            findings.append(f"markers[{k}]: {error}")
+    if findings:
+        raise InputError(f"a valid rig in {name}", listed(findings), "correct these places")
+    relation = None if form.relation_covariance is None else tuple(map(tuple, form.relation_covariance))
+    return Rig(tuple(markers), relation, form.provenance, form.extensions)
+
+
+def rig_schema() -> dict[str, Any]:
+    """Return the JSON Schema of rig.json; inline markers follow that of marker.json."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **RigFile.model_json_schema()}
