@@ -114,7 +114,7 @@ class Rig:
     >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     >>> rig = Rig((RigMarker("front", marker, np.eye(3), [0, 0, 0.1]), RigMarker("side", marker, side, [0.1, 0, 0])))
     >>> rig
-    Rig(2 markers, 8 control points within 160 mm of its origin)
+    Rig(2 markers, 8 control points within 117 mm of its origin)
     >>> rig.xyz.shape, rig.normals[4], rig.owner
     ((8, 3), array([1., 0., 0.]), array([0, 0, 0, 0, 1, 1, 1, 1]))
 
@@ -172,7 +172,7 @@ class Rig:
         count, dots = len(self.markers), len(self)
         return (
             f"Rig({count} marker{'s' * (count > 1)}, {dots} control point{'s' * (dots != 1)} "
-            f"within {format_length(self.radius)} of its origin)"
+            f"within {format_length(float(f'{self.radius:.3g}'))} of its origin)"
         )
 
     def __len__(self) -> int:
