@@ -70,7 +70,10 @@ class Made:
         return read_marker(self.folder / "m.json")
 
 
-@pytest.fixture(scope="module", params=["flange.dxf", "plate.dxf", pytest.param("flange.svg", marks=pytest.mark.long)])
+@pytest.fixture(
+    scope="module",
+    params=["plate.dxf", *(pytest.param(name, marks=pytest.mark.long) for name in ("flange.dxf", "flange.svg"))],
+)
 def made(request, tmp_path_factory) -> Made:
     """Folder with the marker of a drawing, and its files."""
     folder = tmp_path_factory.mktemp("drawn")

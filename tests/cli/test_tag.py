@@ -42,6 +42,7 @@ def test_a_family_on_one_sheet(here, capsys):
     assert all(f"wrote {name}" in out for name in names)
 
 
+@pytest.mark.long
 def test_a_member_is_what_a_design_of_its_own_gives(here):
     tag = ["--tag", "aruco:DICT_4X4_50:9"]
     assert main([*QUICK, *tag, "--ids", "0,9", "-o", "f.json"]) == 0

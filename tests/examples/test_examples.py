@@ -25,6 +25,7 @@ def run(name, *arguments, monkeypatch):
     runpy.run_path(str(EXAMPLES / name), run_name="__main__")
 
 
+@pytest.mark.long
 def test_condition_against_pose(monkeypatch, capsys):
     run("condition_against_pose.py", 4, monkeypatch=monkeypatch)
     condition, pose, polygon = (float(word) for word in capsys.readouterr().out.splitlines()[-1].split()[1:])
@@ -82,6 +83,7 @@ def test_own_objective():
     assert own <= pose * 1.001
 
 
+@pytest.mark.long
 def test_sweep_to_dataframe(monkeypatch, capsys, tmp_path):
     pytest.importorskip("pandas")
     run("sweep_to_dataframe.py", tmp_path / "sweep", monkeypatch=monkeypatch)

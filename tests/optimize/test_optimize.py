@@ -96,6 +96,7 @@ def test_a_camera_from_one_side_gets_more_than_a_regular_polygon(n, dot):
     assert search(objective, region, n, np.random.default_rng(0)).value <= 0.95 * best
 
 
+@pytest.mark.long
 def test_six_dots_bear_the_loss_of_one_as_well_as_a_hexagon(setting):
     few = Setting(setting.boundary, setting.camera, fewer(setting.poses))
     objective = SurvivalObjective(OBJECTIVES["pose"](few), 1)

@@ -30,7 +30,8 @@ def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
-@pytest.mark.parametrize("n", [4, pytest.param(7, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("n", [4, 7])
 def test_seeds_agree_in_every_shape(rooms, criterion, n):
     for room in rooms.values():
         objective = criterion(room)
@@ -125,6 +126,7 @@ def test_rough_poses_only_guide(rooms, setting):
     np.testing.assert_allclose(np.ptp(np.hypot(*optimum.points.T)), 0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_dots_that_nearly_fill_the_room_still_get_a_layout(rooms, setting, criterion):
     for name in ("two squares", "L", "drilled"):
         room = rooms[name]
