@@ -72,11 +72,6 @@ class Sought:
     layouts: tuple[DotLayout, ...]
     bodies: tuple[Body, ...]
 
-    @property
-    def targets(self) -> tuple[Target, ...]:
-        """Markers and rigs that the caller looks for."""
-        return tuple(body.target for body in self.bodies)
-
     @cached_property
     def body_of(self) -> tuple[int, ...]:
         """Index of the body that each marker is a constellation of."""
@@ -110,16 +105,16 @@ def prepare(targets: Sequence[Target], calibrated: bool) -> Sought:
     if not targets:
         raise InputError("one marker or more", "none", "say what to look for")
     bodies = tuple(map(_body, targets))
-    markers = [part.marker for body in bodies for part in body.parts]
+    markers = tuple(part.marker for body in bodies for part in body.parts)
     for marker in markers:
         check_supported(marker, "to detect")
     layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    if not calibrated and any(isinstance(target, Rig) for target in targets):
+    if not calibrated and any(isinstance(each, Rig) for each in targets):
         raise InputError("a camera for a rig", "none", "give the camera's calibration")
-    return Sought(tuple(markers), layouts, bodies)
+    return Sought(markers, layouts, bodies)
 
 
 # Calls of `detect`, one for each image, prepare a marker once.
@@ -211,7 +206,7 @@ def _find_alike(
     found = identify(blobs, sought, eye, camera is not None, errors, copies, tags, fit)
     if not any(body.joined for body in sought.bodies):
         return found
-    return joined(found, sought.bodies, camera, errors, copies, Spare(blobs, fit))
+    return joined(found, sought.bodies, camera, errors, copies, Spare(blobs, lambda chosen: fit(blobs.take(chosen))))
 
 
 def detect_dots(image: Image, light: bool = False) -> Blobs:

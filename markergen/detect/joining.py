@@ -50,10 +50,10 @@ corrections hardly depend on it."""
 
 @dataclass(frozen=True, eq=False)
 class Spare:
-    """What else is in an image: its rough blobs, and what fits some of them to the grey levels."""
+    """What else is in an image: its rough blobs, and what fits those of some indices to the grey levels."""
 
     blobs: Blobs
-    fit: Callable[[Blobs], Blobs]
+    fit: Callable[[Indices], Blobs]
 
 
 def join(
@@ -75,8 +75,9 @@ def join(
     Returns
     -------
     list of Detection
-        Each with the detections of its constellations as its `parts`; those that share dots with one before are left
-        out, and so are bodies most of whose dots should be seen and are not.
+        Each with the detections of its constellations as its `parts`. Left out are those that share dots with one
+        before, bodies most of whose dots should be seen and are not, and those in whose place there is another one of
+        as many constellations or more: then one of the two is wrong, or the body is not as it is said to be.
     """
     waiting = [_Sighting(body, part, each, camera) for part, each in found]
     bodies = list[Detection]()
@@ -88,7 +89,20 @@ def join(
             continue
         waiting = [each for each in waiting if not _share(each.detection, detection)]
         bodies.append(detection)
-    return sorted(bodies, key=lambda each: -len(each.ids))
+    sure = [each for each in bodies if not any(_contradicts(body, other, each) for other in bodies)]
+    return sorted(sure, key=lambda each: -len(each.ids))
+
+
+def _contradicts(body: Body, other: Detection, own: Detection) -> bool:
+    """Return whether another detection of a body, with as many constellations or more, is where this one is."""
+    if other is own or len(other.parts) < len(own.parts):
+        return False
+    assert other.pose is not None
+    assert own.pose is not None
+    middle = body.xyz.mean(axis=0)
+    places = [pose.rotation @ middle + pose.translation for pose in (other.pose, own.pose)]
+    reach = np.linalg.norm(body.xyz - middle, axis=-1).max()
+    return bool(np.linalg.norm(places[0] - places[1]) < reach)
 
 
 class _Sighting:
@@ -215,7 +229,7 @@ def _estimated(
         dropped=body.ids[np.sort(dropped)],
         misfit=float(misfit),
         tag=agreed[0].detection.tag if isinstance(body.target, Marker) else None,
-        parts=tuple(each.detection for each in agreed),
+        parts=tuple(replace(each.detection, marker=body.parts.index(each.part)) for each in agreed),
     )
 
 
@@ -251,7 +265,7 @@ def _further(body: Body, pose: PoseEstimate, known: Indices, taken: Array, camer
     # A blob within reach of two dots, and a dot with two blobs in reach, are not told.
     sure = (least < 1) & ((away < 1).sum(axis=-1) == 1) & ((away < 1).sum(axis=0)[nearest] == 1)
     chosen = free[nearest[sure]]
-    blobs = spare.fit(spare.blobs.take(ellipses.index[chosen]))
+    blobs = spare.fit(ellipses.index[chosen])
     alone: Ellipses = undo_lens(blobs, camera)
     good = blobs.fitted[alone.index]
     rows = alone.index[good]
@@ -409,7 +423,7 @@ def joined(
 
 def _reason(body: Body, refuted: bool, failed: Sequence[tuple[Constellation, Detection]]) -> str:
     if refuted:
-        return "found some of its dots, but most others that should be seen are not where they should be"
+        return "found some of its dots, but the others are not where they should be: does it look as its file says?"
     part, told = max(failed, key=lambda pair: (pair[1].unlabeled is not None, -failed.index(pair)))
     which = part.plate.placed.name if isinstance(body.target, Rig) else f"its {len(part.dots)} largest dots"
     several = f"none of its {len(body.parts)} {'markers' if isinstance(body.target, Rig) else 'constellations'}"

@@ -76,7 +76,8 @@ class Detection:
         If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
         if they were in this one.
     parts : tuple of Detection
-        Those of the constellations that it was joined from, in their own frames; empty for a marker that is one.
+        Those of the constellations that it was joined from, in their own frames, each with the number of its
+        constellation as `marker`; empty for a marker that is one constellation.
     """
 
     found: bool
