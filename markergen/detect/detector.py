@@ -25,6 +25,7 @@ from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
@@ -483,7 +484,7 @@ def _marker(source: Any, name: str) -> tuple[Target, str]:
     """Return a marker or rig and its name."""
     if isinstance(source, Marker | Rig):
         return source, name
-    return Marker.load(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
+    return load_marker_or_rig(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
 
 
 def _count(copies: object) -> int:

@@ -37,8 +37,8 @@ SIZE_LOG = 0.35
 AGREED = 0.75
 """Minimum share of a constellation's dots that are where the pose of another one predicts them, for joining the two."""
 
-LEAST_FACING = 0.25
-"""Cosine of the tilt from which on a dot is expected to be seen."""
+LEAST_FACING, SURE_FACING = 0.1, 0.4
+"""Cosines of the tilt from which on a dot may be seen, and from which on it is expected to be."""
 
 ROUNDS = 3
 """Maximum number of times that further dots are taken and the pose is estimated again."""
@@ -246,7 +246,7 @@ class _Further:
 def _further(body: Body, pose: PoseEstimate, known: Indices, taken: Array, camera: Camera, spare: Spare) -> _Further:
     """Find the dots that are not known yet among the blobs that are not taken, by place, size and kind."""
     drawn = body.outlines(pose)
-    others = np.setdiff1d(np.flatnonzero(drawn.seen[0] & (body.facing(pose) > LEAST_FACING / 2)), known)
+    others = np.setdiff1d(np.flatnonzero(drawn.seen[0] & (body.facing(pose) > LEAST_FACING)), known)
     apart = np.linalg.norm(spare.blobs.center[:, None] - taken, axis=-1).min(axis=-1, initial=np.inf)
     ellipses = undo_lens(spare.blobs, camera)
     free = np.flatnonzero(apart[ellipses.index] > 2)
@@ -281,7 +281,7 @@ def _missing(body: Body, pose: PoseEstimate, dots: Indices, camera: Camera) -> i
         middle = np.array([camera.width - 1, camera.height - 1]) / 2
         inside = (np.abs(pixels - middle) + half <= middle).all(axis=-1)
         across = 2 * np.linalg.det(drawn.shape[0]) ** 0.25 * np.sqrt(camera.fx * camera.fy)
-        expected = drawn.seen[0] & inside & (across > 1.5 * body.least_px) & (body.facing(pose) > LEAST_FACING)
+        expected = drawn.seen[0] & inside & (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING)
     expected[dots] = False
     return int(expected.sum())
 
