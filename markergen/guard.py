@@ -85,6 +85,7 @@ KINDS = {
         "export the outline alone, simplified",
     ),
     "poses": Kind("a file of poses", 50_000_000, "100,000 poses, an hour of video", "take every tenth pose"),
+    "marker or rig": Kind("a marker.json", 50_000_000, "that of a rig", again="", pipes=True),
     "rig": Kind(
         "a rig.json", 50_000_000, "a hundred markers of ten dots have 1 MB", "name the markers as files", pipes=True
     ),

@@ -26,7 +26,7 @@ DOORS = {
     ("model/camera.py", "Camera.save"): "read.cameras.writing.camera_file",
     ("model/marker.py", "Marker.load"): "model.marker_json.load_marker",
     ("model/rig.py", "Rig.load"): "model.rig_json.load_rig",
-    ("model/rig.py", "Rig.save"): "model.rig_json.write_rig",
+    ("model/rig.py", "Rig.save"): "api.export.export",
     # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",
     # Pictures are drawn from the marker, and shown by its own methods.

@@ -7,17 +7,19 @@ from math import radians
 from os import PathLike
 from typing import Any, Unpack
 
-from markergen.api.arguments import files_among, marker_of, paths_of
+from markergen.api.arguments import files_among, paths_of
 from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import EXPORTERS, Exporter, ExportOptions, suffix_of
-from markergen.exporters.saving import check_outputs, save
+from markergen.exporters import Exporter, ExportOptions, suffix_of
+from markergen.exporters.saving import check_outputs, save, table_for
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.marker import Marker
 from markergen.model.openings import near_holes
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
@@ -33,13 +35,13 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
 
 
 def export(
-    marker: MarkerLike | Iterable[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
+    marker: "MarkerLike | Rig | Iterable[MarkerLike]", *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
 ) -> list[Written]:
-    """Write one or more markers at true size: for printing, for manufacturing, or as configuration for detectors.
+    """Write markers, or a rig, at true size: for printing, for manufacturing, or as configuration for detectors.
 
     Parameters
     ----------
-    marker : Marker, path, dict, or a list of these
+    marker : Marker, Rig, path, dict, or a list of markers
         Several share the sheets of a ``.pdf``.
     *paths : str or path
         The suffix of each selects its format: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on. All
@@ -76,18 +78,32 @@ def export(
     if not every:
         raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
     inputs = files_among(*every, asked.get("outline"))
-    check_outputs(outputs, choices)
+    what = _loaded(every, asked)
+    table = table_for(what)
+    check_outputs(outputs, choices, table=table)
     check_files(outputs, inputs)
-    markers = [with_plate(marker_of(each), asked) for each in every]
+    markers = [each.marker for each in what.markers] if isinstance(what, Rig) else what
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
-    written = save(markers, outputs, choices, inputs)
-    for warning in _warnings(markers, [EXPORTERS[suffix_of(path)] for path in outputs], choices):
+    written = save(what, outputs, choices, inputs)
+    for warning in _warnings(markers, [table[suffix_of(path, table)] for path in outputs], choices):
         log.warning("%s", warning)
     return written
 
 
 export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
+
+
+def _loaded(every: Sequence[Any], asked: Mapping[str, Any]) -> list[Marker] | Rig:
+    """Return the markers, or the one rig, with plate options applied."""
+    found = [load_marker_or_rig(each) for each in every]
+    rigs = [each for each in found if isinstance(each, Rig)]
+    if not rigs:
+        return [with_plate(each, asked) for each in found if isinstance(each, Marker)]
+    if len(found) > 1:
+        raise InputError("markers, or one rig", f"{len(found)} files, a rig among them", "export each rig by itself")
+    plated = [replace(each, marker=with_plate(each.marker, asked)) for each in rigs[0].markers]
+    return replace(rigs[0], markers=tuple(plated))
 
 
 def _warnings(markers: Sequence[Marker], formats: Sequence[Exporter], choices: ExportOptions) -> Iterator[str]:

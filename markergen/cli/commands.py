@@ -133,13 +133,22 @@ def _suffixes() -> list[tuple[str, str]]:
     return [(" ".join(suffixes), words) for suffixes, words in catalog()]
 
 
+def _rig_suffixes() -> list[tuple[str, str]]:
+    from markergen.exporters import RIG_EXPORTERS, catalog
+
+    return [(" ".join(suffixes), words) for suffixes, words in catalog(RIG_EXPORTERS)]
+
+
 @app.command(cls=GroupedCommand)
-@with_options(ExportKeywords, listed={"Suffixes": _suffixes, "Processes": _processes})
+@with_options(
+    ExportKeywords, listed={"Suffixes": _suffixes, "Processes": _processes, "Suffixes for a rig.json": _rig_suffixes}
+)
 def export(
     marker: Annotated[
         list[Path],
         typer.Argument(
-            metavar="MARKER.JSON", help="As written by markergen design; several go on the same sheets of a .pdf."
+            metavar="MARKER.JSON",
+            help="As written by markergen design; several go on the same sheets of a .pdf. Or one rig.json.",
         ),
     ],
     output: Annotated[

@@ -13,6 +13,7 @@ from markergen.registry import Registry
 
 if TYPE_CHECKING:
     from markergen.model.marker import Marker
+    from markergen.model.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,9 @@ class Exporter:
     Attributes
     ----------
     write : callable or str
-        Turns markers and `ExportOptions` into an `Output`, with the same bytes for the same markers; rejects markers
-        that the format cannot represent. As text, ``module:function``, imported when first needed.
+        Turns a sequence of markers, or a rig in the table of rigs, and `ExportOptions` into an `Output`, with the same
+        bytes for the same input; rejects what the format cannot represent. As text, ``module:function``, imported when
+        first needed.
     description : str
         Purpose in a few words for a list of formats: "table of the dots, in m".
     holds : {"points", "flat", "solid"}
@@ -78,7 +80,7 @@ class Exporter:
         Rejects invalid `ExportOptions` before any work is done; as text like `write`.
     """
 
-    write: Callable[[Sequence["Marker"], "ExportOptions"], "Output"] | str
+    write: Callable[[Any, "ExportOptions"], "Output"] | str
     description: str
     holds: Literal["points", "flat", "solid"] = "points"
     sheet: bool = False
@@ -86,9 +88,9 @@ class Exporter:
     kernel: bool = False
     check: Callable[["ExportOptions"], None] | str | None = None
 
-    def __call__(self, markers: Sequence["Marker"], options: "ExportOptions") -> "Output":
+    def __call__(self, what: "Sequence[Marker] | Rig", options: "ExportOptions") -> "Output":
         """See `write`."""
-        made: Output = _function(self.write)(markers, options)
+        made: Output = _function(self.write)(what, options)
         return made
 
     def refuse(self, options: "ExportOptions") -> None:
@@ -115,20 +117,25 @@ EXPORTERS: Registry[Exporter] = Registry(
 )
 """Exporters by suffix with its dot, in lower case; a suffix may have two parts (``.opencv.yaml``)."""
 
+RIG_EXPORTERS: Registry[Exporter] = Registry(
+    "output suffix for a rig", "markergen.exporters.rigs", "markergen.rig_exporters", Exporter
+)
+"""Exporters of a whole rig, by suffix as in `EXPORTERS`; their `write` takes a `Rig` instead of markers."""
+
 RECORD = ".json"
-"""Suffix of the only format that stores a marker completely."""
+"""Suffix of the only format that stores a marker, or a rig, completely."""
 
 
-def catalog() -> list[tuple[tuple[str, ...], str]]:
+def catalog(table: Registry[Exporter] = EXPORTERS) -> list[tuple[tuple[str, ...], str]]:
     """Suffixes and their purpose, one row per description, sheets first; loads no writers."""
     rows: dict[tuple[int, str], list[str]] = {}
-    for suffix, exporter in EXPORTERS.items():
+    for suffix, exporter in table.items():
         rows.setdefault((exporter._rank, exporter.description), []).append(suffix)
     return [(tuple(suffixes), words) for (_, words), suffixes in sorted(rows.items(), key=lambda row: row[0][0])]
 
 
-def suffix_of(path: Path) -> str:
-    """Return the longest known suffix of a file name, in lower case.
+def suffix_of(path: Path, table: Registry[Exporter] = EXPORTERS) -> str:
+    """Return the longest suffix of a file name that a table knows, in lower case.
 
     Raises
     ------
@@ -137,18 +144,18 @@ def suffix_of(path: Path) -> str:
     """
     parts = path.name.lower().split(".")
     endings = ("." + ".".join(parts[first:]) for first in range(1, len(parts)))
-    known = next((ending for ending in endings if ending in EXPORTERS), None)
+    known = next((ending for ending in endings if ending in table), None)
     if not path.suffix:
-        known_ones = ", ".join(EXPORTERS.names())
-        raise InputError("a known output suffix", f"none in {brief(str(path))}", f"known: {known_ones}")
+        known_ones = ", ".join(table.names())
+        raise InputError(f"a known {table.kind}", f"none in {brief(str(path))}", f"known: {known_ones}")
     if known is None:
-        EXPORTERS[path.suffix.lower()]  # the error lists the known suffixes
+        table[path.suffix.lower()]  # the error lists the known suffixes
     return str(known)
 
 
-def stem_of(path: Path) -> str:
+def stem_of(path: Path, table: Registry[Exporter] = EXPORTERS) -> str:
     """File name without its suffix: ``marker`` for ``out/marker.fab.pdf``."""
-    return path.name[: -len(suffix_of(path))]
+    return path.name[: -len(suffix_of(path, table))]
 
 
 def only(markers: Sequence["Marker"], suffix: str = "this format") -> "Marker":

@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING
 from markergen.drawing.paper import find_paper
 from markergen.drawing.sheet_layout import check_paper
 from markergen.errors import InputError, OutputError
-from markergen.exporters import EXPORTERS, RECORD, Exporter, ExportOptions, Output, stem_of, suffix_of
+from markergen.exporters import (
+    EXPORTERS,
+    RECORD,
+    RIG_EXPORTERS,
+    Exporter,
+    ExportOptions,
+    Output,
+    stem_of,
+    suffix_of,
+)
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.marker import LIGHT_DOTS, Marker, check_supported
+from markergen.model.rig import Rig
+from markergen.registry import Registry
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -19,16 +30,16 @@ if TYPE_CHECKING:
 
 
 def save(
-    markers: Marker | Sequence[Marker],
+    markers: Marker | Sequence[Marker] | Rig,
     paths: Sequence[Path],
     options: ExportOptions | None = None,
     inputs: Sequence[Path] = (),
 ) -> list[Written]:
-    """Write one or more markers to each path, in the format of its suffix: all files or none.
+    """Write one or more markers, or a rig, to each path, in the format of its suffix: all files or none.
 
     Parameters
     ----------
-    markers : Marker or sequence of Marker
+    markers : Marker, sequence of Marker, or Rig
     paths : sequence of Path
     options : ExportOptions, optional
     inputs : sequence of Path
@@ -51,18 +62,25 @@ def save(
 
 
 def outputs_of(
-    markers: Marker | Sequence[Marker], paths: Sequence[Path], options: ExportOptions | None = None
+    markers: Marker | Sequence[Marker] | Rig, paths: Sequence[Path], options: ExportOptions | None = None
 ) -> dict[Path, Output]:
     """Make the outputs of `save`, by path; raises as `save` does."""
     choices = options or ExportOptions()
-    every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
-    check_outputs(paths, choices)
+    what = (markers,) if isinstance(markers, Marker) else markers
+    every = [each.marker for each in what.markers] if isinstance(what, Rig) else what
+    table = table_for(what)
+    check_outputs(paths, choices, table=table)
     for path in paths:
-        suffix = suffix_of(path)
+        suffix = suffix_of(path, table)
         if suffix != RECORD:
             for marker in every:
-                check_supported(marker, f"for {suffix}", light=holds_light(suffix))
-    return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
+                check_supported(marker, f"for {suffix}", light=holds_light(suffix, table))
+    return {path: table[suffix_of(path, table)](what, replace(choices, stem=stem_of(path, table))) for path in paths}
+
+
+def table_for(what: Sequence[Marker] | Rig) -> Registry[Exporter]:
+    """Return the table of the formats for markers, or of those for a rig."""
+    return RIG_EXPORTERS if isinstance(what, Rig) else EXPORTERS
 
 
 def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[Written]:
@@ -115,26 +133,31 @@ def _ending(path: Path) -> str:
         return path.suffix
 
 
-def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | None" = None) -> None:
+def check_outputs(
+    paths: Sequence[Path],
+    options: ExportOptions,
+    spec: "Spec | None" = None,
+    table: Registry[Exporter] = EXPORTERS,
+) -> None:
     """Reject invalid outputs before any work is done; raises as `save` does.
 
     With a spec, also reject formats that cannot represent its marker or that need a missing library.
     """
     seen: set[Path] = set()
     for path in paths:
-        suffix = suffix_of(path)
+        suffix = suffix_of(path, table)
         if path.resolve() in seen:
             raise InputError("each output path once", f"{path} twice", "give each a different name")
         seen.add(path.resolve())
         check_folder(path)
-        exporter = EXPORTERS[suffix]
+        exporter = table[suffix]
         if spec and exporter.holds != "points" and spec.dot == 0:
             remedy = "write it to marker.json, or leave out --dot 0"
             raise InputError("dots for a drawing or a solid", f"bare points for {path}", remedy)
         if spec and exporter.holds == "flat" and spec.relief:
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
-        if spec and options.sheet.colors.inverted and not holds_light(suffix):
+        if spec and options.sheet.colors.inverted and not holds_light(suffix, table):
             raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
             from markergen.solid.kernel import import_kernel
@@ -145,9 +168,9 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
             _check_sheet(exporter, options, spec)
 
 
-def holds_light(suffix: str) -> bool:
+def holds_light(suffix: str, table: Registry[Exporter] = EXPORTERS) -> bool:
     """True if a format can hold light dots: as a sheet, as points, or as the marker itself."""
-    return EXPORTERS[suffix].sheet or EXPORTERS[suffix].holds == "points"
+    return table[suffix].sheet or table[suffix].holds == "points"
 
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:

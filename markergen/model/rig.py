@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from os import PathLike
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,10 @@ from markergen.geometry.region import Region
 from markergen.model.marker import ROUNDING, Marker, Rows
 from markergen.registry import door
 from markergen.units import format_length
+
+if TYPE_CHECKING:
+    from markergen.files import Written
+    from markergen.options.declarations import ExportKeywords
 
 Array = NDArray[np.float64]
 
@@ -254,15 +258,9 @@ class Rig:
         """Covariance (6 k, 6 k) of `relation`, or None."""
         return None if self.relation is None else np.array(self.relation)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write a rig.json with all its markers inline, atomically.
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
-        """
-        door("model.rig_json.write_rig")(self, path)
+    def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
+        """Write the rig to each path in the format of its suffix, such as .json; see `markergen.export`."""
+        return door("api.export.export")(self, *paths, **options)
 
 
 def _rim(each: RigMarker, spacing: float) -> Array:

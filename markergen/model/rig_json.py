@@ -9,11 +9,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, ValidationError
 
 from markergen.errors import InputError, brief
-from markergen.files import write_atomic
-from markergen.guard import Content, read, text_of
+from markergen.guard import check_size, read, text_of
 from markergen.model.findings import findings_of, listed
+from markergen.model.marker import Marker
 from markergen.model.marker_file import PoseFile
-from markergen.model.marker_json import dumped, from_json, parsed, read_marker, to_json
+from markergen.model.marker_json import dumped, from_json, load_marker, parsed, read_marker, to_json
 from markergen.model.rig import MOST_MARKERS, Rig, RigMarker
 from markergen.model.shape_file import STRICT, Finite
 
@@ -93,11 +93,6 @@ def rig_to_json(rig: Rig) -> bytes:
     return (dumped(content) + "\n").encode()
 
 
-def write_rig(rig: Rig, path: str | os.PathLike[str]) -> None:
-    """Write a rig.json atomically; see `Rig.save`."""
-    write_atomic(Path(path), rig_to_json(rig))
-
-
 def load_rig(source: object) -> Rig:
     """Read a rig from a path, an open file, or parsed JSON; see `Rig.load`."""
     if isinstance(source, Rig):
@@ -105,14 +100,41 @@ def load_rig(source: object) -> Rig:
     if isinstance(source, Mapping):
         return _built(parsed(dumped(source, None), "the dict"), "the dict", Path())
     if isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None)):
-        content: Content = read(source, "rig")
-        folder = Path(source).parent if isinstance(source, str | os.PathLike) else Path()
-        return _built(parsed(text_of(content), content.name), content.name, folder)
+        content = read(source, "rig")
+        return _built(parsed(text_of(content), content.name), content.name, _folder(source))
     raise InputError(
         "a path, an open file or a dict of rig.json",
         f"{type(source).__name__} {brief(source)}",
         "give Rig.load what markergen rig wrote",
     )
+
+
+def load_marker_or_rig(source: object) -> Marker | Rig:
+    """Read a marker or a rig, whichever a path, an open file or parsed JSON holds; either is returned as it is.
+
+    Raises
+    ------
+    InputError
+        As `Rig.load` does for a rig, and `Marker.load` for anything else.
+    """
+    if isinstance(source, Marker | Rig):
+        return source
+    if isinstance(source, Mapping):
+        return load_rig(source) if is_rig(source) else load_marker(source)
+    if not (isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))):
+        return load_marker(source)
+    data = read(source, "marker or rig")
+    text = text_of(data)
+    content = parsed(text, data.name)
+    if is_rig(content):
+        return _built(content, data.name, _folder(source))
+    check_size(data, "marker")
+    return from_json(text, data.name)
+
+
+def _folder(source: object) -> Path:
+    """Folder in which the files are that a rig names."""
+    return Path(source).parent if isinstance(source, str | os.PathLike) else Path()
 
 
 def _built(content: Any, name: str, folder: Path) -> Rig:

@@ -1,0 +1,62 @@
+"""A rig is exported like a marker: by suffix, all files or none."""
+
+import json
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from markergen.cli import main
+from markergen.errors import InputError
+from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.model.boundary import Circle
+from markergen.model.marker import build_marker
+from markergen.model.marker_json import to_json
+from markergen.model.rig_json import load_marker_or_rig, rig_to_json
+
+SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
+MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)
+SIDE = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+RIG = mg.Rig((mg.RigMarker("front", MARKER, np.eye(3), (0, 0, 0.1)), mg.RigMarker("side", MARKER, SIDE, (0.1, 0, 0))))
+
+
+def test_plate_options_are_for_every_marker(tmp_path):
+    [written] = mg.export(RIG, tmp_path / "rig.json", thickness="5mm")
+    markers = mg.Rig.load(written.path).markers
+    assert [each.marker.substrate.thickness for each in markers] == [0.005, 0.005]
+
+
+def test_the_command_takes_a_rig(tmp_path, capsys):
+    RIG.save(tmp_path / "rig.json")
+    assert main(["export", str(tmp_path / "rig.json"), "-o", str(tmp_path / "again.json")]) == 0
+    assert (tmp_path / "again.json").read_bytes() == rig_to_json(RIG)
+    for wrong in ("x.csv", "x"):
+        assert main(["export", str(tmp_path / "rig.json"), "-o", str(tmp_path / wrong)]) == 2
+        said = capsys.readouterr().err
+        assert "output suffix for a rig" in said
+        assert ".json" in said
+
+
+def test_a_rig_is_exported_by_itself(tmp_path):
+    with pytest.raises(InputError, match="markers, or one rig"):
+        mg.export([MARKER, RIG], tmp_path / "both.json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_marker_or_a_rig_is_told_by_its_content(tmp_path):
+    (tmp_path / "m.json").write_bytes(to_json(MARKER))
+    RIG.save(tmp_path / "r.json")
+    assert load_marker_or_rig(tmp_path / "m.json") == MARKER
+    assert load_marker_or_rig(tmp_path / "r.json") == RIG
+    assert load_marker_or_rig(json.loads(rig_to_json(RIG))) == RIG
+    with (tmp_path / "r.json").open() as file:
+        assert load_marker_or_rig(file) == RIG
+    assert load_marker_or_rig(RIG) is RIG
+    with pytest.raises(InputError, match=r"Marker\.load"):
+        load_marker_or_rig(3)
+
+
+@pytest.mark.parametrize("suffix", sorted(RIG_EXPORTERS))
+def test_the_same_rig_gives_the_same_bytes(suffix):
+    if not RIG_EXPORTERS[suffix].kernel:
+        assert RIG_EXPORTERS[suffix](RIG, ExportOptions()) == RIG_EXPORTERS[suffix](RIG, ExportOptions())
