@@ -26,7 +26,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import CameraLike, MarkerLike, as_list
+from markergen.options import CameraLike, TargetLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
 from markergen.read.images import check_frame, grey_frame
@@ -263,8 +263,8 @@ class Detector:
 
     Parameters
     ----------
-    markers : Marker, path of a marker.json, or its content as a dict; or several of these
-        Markers to find, with all their copies.
+    markers : Marker or Rig, path of a marker.json or rig.json, or its content as a dict; or several of these
+        Markers and rigs to find, with all their copies.
     camera : Camera, path of a calibration, or None
         Without one there are pixels and homographies, but no poses.
     print_sigma : str or float
@@ -311,7 +311,7 @@ class Detector:
 
     def __init__(
         self,
-        markers: MarkerLike | Iterable[MarkerLike],
+        markers: TargetLike | Iterable[TargetLike],
         camera: CameraLike | None = None,
         *,
         print_sigma: str | float = "0.1mm",

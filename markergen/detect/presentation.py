@@ -219,8 +219,9 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
     toward = -pose.rotation.T @ pose.translation
     distance = float(np.linalg.norm(toward))
     tilt = float(np.rad2deg(np.arccos(np.clip(toward[2] / distance, -1, 1))))
+    tilted = "" if isinstance(target, Rig) else f", tilted by {tilt:.2f} deg"
     line += (
-        f", {distance:.4f} m away, tilted by {tilt:.2f} deg; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
+        f", {distance:.4f} m away{tilted}; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
         f"{1e3 * pose.budget.translation['total']:.2g} mm"
     )
     if pose.alternative is not None:

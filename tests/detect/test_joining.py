@@ -20,7 +20,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, JointCovariance, Marker
 from markergen.model.rig import Rig, RigMarker
-from markergen.render import DEFAULT_OPTICS, render_view
+from markergen.render import DEFAULT_OPTICS, render_rig, render_view
 
 EXACT = ErrorSources(print_sigma=0.0)
 TURNS = {
@@ -261,3 +261,17 @@ def test_a_rig_that_is_not_there_says_why(cube, tmp_path):
     (found,) = detector(np.full((480, 640), 200, np.uint8))
     assert not found.ok
     assert found.reason.startswith("found none of its 6 markers; +z: found 0 dots")
+
+
+def test_a_rendered_rig_is_told_and_drawn(cube):
+    rotation, translation = exponential(np.array([0.5, 0.4, 0.2])) @ np.diag([1.0, -1, -1]), np.array([0, 0, 0.35])
+    image = render_rig(cube, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
+    (found,) = Detector(cube, PAPER_CAMERA)(image)
+    assert np.rad2deg(angle_between(found.rotation, rotation)) < 0.1
+    assert "on 3 of 6 markers, 0.35" in str(found)
+    told = found.as_dict()
+    assert told["dots"] == [list(cube.dots[number]) for number in told["ids"]]
+    assert found.xyz.shape == (len(told["ids"]), 3)
+    drawn = found.draw(image)
+    # Outlines, crosses and labels leave most of the image as it is.
+    assert (drawn != image[..., None]).any(axis=-1).mean() < 0.2
