@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plain_blobs import plain_blobs
+from rigs import rectangle
 from scipy.spatial.transform import Rotation
 
 from markergen.detect import Detector, detect
@@ -40,7 +41,7 @@ def dots_of(points, diameters, keys=(0,)):
     )
 
 
-def scattered(seed, n=6, reach=0.03, gap=0.016):
+def scattered(seed, n=6, reach=0.032, gap=0.016):
     """Random places at least a gap apart, no two markers alike."""
     rng, points = np.random.default_rng(seed), list[np.ndarray]()
     while len(points) < n:
@@ -52,7 +53,7 @@ def scattered(seed, n=6, reach=0.03, gap=0.016):
 
 @pytest.fixture(scope="module")
 def cube():
-    markers = [Marker(dots_of(scattered(k), [0.012] * 6), Circle(0.05), 0.001) for k in range(6)]
+    markers = [Marker(dots_of(scattered(k), [0.012] * 6), rectangle(0.08, 0.08), 0.001) for k in range(6)]
     faces = zip(TURNS.items(), markers, strict=True)
     return Rig(tuple(RigMarker(name, marker, turn, 0.04 * turn[:, 2]) for (name, turn), marker in faces))
 
