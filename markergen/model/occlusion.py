@@ -1,6 +1,7 @@
-"""Occlusion between raised dots: lines of sight past the cylinders that the dots stand on.
+"""What hides what: pillars of raised dots on a marker, and plates on a rig.
 
-A dot is a disk parallel to the plane z = 0, a pillar an upright cylinder of substrate from that plane to its dot.
+A dot is a disk parallel to its marker's plane z = 0, a pillar an upright cylinder of substrate from that plane to its
+dot. A plate is flat and opaque, and its back is plain.
 """
 
 from dataclasses import dataclass
@@ -8,13 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
+from markergen.geometry.region import Region
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 
 Array = NDArray[np.float64]
 
 PILLAR_RIM = 0.25
 """Excess of a pillar's radius over its dot's, as a share of the clearance: two pillars leave half the gap free."""
+
+_TOUCHING = 1e-9
+"""Height of one plate above another, m for a rig within 1 m, and share of its area that count as none."""
 
 
 def pillar_radius(diameter: float, clearance: float) -> float:
@@ -100,14 +107,105 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
     return gaps
 
 
-def hidden(marker: Marker, poses: PoseDistribution) -> NDArray[np.bool_]:
-    """Return which dots (P, n) are partly or wholly hidden by another dot's pillar, or are seen from below.
+def hidden(body: Marker | Rig, poses: PoseDistribution) -> NDArray[np.bool_]:
+    """Return which dots (P, n) are partly or wholly hidden at poses T_camera_marker, or T_camera_rig of a rig.
 
-    A tolerance of a nanometer allows for rounding between neighbors.
+    A dot is hidden by another dot's pillar on its own plate, by another plate of the rig (see `Rig.plates`), or by its
+    own plate: if it is seen from below. A tolerance of a nanometer allows for rounding between neighbors. Pillars of
+    other plates hide nothing.
     """
+    eyes = eyes_of(poses)
+    if isinstance(body, Marker):
+        return _hidden_by_pillars(body, eyes)
+    parts = [_hidden_by_pillars(each.marker, each.to_marker(eyes)) for each in body.markers]
+    if not body.is_convex:
+        parts = [part | _hidden_by_plates(body, k, eyes) for k, part in enumerate(parts)]
+    return np.concatenate(parts, axis=1)
+
+
+def painting_levels(rig: Rig, eye: Array) -> list[list[int]]:
+    """Return the plates to paint as seen from an eye (3,) in m, rig frame, the farthest level first.
+
+    No plate hides another of its own level or of a later one. Of a convex rig, only plates that face the eye are
+    painted: they hide the backs of the others.
+
+    Raises
+    ------
+    InputError
+        If plates hide one another in a circle, or pierce one another.
+    """
+    height = np.array([each.to_marker(eye)[2] for each in rig.markers])
+    if rig.is_convex:
+        return [[int(k) for k in np.flatnonzero(height > _TOUCHING)]]
+    left = [int(k) for k in np.flatnonzero(np.abs(height) > _TOUCHING)]
+    hides = {(j, k) for j in left for k in left if j != k and _plate_hides(rig, j, k, eye)}
+    levels = []
+    while left:
+        level = [j for j in left if not any((j, k) in hides for k in left)]
+        if not level:
+            names = ", ".join(rig.markers[k].name for k in left[:5])
+            raise InputError("plates of which each hides only those behind it", f"{names} in a circle", "move them")
+        levels.append(level)
+        left = [k for k in left if k not in level]
+    return levels
+
+
+def _plate_hides(rig: Rig, j: int, k: int, eye: Array) -> bool:
+    """True if plate j hides part of plate k, which may be seen from its back."""
+    shadow, plate = _shadow(rig, j, k, rig.markers[k].to_marker(eye)), rig.plates[k]
+    return shadow is not None and (shadow & plate).area > _TOUCHING * plate.area
+
+
+def _hidden_by_plates(rig: Rig, k: int, eyes: Array) -> NDArray[np.bool_]:
+    """Return which dots (P, n) of marker k are partly or wholly hidden by other plates."""
+    each = rig.markers[k]
+    xyz, radii = each.marker.xyz, rig.radii[rig.owner == k]
+    found = np.zeros((len(eyes), len(xyz)), dtype=bool)
+    for height in np.unique(xyz[:, 2]):
+        level = xyz[:, 2] == height
+        for pose, eye in enumerate(each.to_marker(eyes)):
+            shadows = (_shadow(rig, j, k, eye, height) for j in range(len(rig.markers)) if j != k)
+            for shadow in filter(None, shadows):
+                reach = np.maximum(radii[level] - 1e-9, np.finfo(float).tiny)
+                found[pose, level] |= shadow.distance(xyz[level, :2]) < reach
+    return found
+
+
+def _shadow(rig: Rig, j: int, k: int, eye: Array, height: float = 0.0) -> Region | None:
+    """Return the shadow that plate j casts from an eye (3,) on the plane at a height in m above plate k, in k's frame.
+
+    It is the part of that plane that plate j hides: its part q between plane and eye e, mapped to e + (q - e) e_z/(e_z
+    - q_z). None if no part of it lies there.
+    """
+    one, other = rig.markers[j], rig.markers[k]
+    # From below, the plane's other side counts.
+    side = np.array([1.0, 1.0, -1.0 if eye[2] < height else 1.0])
+    turn = side[:, None] * (other.turn.T @ one.turn)[:, :2]
+    shift, eye = side * (other.to_marker(one.shift) - [0, 0, height]), side * (eye - [0, 0, height])
+    low, high = _TOUCHING * max(rig.radius, 1.0), (1 - 1e-6) * eye[2]
+    plate = rig.plates[j]
+    corners = np.concatenate(plate.rings)
+    heights = corners @ turn[2] + shift[2]
+    if heights.max() <= low or heights.min() >= high:
+        return None
+    if heights.min() < low or heights.max() > high:
+        slope = float(np.linalg.norm(turn[2]))
+        along, reach = turn[2] / slope, 2 * float(np.linalg.norm(corners, axis=-1).max())
+        ends = np.clip((np.array([low, high]) - shift[2]) / slope, -reach, reach)
+        across = reach * np.array([-along[1], along[0]])
+        start, end = ends[:, None] * along
+        plate = plate & Region.polygon([start - across, end - across, end + across, start + across])
+
+    def cast(points: Array) -> Array:
+        at = points @ turn.T + shift
+        return np.asarray(eye[:2] + (at[:, :2] - eye[:2]) * (eye[2] / (eye[2] - at[:, 2]))[:, None])
+
+    return plate.mapped(cast) if plate else None
+
+
+def _hidden_by_pillars(marker: Marker, eyes: Array) -> NDArray[np.bool_]:
     diameters = np.array([point.feature.diameter for point in marker.control_points])
     walls = np.array([pillar_radius(diameter, marker.clearance) for diameter in diameters])
-    eyes = eyes_of(poses)
     return np.stack([sight_gaps(marker.xyz, diameters / 2, walls, eye[None])[0].min(axis=-1) < -1e-9 for eye in eyes])
 
 

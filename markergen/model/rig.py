@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from os import PathLike
 from typing import IO, TYPE_CHECKING, Any, Unpack
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.geometry.region import Region
 from markergen.model.marker import ROUNDING, Marker, Rows
 from markergen.registry import door
 from markergen.units import format_length
@@ -217,6 +219,41 @@ class Rig:
         return each.to_rig(np.column_stack([points, np.zeros(len(points))]))
 
     @cached_property
+    def margins(self) -> Array:
+        """Margins (k,) in m of the plates around the markers' boundaries, as they are drawn.
+
+        One dot diameter, but at most half the gap to the nearest other outline, less an eighth of a dot: 0 for faces
+        that meet at an edge.
+        """
+        diameters = np.array([each.marker.dot_diameter for each in self.markers])
+        margins, rims = diameters.copy(), [_rim(each, each.marker.dot_diameter / 8) for each in self.markers]
+        boxes = np.array([[rim.min(axis=0), rim.max(axis=0)] for rim in rims])
+        for j, k in combinations(range(len(rims)), 2):
+            apart = np.maximum(boxes[j, 0] - boxes[k, 1], boxes[k, 0] - boxes[j, 1]).max()
+            thick = max(diameters[j], diameters[k])
+            if apart < 2.25 * thick:
+                gap = min(float(np.linalg.norm(rims[k] - point, axis=-1).min()) for point in rims[j])
+                least = max(gap / 2 - thick / 8, 0.0)
+                margins[[j, k]] = np.minimum(margins[[j, k]], least)
+        return margins
+
+    @cached_property
+    def plates(self) -> tuple[Region, ...]:
+        """Regions of the plates, in m in their markers' frames: the boundaries with their `margins`."""
+        every = zip(self.markers, self.margins, strict=True)
+        regions = ((each.marker.boundary.region, float(margin)) for each, margin in every)
+        return tuple(region.offset(margin, segments=64) if margin else region for region, margin in regions)
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """True if no plate stands in front of the plane of another, as on a cube or a wall: no face hides another."""
+        tolerance = ROUNDING * max(self.radius, 1.0)
+        outlines = [self.outline(k) for k in range(len(self.markers))]
+        return all(
+            float(each.to_marker(outline)[:, 2].max()) <= tolerance for each in self.markers for outline in outlines
+        )
+
+    @cached_property
     def relation_covariance(self) -> Array | None:
         """Covariance (6 k, 6 k) of `relation`, or None."""
         return None if self.relation is None else np.array(self.relation)
@@ -224,6 +261,13 @@ class Rig:
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
         """Write the rig to each path in the format of its suffix, such as .json; see `markergen.export`."""
         return door("api.export.export")(self, *paths, **options)
+
+
+def _rim(each: RigMarker, spacing: float) -> Array:
+    """Points (m, 3) in m, rig frame, on the outlines of a marker's boundary, at most `spacing` apart unless it is 0."""
+    region = each.marker.boundary.region
+    points = np.concatenate((region.mapped(lambda corners: corners, spacing) if spacing else region).rings)
+    return each.to_rig(np.column_stack([points, np.zeros(len(points))]))
 
 
 def _check_covariance(rows: Rows, size: int) -> None:

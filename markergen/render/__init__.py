@@ -2,6 +2,7 @@
 
 from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle
+from markergen.render.rig_view import render_rig
 from markergen.render.scenery import Scenery
 from markergen.render.view import expected_levels, marker_patches, render_patches, render_view, seen_patches
 
@@ -15,6 +16,7 @@ __all__ = [
     "marker_patches",
     "optics_from_text",
     "render_patches",
+    "render_rig",
     "render_view",
     "seen_patches",
 ]

@@ -49,11 +49,13 @@ def render_view(
     return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
 
 
-def seen_patches(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> list[Patch]:
+def seen_patches(
+    marker: Marker, camera: Camera, rotation: Array, translation: Array, margin: float | None = None
+) -> list[Patch]:
     """Return the patches of a marker (see `marker_patches`) as they are seen from one pose T_camera_marker."""
     eye = -rotation.T @ translation
     count = circle_vertices(_largest_radius(marker, camera, rotation, translation))
-    return marker_patches(marker, eye=eye, count=count)
+    return marker_patches(marker, margin, eye, count)
 
 
 def render_patches(
@@ -89,7 +91,24 @@ def render_patches(
     InputError
         If a background's size is not the camera's.
     """
-    ink, corner = _ink(patches, camera, rotation, translation, optics, scenery or Scenery())
+    return photograph(painted(patches, camera, rotation, translation), camera, optics, rng, scenery)
+
+
+Painted = list[tuple[float, tuple[Array, ...]]]
+"""Reflectance and distorted outlines (m, 2) in px of what is painted, in its order."""
+
+
+def painted(patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array) -> Painted:
+    """Return what is painted for patches seen from one pose T_camera_marker."""
+    outlines = project_patches(patches, camera, rotation, translation)
+    return [(patch.reflectance, each) for patch, each in zip(patches, outlines, strict=True)]
+
+
+def photograph(
+    shown: Painted, camera: Camera, optics: Optics, rng: np.random.Generator, scenery: Scenery | None = None
+) -> Image:
+    """Render the camera's image of what is painted, see `render_patches`."""
+    ink, corner = _ink(shown, camera, optics, scenery or Scenery())
     return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
 
 
@@ -98,33 +117,25 @@ def expected_levels(
 ) -> Grey:
     """Mean grey levels (height, width) of `render_patches`: without noise, and saturated but not rounded."""
     silent = replace(optics, noise_grey=0.0, full_well=None)
-    ink, corner = _ink(patches, camera, rotation, translation, silent, Scenery())
+    ink, corner = _ink(painted(patches, camera, rotation, translation), camera, silent, Scenery())
     grey = expose(ink, silent, np.random.default_rng(0), corner, (camera.height, camera.width))
     return np.clip(grey, 0, FULL_SCALE, out=grey)
 
 
-def _ink(
-    patches: Sequence[Patch],
-    camera: Camera,
-    rotation: Array,
-    translation: Array,
-    optics: Optics,
-    scenery: Scenery,
-) -> tuple[Grey, Indices]:
+def _ink(shown: Painted, camera: Camera, optics: Optics, scenery: Scenery) -> tuple[Grey, Indices]:
     """Ink coverage of the subpixels around all that is not substrate, and the top left pixel of that window."""
     ink = scenery.ink_behind(camera, optics, FINENESS)
     if ink is None:
         # Skip substrate painted on substrate.
-        patches = list(dropwhile(lambda patch: patch.reflectance == 1, patches))
-    projected = project_patches(patches, camera, rotation, translation)
+        shown = list(dropwhile(lambda each: each[0] == 1, shown))
     corner, size = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
     if ink is None and not scenery.occluders:
         # Everything around the patches is substrate, which need not be blurred.
-        corner, size = _window(projected, optics.reach_px, size)
+        corner, size = _window([outlines for _, outlines in shown], optics.reach_px, size)
     if ink is None:
         ink = np.zeros(size[::-1] * FINENESS, dtype=np.float32)
-    for patch, outlines in zip(patches, projected, strict=True):
-        paint(ink, [outline - corner for outline in outlines], np.float32(1 - patch.reflectance), FINENESS)
+    for reflectance, outlines in shown:
+        paint(ink, [outline - corner for outline in outlines], np.float32(1 - reflectance), FINENESS)
     scenery.cover(ink, optics, FINENESS)
     return ink, corner
 

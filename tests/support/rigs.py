@@ -1,0 +1,74 @@
+"""Rigs for tests, and what rays find of them."""
+
+import numpy as np
+
+from markergen.model.boundary import polygon_from
+from markergen.model.marker import build_marker
+from markergen.model.rig import Rig, RigMarker
+
+
+def rectangle(width, height):
+    return polygon_from([np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, height / 2]])
+
+
+def face(axis, sign):
+    """Rotation whose z axis is that of the rig, in one of its two directions."""
+    across, out = np.eye(3)[(axis + 1) % 3], sign * np.eye(3)[axis]
+    return np.stack([np.cross(across, out), across, out], axis=1)
+
+
+def plate(seed, width=0.08, height=0.08, n=6, diameter=0.012):
+    """Marker with dots at random places of a rectangle."""
+    rng = np.random.default_rng(seed)
+    points = []
+    while len(points) < n:
+        point = rng.uniform(-1, 1, 2) * (np.array([width, height]) / 2 - 0.7 * diameter)
+        if all(np.hypot(*(point - each)) > 1.4 * diameter for each in points):
+            points.append(point)
+    return build_marker(np.array(points), rectangle(width, height), diameter, diameter / 10)
+
+
+def mounted(markers, rotations, translations):
+    rows = zip(markers, rotations, translations, strict=True)
+    return Rig(tuple(RigMarker(f"plate {k}", m, r.tolist(), tuple(t)) for k, (m, r, t) in enumerate(rows)))
+
+
+def cube(edge=0.08, seed=0, **of_plates):
+    turns = [face(axis, sign) for axis in range(3) for sign in (1, -1)]
+    markers = [plate(seed + k, edge, edge, **of_plates) for k in range(6)]
+    return mounted(markers, turns, [turn[:, 2] * edge / 2 for turn in turns])
+
+
+def wall(columns=3, rows=2, pitch=0.13):
+    places = [[pitch * x, pitch * y, 0] for y in range(rows) for x in range(columns)]
+    return mounted([plate(k) for k in range(len(places))], [np.eye(3)] * len(places), places)
+
+
+def corner(inward):
+    """Two plates that meet at a right angle: the inside of a corner, or the outside."""
+    turns = [face(2, 1), face(0, 1)]
+    return mounted([plate(0), plate(1)], turns, [[0.04 if inward else -0.04, 0, 0], [0, 0, 0.04 if inward else -0.04]])
+
+
+def scattered(seed, count=4):
+    """Plates at random places and turns, of which some hide others and none touch."""
+    from markergen.maths.rotation import exponential
+
+    rng = np.random.default_rng(seed)
+    turns = exponential(rng.normal(size=(count, 3)))
+    return mounted([plate(k) for k in range(count)], turns, 0.13 * np.arange(count)[:, None] * [0.4, 0.2, 1])
+
+
+def first_hits(rig, eye, ways):
+    """Plate (m,) that each ray from an eye (3,) along ways (m, 3) meets first, -1 for none, and where in its frame."""
+    nearest, owner, places = np.full(len(ways), np.inf), np.full(len(ways), -1), np.zeros((len(ways), 2))
+    for k, (each, margin) in enumerate(zip(rig.markers, rig.margins, strict=True)):
+        start, way = each.to_marker(eye), ways @ each.turn
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = -start[2] / way[:, 2]
+        place = start[:2] + far[:, None] * way[:, :2]
+        corner = each.marker.boundary.outlines()[0].max(axis=0)
+        outside = np.linalg.norm(np.maximum(np.abs(place) - corner, 0), axis=-1)
+        hit = (far > 0) & (outside <= margin) & (far < nearest - 1e-9)
+        nearest[hit], owner[hit], places[hit] = far[hit], k, place[hit]
+    return owner, places
