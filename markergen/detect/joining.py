@@ -80,7 +80,7 @@ def join(
         as many constellations or more: then one of the two is wrong, or the body is not as it is said to be.
     """
     waiting = [_Sighting(body, part, each, camera) for part, each in found]
-    bodies = list[Detection]()
+    bodies, refuted = list[Detection](), list[Detection]()
     while waiting:
         agreed = max((_agreeing(body, guess, waiting, camera) for guess in _guesses(waiting)), key=_dots)
         detection = _estimated(body, agreed, camera, errors, spare)
@@ -88,8 +88,9 @@ def join(
         if detection is None:
             continue
         waiting = [each for each in waiting if not _share(each.detection, detection)]
-        bodies.append(detection)
-    sure = [each for each in bodies if not any(_contradicts(body, other, each) for other in bodies)]
+        plain = spare is None or _missing(body, detection, camera) <= len(detection.ids)
+        (bodies if plain else refuted).append(detection)
+    sure = [each for each in bodies if not any(_contradicts(body, other, each) for other in [*bodies, *refuted])]
     return sorted(sure, key=lambda each: -len(each.ids))
 
 
@@ -206,8 +207,6 @@ def _estimated(
             break
         dots, seen = np.concatenate([dots, more.dots]), np.concatenate([seen, more.seen])
         covariance, centers = np.concatenate([covariance, more.covariance]), np.concatenate([centers, more.centers])
-    if spare is not None and _missing(body, pose, dots, camera) > len(dots):
-        return None
     order = np.argsort(dots, kind="stable")
     dots, seen, covariance, centers = dots[order], seen[order], covariance[order], centers[order]
     drawn = body.outlines(pose)
@@ -272,8 +271,10 @@ def _further(body: Body, pose: PoseEstimate, known: Indices, taken: Array, camer
     return _Further(others[sure][rows], alone.center[good], blobs.covariance[rows], blobs.center[rows])
 
 
-def _missing(body: Body, pose: PoseEstimate, dots: Indices, camera: Camera) -> int:
+def _missing(body: Body, found: Detection, camera: Camera) -> int:
     """Return the number of dots that should be seen, large enough and wholly inside the image, and are not."""
+    pose = found.pose
+    assert pose is not None
     drawn = body.outlines(pose)
     with np.errstate(invalid="ignore", divide="ignore"):
         pixels = camera.to_pixels(drawn.center[0])
@@ -282,7 +283,7 @@ def _missing(body: Body, pose: PoseEstimate, dots: Indices, camera: Camera) -> i
         inside = (np.abs(pixels - middle) + half <= middle).all(axis=-1)
         across = 2 * np.linalg.det(drawn.shape[0]) ** 0.25 * np.sqrt(camera.fx * camera.fy)
         expected = drawn.seen[0] & inside & (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING)
-    expected[dots] = False
+    expected[np.isin(body.ids, found.ids)] = False
     return int(expected.sum())
 
 
