@@ -11,7 +11,8 @@ from markergen.options import CameraLike, File, Files, MarkerLike, Progress, che
 from markergen.options.declarations import ValidateKeywords
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text
-from markergen.validation.validation import Validation, check_pictures, setting_of
+from markergen.validation.result import check_pictures
+from markergen.validation.validation import Validation, setting_of
 from markergen.validation.validation import validate as run
 from markergen.validation.views import SyntheticViews
 
