@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.bodies import Plate
-from markergen.detect.joining import spatial_errors
+from markergen.detect.joining import LEAST_FACING, spatial_errors
 from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.maths.projection import to_camera
-from markergen.model.occlusion import hidden
+from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import RigMarker
 from markergen.render.view import dot_ellipses
@@ -21,6 +21,9 @@ from markergen.validation.rigs.views import RigViews
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+
+NARROWEST_PX = 3.0
+"""Minimum short axis in px of a dot's image; narrower ones are found in some images only."""
 
 _RIM = 16
 """Number of points on a dot's rim that must be in the image."""
@@ -34,7 +37,8 @@ class Sight:
     ----------
     series : RigViews
     seen : array (P, n) of bool
-        Dots that are not hidden, wholly in the image, and large enough there to be found (`Feature.least_pixels`).
+        Dots that are not hidden, wholly in the image, not seen at a steeper angle than `detect` uses them, and large
+        enough there to be found: with a mean diameter of `Feature.least_pixels`, a short axis of `NARROWEST_PX`.
     """
 
     series: RigViews
@@ -87,8 +91,10 @@ def sight(series: RigViews) -> Sight:
             [dot_ellipses(each.marker, camera.ideal, *at, 2 * radii)[1] for at in zip(turn, shift, strict=True)]
         )
         least = np.array([point.feature.least_pixels for point in each.marker.control_points])
-        large.append(2 * np.sqrt(semi.prod(axis=-1)) >= least)
-    return Sight(series, ~hidden(rig, poses) & np.concatenate(inside, axis=1) & np.concatenate(large, axis=1))
+        large.append((2 * np.sqrt(semi.prod(axis=-1)) >= least) & (2 * semi.min(axis=-1) >= NARROWEST_PX))
+    way = eyes_of(poses)[:, None] - rig.xyz
+    facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
+    return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(inside, axis=1) & np.concatenate(large, axis=1))
 
 
 def dot_noise(series: RigViews) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 from markergen import __version__
 from markergen.model.camera import Camera
 from markergen.model.rig import Rig
-from markergen.model.rig_picture import draw_rig
+from markergen.model.rig_picture import draw_rig, sides
 from markergen.presentation.pages import data_uri, page_bytes
 from markergen.presentation.plots import plot
 from markergen.presentation.tables import Table
@@ -18,9 +18,6 @@ from markergen.validation.tables import limit_sentences
 from markergen.validation.views import Picture
 
 TEMPLATE = "rig.html.j2"
-
-_SIDES = {"front": (2.0, -3.0, 2.0), "back": (-2.0, 3.0, -2.0)}
-"""Directions from which the rig is drawn."""
 
 
 def rig_report(
@@ -57,7 +54,7 @@ def rig_report(
                 f"The rig as seen from its {side}, from far away. Axes are those of the rig frame.",
                 (4.4, 4.4),
             )
-            for side, direction in _SIDES.items()
+            for side, direction in sides(rig).items()
         ],
         [Table("Markers", ["marker", "dots", "diameter"], dots)],
     )  # fmt: skip

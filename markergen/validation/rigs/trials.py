@@ -25,7 +25,7 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.rigs.bounds import Sight
-from markergen.validation.trials import NEES_OF, POSES_AT_ONCE, WORTH_A_WORKER
+from markergen.validation.trials import NEES_OF, POSES_AT_ONCE, WORTH_A_WORKER, check_trials
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -86,7 +86,13 @@ def run_trials(
     dict
         ``joint``: from all dots in view; ``alone``: from those of the plate with the least bound. Where a pose
         shows too few dots, errors are nan and bounds infinite.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
     """
+    check_trials(noise_px, runs, seed)
     poses = len(shown.series.poses)
     workers = workers_for(workers, 1 + poses * runs // WORTH_A_WORKER)
     work = partial(_chunk, _Trials(shown, noise_px, runs, seed))

@@ -13,13 +13,13 @@ from markergen.files import Written
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import check_supported
 from markergen.model.poses import PoseDistribution
-from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig import Rig
 from markergen.options import Progress
 from markergen.presentation.plots import axes_of
 from markergen.presentation.results import plain
 from markergen.presentation.tables import Table, number, percent
 from markergen.read.poses import poses_from
+from markergen.read.spec_file import stated_poses
 from markergen.validation import tables
 from markergen.validation.headline import amount, source_of
 from markergen.validation.metrics import rms, share_interval, statistics
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+ALL_AROUND = "sphere:distance=0.3..0.9"
+"""Poses of a rig whose file states none."""
+
 ESTIMATORS = {"joint": "lm", "alone": "lm_alone"}
 TITLES = {"lm": "all plates in view", "lm_alone": "the best plate alone"}
 
@@ -47,15 +50,19 @@ def rig_setting(
     """Return the camera and the poses T_camera_rig that a rig was made for, or others.
 
     A rig whose file does not state them is judged by the paper's camera, and from all around.
+
+    Raises
+    ------
+    InputError
+        If the poses or the camera are unknown.
     """
-    stated = rig.provenance.get("poses")
-    if poses is None and isinstance(stated, Mapping):
-        poses = RecordedPoses.from_dict(stated).distribution()
     if poses is None:
-        poses = stated if isinstance(stated, str) else "sphere:distance=0.3..0.9"
-    if camera is None:
-        camera = Camera.load(rig.provenance["camera"]) if "camera" in rig.provenance else PAPER_CAMERA
-    return camera, poses_from(poses)
+        try:
+            poses = stated_poses(rig.provenance.get("poses", ALL_AROUND))
+        except ValueError as error:
+            raise InputError("poses that a rig can have been made for", str(error), "correct its provenance") from None
+    stated = rig.provenance.get("camera")
+    return camera or (Camera.load(stated) if stated else PAPER_CAMERA), poses_from(poses)
 
 
 def validate_rig(
@@ -138,14 +145,16 @@ def _errors_of(budget: PoseBudget, chosen: Mask) -> dict[str, float]:
 
 
 def _headline(shown: Sight, joint: PoseBudget, alone: PoseBudget, series: RigViews) -> dict[str, Any]:
+    groups = shown.groups()
+    hardest = [_errors_of(joint, mask) for mask in groups.values()]
     by_plates = {
-        name: {"poses": int(mask.sum()), **_errors_of(joint, mask), "alone": _errors_of(alone, mask)}
-        for name, mask in shown.groups().items()
+        name: {"poses": int(mask.sum()), **row, "alone": _errors_of(alone, mask)}
+        for (name, mask), row in zip(groups.items(), hardest, strict=True)
     }
     errors = series.errors
     measured = any(each.marker.places_measured for each in series.rig.markers)
     return {
-        **{key: max(row[key] for row in by_plates.values()) for key in ("rotation_deg", "translation_mm")},
+        **{key: max(each[key] for each in hardest) for key in ("rotation_deg", "translation_mm")},
         "by_plates": by_plates,
         "all": {"poses": int(shown.served.sum()), **_errors_of(joint, shown.served)},
         "alone": _errors_of(alone, shown.served),
@@ -379,14 +388,15 @@ def view_table(views: Mapping[str, Any]) -> Table:
             number(row["both"]["alone_deg"]["rms"]),
             number(row["translation_mm"]["rms"]),
             number(row["nees"]),
-            f"{row['plates']['flipped']} of {row['plates']['found']}",
+            f"{row['plates']['flipped']}/{row['plates']['found']}",
         ]
         for name, row in {"all": views, **views["by_plates"]}.items()
     ]
-    header = [
-        "plates in view", "views", "found", "wrong", "dots px", "RE deg", "expected", "best alone", "mm", "NEES", "flips",
-    ]  # fmt: skip
-    caption = "RMS. Best alone: the plate's own pose that claims the least error. Flips: of all plates' own poses."
+    header = ["plates", "views", "found", "wrong", "dots px", "RE deg", "to 1st", "alone", "mm", "NEES", "flips"]
+    caption = (
+        "RMS; to 1st order it should be as in that column. Alone: the plate's own pose that claims the least error. "
+        "Flips: of the own poses of all plates."
+    )
     return Table(f"Synthetic views ({views['background']} background)", header, rows, caption)
 
 
