@@ -270,6 +270,18 @@ class RigValidation(ValidationResult):
         Rig, camera, poses, optics and error sources of the results.
     written : sequence of Written
         Files that were written together with the results.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import markergen as mg
+    >>> marker = mg.design(n=5, boundary="rect:80mmx80mm", restarts=2).marker
+    >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    >>> faces = mg.RigMarker("+z", marker, np.eye(3), [0, 0, 0.04]), mg.RigMarker("+x", marker, side, [0.04, 0, 0])
+    >>> found = mg.validate(mg.Rig(faces), poses="cone:tilt=40..50,azimuth=0,distance=0.3,count=10", runs=0, views=0)
+    >>> joint, alone = (found.headline["by_plates"]["2"], found.headline["by_plates"]["2"]["alone"])
+    >>> joint["rotation_deg"] < alone["rotation_deg"]
+    True
     """
 
     def __init__(self, results: Mapping[str, Any], series: RigViews, written: Sequence[Written] = ()) -> None:
