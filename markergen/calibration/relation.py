@@ -2,8 +2,9 @@
 
 The adjustment of each marker by itself leaves out that all markers in a photograph have one pose. Here the poses of the
 rig in all photographs, those of the markers in the rig, the dots in their markers and the camera are adjusted together,
-by Gauss-Newton steps from that adjustment. The dots of each marker neither shift nor turn nor, without a measured
-length, grow with respect to its design, nor do the designed dots of all markers with respect to the designed rig.
+by Gauss-Newton steps from that adjustment. The dots of each marker neither shift nor turn with respect to its design,
+nor do the designed dots of all markers with respect to the designed rig. Photographs tell the ratios of the markers'
+scales; without a measured length the dots of all markers together do not grow.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space
 
 from markergen.calibration.adjustment import Adjustment
-from markergen.calibration.network import moved_camera
+from markergen.calibration.network import Network, moved_camera
 from markergen.detect.conic_projection import outlines, pose_rows
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between, exponential, skew
@@ -46,10 +47,8 @@ class Relation:
         ratio of chi2 per degree of freedom.
     photographs : int
         Number of photographs that show two markers or more.
-    places : array (n, 3), m
-        Adjusted dots, each in the frame of its marker.
-    covariance : array (3 n, 3 n), m^2
-        Of the dots; singular along what is not measured.
+    dots : (array (n, 3), array (3 n, 3 n)), m and m^2
+        Places of the adjusted dots, each in the frame of its marker, and their covariance, singular along the gauge.
     """
 
     rig: Rig
@@ -57,8 +56,7 @@ class Relation:
     moved: Array
     looseness: float
     photographs: int
-    places: Array
-    covariance: Array
+    dots: tuple[Array, Array]
 
     @property
     def sigma(self) -> tuple[Array, Array]:
@@ -157,8 +155,7 @@ def relate(rig: Rig, adjustment: Adjustment, photo: Indices, print_sigma: float)
         np.linalg.norm(shifts - designed[1], axis=-1),
         float(np.sqrt(factor / adjustment.variance_factor)) if adjustment.degrees_of_freedom > 0 else 1.0,
         sum(len(each) > 1 for each in shown),
-        state.places,
-        covariance[count:, count:],
+        (state.places, covariance[count:, count:]),
     )
 
 
@@ -212,7 +209,7 @@ class _Problem:
         self.first_camera = self.first_dot + 3 * len(network.design)
         self.size = self.first_camera + len(network.freedom.directions)
         # Columns: directions in which the unknowns are free.
-        dots = null_space(network.gauge(network.design).T) if network.free else np.zeros((3 * len(network.design), 0))
+        dots = null_space(_gauge(network).T) if network.free else np.zeros((3 * len(network.design), 0))
         held = np.delete(np.eye(6 * (photos + markers)), np.s_[6 * photos : 6 * photos + 6], axis=1)
         self.free = block_diag(held, dots, network.freedom.directions)
         known = np.zeros((self.free.shape[1],) * 2)
@@ -302,7 +299,34 @@ class _Problem:
             normal[np.ix_(columns, columns)] += weighted.T @ whole.reshape(-1, len(columns))
             right[columns] += weighted.T @ residual.ravel()
             chi2 += float(np.einsum("mi,mij,mj->", residual, weight, residual))
+        for ruler in self.adjustment.network.lengths:
+            apart = state.places[ruler.second] - state.places[ruler.first]
+            length = float(np.linalg.norm(apart))
+            columns = self.first_dot + 3 * np.array([[ruler.first], [ruler.second]]) + np.arange(3)
+            row = np.concatenate([-apart, apart]) / (length * ruler.sigma)
+            missed = (ruler.length - length) / ruler.sigma
+            normal[np.ix_(columns.ravel(), columns.ravel())] += np.outer(row, row)
+            right[columns.ravel()] += row * missed
+            chi2 += missed**2
         return self.free.T @ normal @ self.free, self.free.T @ right, chi2
+
+
+def _gauge(network: Network) -> Array:
+    """Directions (3 n, g) in which dots do not move: three shifts and turns of each marker, and the scale of all.
+
+    That is free if measurements fix it.
+    """
+    ruled = any(network.scale_known(int(each)) for each in np.unique(network.marker))
+    whole = network.gauge(network.design)
+    columns = list[Array]()
+    grown, first = np.zeros(len(whole)), 0
+    for each in np.unique(network.marker):
+        columns += list(whole[:, first : first + 6].T)
+        first += 6 if network.scale_known(int(each)) else 7
+        own = network.marker == each
+        middle = network.design[own].mean(axis=0)
+        grown += np.where(own[:, None], network.design - middle, 0.0).ravel()
+    return np.array([*columns, *([] if ruled else [grown])]).T
 
 
 def _as_designed(rig: Rig, turns: Array, shifts: Array, covariance: Array) -> tuple[Array, Array, Array]:
