@@ -126,8 +126,8 @@ class PoseDistribution:
     def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
         """Keep the poses with these indices; `dropped` is the count for the result."""
         weight = None if self.weight is None else self.weight[indices]
-        kept = {"rotation": self.rotation[indices], "translation": self.translation[indices], "weight": weight}
-        return replace(self, dropped=dropped, **kept)
+        rotation, translation = self.rotation[indices], self.translation[indices]
+        return replace(self, rotation=rotation, translation=translation, dropped=dropped, weight=weight)
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
         """Return a possible mistake in poses of which only `share` see all points (m, 2 or 3), or an empty string."""

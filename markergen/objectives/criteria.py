@@ -38,7 +38,8 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
     aggregated = aggregate_of("rms", setting.poses.weight)
     for each in known.values():
         if each.bound:
-            found[each.key] = aggregated(each.bound(covariance, setting.poses), 0.0)[0]
+            with np.errstate(invalid="ignore"):
+                found[each.key] = aggregated(each.bound(covariance, setting.poses), 0.0)[0]
     return [{key: float(values[i]) for key, values in found.items()} for i in range(len(points))]
 
 

@@ -26,7 +26,7 @@ from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.sight import Coverage, dots_in_view
-from markergen.model.spec import AUTO, ImageNoise, Spec
+from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.observation import DotNoise
@@ -110,10 +110,9 @@ class Scale:
 
 
 def needs_scales(spec: Spec, poses: PoseDistribution) -> bool:
-    """Whether the number of dots is open, and no dots of one size serve all poses, which differ widely in distance."""
-    plain = spec.n == AUTO and not (spec.relief or spec.target or spec.tag or spec.asymmetric or spec.survive)
-    distance = poses.distance
-    if not plain or isinstance(spec.dot, float) or distance.max() <= WIDE * distance.min():
+    """Whether the poses differ widely in distance and do not all see the marker whole, and dots may have any size."""
+    special = spec.relief or spec.target or spec.tag or spec.asymmetric or spec.survive or isinstance(spec.dot, float)
+    if special or poses.distance.max() <= WIDE * poses.distance.min():
         return False
     return bool(np.mean(~_sees(spec.boundary, spec.camera, poses)) > ALL_BUT)
 
@@ -215,7 +214,7 @@ def _radii(spec: Spec, poses: PoseDistribution, count: int) -> list[float]:
 def _forecasts(spec: Spec, poses: PoseDistribution, count: int) -> tuple[Scale, ...]:
     """Scales from forecasts of their layouts."""
     rooms: list[Boundary] = [spec.boundary, *map(Circle, _radii(spec, poses, count))]
-    scales = []
+    scales: list[Scale] = []
     serving = np.ones(len(poses), dtype=bool)
     for k, room in enumerate(rooms):
         whole = _sees(room, spec.camera, poses)

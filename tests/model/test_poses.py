@@ -171,7 +171,10 @@ def test_texts_that_mean_the_same_are_one():
         ("cone:sampling=sobol", "known: even, random"),
         ("cone:weight=distance", "known: 1, 1/distance, 1/distance^2"),
         ("cone:tilt=1,tilt=2", "tilt once in a cone"),
-        ("cone:angle=1", "a key of cone: distance, tilt, azimuth, roll, count, seed, sampling, weight, found 'angle=1'"),
+        (
+            "cone:angle=1",
+            "a key of cone: distance, tilt, azimuth, roll, count, seed, sampling, weight, found 'angle=1'",
+        ),
         ("cone:tilt", "a key of cone"),
         ("cone:tilt=1,", "a key of cone"),
         ("papr", "did you mean 'paper'?"),
