@@ -280,7 +280,7 @@ def compare(
 @app.command(cls=GroupedCommand)
 @with_options(VerifyKeywords)
 def verify(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker that the files should contain.")],
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker or rig that the files should contain.")],
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
@@ -292,12 +292,14 @@ def verify(
     """Read files back with independent readers, and compare every dot with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or from another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
+    mirrored, missing or from another marker are reported as such. In solids of a rig.json, the places of its markers count
+    too. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:
       markergen verify marker.json marker.pdf marker.svg marker.png
       markergen verify marker.json marker.step marker.3mf marker.glb
+      markergen verify rig.json cube.step cube.3mf cube.mjcf.xml
     """
     from markergen.api.verify import verify as read_back
 
