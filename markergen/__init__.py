@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from markergen.model.rig import Rig, RigMarker
     from markergen.optimize.design import Design
     from markergen.validation.comparison import Comparison
+    from markergen.validation.rigs.validation import RigValidation
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
 
@@ -51,6 +52,7 @@ __all__ = [
     "Rescaled",
     "Rig",
     "RigMarker",
+    "RigValidation",
     "Study",
     "Validation",
     "Verification",
@@ -71,6 +73,7 @@ _HOMES = {
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
     "detect.detector": ("Detector", "Found"),
+    "validation.rigs.validation": ("RigValidation",),
     "validation.validation": ("Validation",),
     "validation.comparison": ("Comparison",),
     "verification.verification": ("Verification",),
