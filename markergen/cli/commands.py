@@ -294,8 +294,8 @@ def verify(
     """Read files back with independent readers, and compare every dot with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or from another marker are reported as such. In solids of a rig.json, the places of its markers count
-    too. Status 1 if a file is wrong, 2 if one cannot be used.
+    mirrored, missing or from another marker are reported as such. In solids of a rig.json, its markers' places
+    count too. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:
