@@ -36,6 +36,25 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
 
 
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """What the other plates of a rig tell about the pose, and the body whose pose it is, in this plate's frame.
+
+    Attributes
+    ----------
+    information : array (P, 6, 6)
+        Fisher information of all other plates in view on the change (w, dt) of T_camera_marker.
+    body : array (m, 3)
+        Points in m whose expected displacement the objective ``pose`` is.
+    origin : array (3,)
+        The rig's origin in m, whose error the objective ``translation`` is.
+    """
+
+    information: Array
+    body: Array
+    origin: Array
+
+
 @dataclass(frozen=True)
 class Setting:
     """Boundary, camera, poses and noise for which a layout is evaluated.
@@ -48,12 +67,15 @@ class Setting:
         Poses that see the whole boundary.
     noise : DotNoise or None
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
+    elsewhere : Elsewhere or None
+        Of a plate of a rig, what counts for the pose besides its own dots.
     """
 
     boundary: Boundary
     camera: Camera
     poses: PoseDistribution
     noise: DotNoise | None = None
+    elsewhere: Elsewhere | None = None
 
     @property
     def noise_words(self) -> str:
@@ -230,6 +252,8 @@ class TraceObjective(Objective):
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         super().__init__(setting, aggregate, coordinates)
         self.weight = self._weight()
+        self._known: Array | float = 0.0
+        """Information from elsewhere."""
         self._dots: DotWeights | None = None
         if setting.noise:
             self._dots = DotWeights(setting.noise, self._plane(), self._distorted(np.zeros((1, 2)))[0])
@@ -286,7 +310,7 @@ class TraceObjective(Objective):
         del softness
         jacobian, to_points = self._distorted(points)
         weighed, through_weights = self._weighed(jacobian)
-        matrix = jacobian.swapaxes(-1, -2) @ weighed
+        matrix = jacobian.swapaxes(-1, -2) @ weighed + self._known
         shares = in_pairs(jacobian).swapaxes(-1, -2) @ in_pairs(weighed)
         values = np.stack(
             [self._values(covariance(matrix - shares[:, :, loss].sum(axis=2)))[0] for loss in losses], axis=1
@@ -332,9 +356,9 @@ class TraceObjective(Objective):
     def _information(self, jacobian: Array) -> tuple[Array, Pullback]:
         """M (B, P, k, k), and the pullback of half of <S, dM>, given J S, to a cotangent of J."""
         if self._dots is None:
-            return information(jacobian), lambda turned: turned
+            return information(jacobian) + self._known, lambda turned: turned
         weighed, pullback = self._weighed(jacobian)
-        return jacobian.swapaxes(-1, -2) @ weighed, pullback
+        return jacobian.swapaxes(-1, -2) @ weighed + self._known, pullback
 
     def _weighed(self, jacobian: Array) -> tuple[Array, Pullback]:
         """F J, and the pullback of `_information`; S may differ between dots."""

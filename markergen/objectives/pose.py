@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.information import displacement_weight, pose_jacobian, pose_jacobian_pullback
 from markergen.model.poses import RIM_POINTS
-from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
+from markergen.objectives.base import OBJECTIVES, Criterion, Setting, TraceObjective
 
 Array = NDArray[np.float64]
 
@@ -14,6 +14,11 @@ class PoseCovarianceObjective(TraceObjective):
     """Root of trace(W C), C the CRLB of the pose (w, dt), see `markergen.maths.information`; allows relief."""
 
     default_restarts = 8
+
+    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
+        super().__init__(setting, aggregate, coordinates)
+        if setting.elsewhere:
+            self._known = setting.elsewhere.information
 
     def _jacobian(self, points: Array) -> Array:
         poses = self.setting.poses
@@ -34,11 +39,13 @@ class PoseObjective(PoseCovarianceObjective):
     """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
 
     W is the mean over rim points b of J_b'J_b, J_b = d(R b + t). As a length, it needs no relative weight of rotation
-    and translation.
+    and translation. On a plate of a rig, the points are those of the whole body.
     """
 
     unit = "m"
     criterion = Criterion("pose_m", "pose mm", 1e3, place=1)
 
     def _weight(self) -> Array:
-        return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)
+        elsewhere = self.setting.elsewhere
+        points = elsewhere.body if elsewhere else self.setting.boundary.rim(RIM_POINTS)
+        return displacement_weight(points, self.setting.poses.rotation)
