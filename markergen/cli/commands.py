@@ -218,7 +218,9 @@ def detect(
             "stream such as rtsp://..., or GStreamer pipeline.",
         ),
     ],
-    marker: Annotated[list[Path], typer.Option(metavar="MARKER.JSON", help="Marker to look for; may be repeated.")],
+    marker: Annotated[
+        list[Path], typer.Option(metavar="MARKER.JSON", help="Marker or rig to look for; may be repeated.")
+    ],
     camera: Annotated[
         Path | None,
         typer.Option(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
+from markergen.detect.bodies import Body, Target, body_of
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
@@ -23,6 +24,7 @@ from markergen.detect.identification import (
     contender,
     search,
 )
+from markergen.detect.joining import Spare, joined
 from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
@@ -32,6 +34,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
+from markergen.model.rig import Rig
 from markergen.read.images import LARGEST_FRAME
 
 Array = NDArray[np.float64]
@@ -61,10 +64,18 @@ class Sought:
     markers : tuple of Marker
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
+    bodies : tuple of Body
+        What the caller looks for, whose constellations `markers` are, in the same order.
     """
 
     markers: tuple[Marker, ...]
     layouts: tuple[DotLayout, ...]
+    bodies: tuple[Body, ...]
+
+    @cached_property
+    def body_of(self) -> tuple[int, ...]:
+        """Index of the body that each marker is a constellation of."""
+        return tuple(k for k, body in enumerate(self.bodies) for _ in body.parts)
 
     @property
     def families(self) -> frozenset[str]:
@@ -73,41 +84,47 @@ class Sought:
 
     @cached_property
     def by_polarity(self) -> "dict[bool, tuple[Sought, list[int]]]":
-        """The markers with dark dots (False) and those with light ones (True), with their indices among all."""
+        """The bodies with dark dots (False) and those with light ones (True), with their indices among all."""
         parts = {}
         for light in sorted({marker.light for marker in self.markers}):
-            chosen = [k for k, marker in enumerate(self.markers) if marker.light == light]
-            own = Sought(tuple(self.markers[k] for k in chosen), tuple(self.layouts[k] for k in chosen))
-            parts[light] = own, chosen
+            chosen = [k for k, body in enumerate(self.bodies) if body.parts[0].marker.light == light]
+            rows = [k for k, body in enumerate(self.body_of) if body in chosen]
+            markers, layouts = tuple(self.markers[k] for k in rows), tuple(self.layouts[k] for k in rows)
+            parts[light] = Sought(markers, layouts, tuple(self.bodies[k] for k in chosen)), chosen
         return parts
 
 
-def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
-    """Check markers and precompute what the search needs; raises as `detect` does.
+def prepare(targets: Sequence[Target], calibrated: bool) -> Sought:
+    """Check markers and rigs and precompute what the search needs; raises as `detect` does.
 
     Parameters
     ----------
     calibrated : bool
         True if the images have a camera.
     """
-    if not markers:
+    if not targets:
         raise InputError("one marker or more", "none", "say what to look for")
+    bodies = tuple(map(_body, targets))
+    markers = tuple(part.marker for body in bodies for part in body.parts)
     for marker in markers:
         check_supported(marker, "to detect")
     layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    return Sought(tuple(markers), layouts)
+    if not calibrated and any(isinstance(each, Rig) for each in targets):
+        raise InputError("a camera for a rig", "none", "give the camera's calibration")
+    return Sought(markers, layouts, bodies)
 
 
-_layout = lru_cache(maxsize=64)(layout_of)  # Calls of `detect`, one for each image, prepare a marker once.
+# Calls of `detect`, one for each image, prepare a marker once.
+_layout, _body = lru_cache(maxsize=64)(layout_of), lru_cache(maxsize=64)(body_of)
 
 
 def detect(
-    image: Image, marker: Marker, camera: Camera | None = None, errors: ErrorSources = DEFAULT_ERRORS
+    image: Image, marker: Target, camera: Camera | None = None, errors: ErrorSources = DEFAULT_ERRORS
 ) -> Detection:
-    """Find one marker in a grey image; if there are several copies, the one with the most dots.
+    """Find one marker or rig in a grey image; if there are several copies, the one with the most dots.
 
     Parameters
     ----------
@@ -129,12 +146,12 @@ def detect(
 
 def detect_all(
     image: Image,
-    markers: Sequence[Marker],
+    markers: Sequence[Target],
     camera: Camera | None = None,
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
-    """Find all copies of all markers in a grey image.
+    """Find all copies of all markers and rigs in a grey image.
 
     The best labeling of all markers is taken, its blobs are removed, and so on. A blob that two markers claim with
     labelings that fit nearly equally well is assigned to neither. A tag that is read decides between markers that
@@ -185,7 +202,11 @@ def _find_alike(
     image = as_dark(image, light)
     tags = TagReader(image, sought.families) if sought.families else NO_TAGS
     eye, fit = camera or made_up_camera(*image.shape[::-1]), partial(fit_blobs, image, inverted=light)
-    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, fit)
+    blobs = find_blobs(image)
+    found = identify(blobs, sought, eye, camera is not None, errors, copies, tags, fit)
+    if not any(body.joined for body in sought.bodies):
+        return found
+    return joined(found, sought.bodies, camera, errors, copies, Spare(blobs, lambda chosen: fit(blobs.take(chosen))))
 
 
 def detect_dots(image: Image, light: bool = False) -> Blobs:

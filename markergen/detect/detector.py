@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.bodies import Target
 from markergen.detect.detection import MAX_COPIES, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -23,7 +24,9 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.options import CameraLike, MarkerLike, as_list
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
+from markergen.options import CameraLike, TargetLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
 from markergen.read.images import check_frame, grey_frame
@@ -70,8 +73,8 @@ class Found:
     ----------
     detection : Detection
         Complete result of the detection engine.
-    markers : tuple of Marker
-        Markers that were looked for.
+    markers : tuple of Marker or Rig
+        Markers and rigs that were looked for.
     names : tuple of str
         Names of the markers: their files, where they came from one.
     camera : Camera or None
@@ -102,7 +105,7 @@ class Found:
     """
 
     detection: Detection = field(repr=False)
-    markers: tuple[Marker, ...]
+    markers: tuple[Target, ...]
     names: tuple[str, ...]
     camera: Camera | None
 
@@ -122,8 +125,8 @@ class Found:
         return self.detection.marker
 
     @property
-    def marker(self) -> Marker:
-        """The marker itself."""
+    def marker(self) -> Target:
+        """The marker or rig itself."""
         return self.markers[self.index]
 
     @property
@@ -133,12 +136,18 @@ class Found:
 
     @property
     def ids(self) -> NDArray[np.intp]:
-        """Ids (k,) of the control points found; empty if labels are ambiguous."""
+        """Ids (k,) of the control points found; empty if labels are ambiguous.
+
+        For a rig, they are the numbers of the control points through all its markers, in the order of `Rig.xyz`;
+        `Rig.dots` has the name of each one's marker, and its id there.
+        """
         return self.detection.ids
 
     @cached_property
     def xyz(self) -> Array:
-        """Control points (k, 3) for `ids`, m, marker frame."""
+        """Control points (k, 3) for `ids`, m, frame of the marker or rig."""
+        if isinstance(self.marker, Rig):
+            return self.marker.xyz[self.ids]
         row = {point.id: i for i, point in enumerate(self.marker.control_points)}
         return self.marker.xyz[[row[int(i)] for i in self.ids]]
 
@@ -254,8 +263,8 @@ class Detector:
 
     Parameters
     ----------
-    markers : Marker, path of a marker.json, or its content as a dict; or several of these
-        Markers to find, with all their copies.
+    markers : Marker or Rig, path of a marker.json or rig.json, or its content as a dict; or several of these
+        Markers and rigs to find, with all their copies.
     camera : Camera, path of a calibration, or None
         Without one there are pixels and homographies, but no poses.
     print_sigma : str or float
@@ -302,7 +311,7 @@ class Detector:
 
     def __init__(
         self,
-        markers: MarkerLike | Iterable[MarkerLike],
+        markers: TargetLike | Iterable[TargetLike],
         camera: CameraLike | None = None,
         *,
         print_sigma: str | float = "0.1mm",
@@ -326,14 +335,17 @@ class Detector:
         sources = as_list(markers)
         named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
         self._names = tuple(name for _, name in named)
-        self._sought = prepare([marker for marker, _ in named], self._camera is not None)
+        self._targets = tuple(marker for marker, _ in named)
+        self._sought = prepare(self._targets, self._camera is not None)
         self._photometric = refine == "photometric"
+        if self._photometric and any(isinstance(each, Rig) for each in self._targets):
+            raise InputError("markers for --refine photometric", "a rig", "leave it out")
         self._copies = _count(copies)
 
     @property
-    def markers(self) -> tuple[Marker, ...]:
-        """Markers that the detector looks for."""
-        return self._sought.markers
+    def markers(self) -> tuple[Target, ...]:
+        """Markers and rigs that the detector looks for."""
+        return self._targets
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -413,7 +425,7 @@ class Detector:
         if self._photometric:
             grey = grey_frame(frame) if grey is None else grey
             # Detections that failed come back unchanged.
-            found = [refine(grey, self.markers[each.marker], self._camera, each, self._errors) for each in found]
+            found = [self._refined(grey, each) for each in found]
         return [Found(each, self.markers, self._names, self._camera) for each in found]
 
     def dots(self, frame: NDArray[Any]) -> Array:
@@ -430,6 +442,11 @@ class Detector:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")
         camera = f"{self._camera.width}x{self._camera.height} px" if self._camera else "no camera"
         return f"Detector({names}; {camera})"
+
+    def _refined(self, grey: NDArray[Any], found: Detection) -> Detection:
+        marker = self.markers[found.marker]
+        assert isinstance(marker, Marker)
+        return refine(grey, marker, self._camera, found, self._errors)
 
     def _check(self, frame: object) -> None:
         """Raise if this is no frame of the camera."""
@@ -463,11 +480,11 @@ class Detector:
         return before
 
 
-def _marker(source: Any, name: str) -> tuple[Marker, str]:
-    """Return a marker and its name."""
-    if isinstance(source, Marker):
+def _marker(source: Any, name: str) -> tuple[Target, str]:
+    """Return a marker or rig and its name."""
+    if isinstance(source, Marker | Rig):
         return source, name
-    return Marker.load(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
+    return load_marker_or_rig(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
 
 
 def _count(copies: object) -> int:

@@ -1,11 +1,13 @@
 """Presentation of detections: drawn into their image, as plain JSON values, and in words."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.bodies import Target
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.results import Detection
 from markergen.errors import InputError
@@ -14,6 +16,7 @@ from markergen.maths.projection import apply_homography, to_camera
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.rig import Rig
 from markergen.read.images import check_frame
 
 Array = NDArray[np.float64]
@@ -29,7 +32,7 @@ _OUTLINE = 2 * np.pi * np.arange(64) / 64
 
 def overlay(
     image: NDArray[np.uint8] | NDArray[np.uint16],
-    markers: Marker | Sequence[Marker],
+    markers: Target | Sequence[Target],
     camera: Camera | None,
     detections: Sequence[Detection],
 ) -> bytes:
@@ -43,13 +46,13 @@ def overlay(
 
     levels = np.asarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
     canvas = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR)
-    given = [markers] if isinstance(markers, Marker) else list(markers)
+    given = [markers] if isinstance(markers, Marker | Rig) else list(markers)
     for detection in detections:
         _draw(canvas, given[detection.marker], camera, detection)
     return bytes(cv2.imencode(".png", canvas)[1])
 
 
-def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> NDArray[Any]:
+def draw(frame: NDArray[Any], marker: Target, camera: Camera | None, detection: Detection) -> NDArray[Any]:
     """Draw a detection into a color image and return it; for a grey image, return a copy in color.
 
     Parameters
@@ -81,22 +84,25 @@ def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: 
     return frame
 
 
-def _draw(canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> None:
+def _draw(canvas: NDArray[Any], target: Target, camera: Camera | None, detection: Detection) -> None:
     pixels = {int(i): pixel for i, pixel in zip(detection.ids, detection.pixels, strict=True)}
-    for ring in marker.boundary.outlines():
-        # In short steps, since a lens bends straight edges.
-        points, _ = walked(ring, marker.boundary.radius / 40)
-        _polyline(canvas, _seen(points, camera, detection), _FOUND, closed=True)
-    for point in marker.control_points:
-        color = _FOUND if point.id in pixels else _GUESSED
-        for diameter in (point.feature.diameter, point.feature.inner_diameter):
-            circle = np.stack([np.cos(_OUTLINE), np.sin(_OUTLINE), 0 * _OUTLINE], axis=-1) * diameter / 2
-            if diameter:
-                _polyline(canvas, _seen(circle + [point.x, point.y, point.z], camera, detection), color, closed=True)
+    labels = {number: str(number) for number in pixels}
+    if isinstance(target, Marker):
+        _draw_marker(canvas, target, camera, detection, set(pixels))
+    elif detection.pose is not None:
+        dots = target.dots
+        labels = {number: str(dots[number][1]) for number in pixels}
+        for k, each in enumerate(target.markers):
+            rotation, translation = each.camera_pose(detection.pose.rotation, detection.pose.translation)
+            if rotation[:, 2] @ translation < 0:
+                own = {dots[number][1] for number in pixels if target.owner[number] == k}
+                pose = replace(detection.pose, rotation=rotation, translation=translation)
+                _draw_marker(canvas, each.marker, camera, replace(detection, pose=pose), own)
     if detection.pose is not None:
+        reach = target.boundary.radius if isinstance(target, Marker) else target.radius
         for axis, (name, color) in enumerate(_AXES.items()):
             ends = np.zeros((2, 3))
-            ends[1, axis] = marker.boundary.radius / 2
+            ends[1, axis] = reach / 2
             pixel = _seen(ends, camera, detection)
             _polyline(canvas, pixel, color, width=2)
             _label(canvas, pixel[1], name, color)
@@ -104,7 +110,23 @@ def _draw(canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection
         for arm in ((4, 0), (0, 4)):
             _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
     for identity, pixel in pixels.items():
-        _label(canvas, pixel, str(identity), _FOUND)
+        _label(canvas, pixel, labels[identity], _FOUND)
+
+
+def _draw_marker(
+    canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection, found: set[int]
+) -> None:
+    """Draw the outlines of a marker and its dots, of which some were found."""
+    for ring in marker.boundary.outlines():
+        # In short steps, since a lens bends straight edges.
+        points, _ = walked(ring, marker.boundary.radius / 40)
+        _polyline(canvas, _seen(points, camera, detection), _FOUND, closed=True)
+    for point in marker.control_points:
+        color = _FOUND if point.id in found else _GUESSED
+        for diameter in (point.feature.diameter, point.feature.inner_diameter):
+            circle = np.stack([np.cos(_OUTLINE), np.sin(_OUTLINE), 0 * _OUTLINE], axis=-1) * diameter / 2
+            if diameter:
+                _polyline(canvas, _seen(circle + [point.x, point.y, point.z], camera, detection), color, closed=True)
 
 
 def _seen(points: Array, camera: Camera | None, detection: Detection) -> Array:
@@ -145,22 +167,27 @@ def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int,
     cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
 
 
-def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> dict[str, Any]:
+def as_dict(detection: Detection, markers: Sequence[Target], names: Sequence[str]) -> dict[str, Any]:
     """Return the result for one marker in the form documented in docs/detect.md.
 
     Parameters
     ----------
     markers, names
-        Markers that were looked for, and their names.
+        Markers and rigs that were looked for, and their names.
     """
     marker = markers[detection.marker]
-    known = [point.id for point in marker.control_points]
+    rigged = {}
+    if isinstance(marker, Rig):
+        known, rigged = list(range(len(marker))), {"dots": [list(marker.dots[number]) for number in detection.ids]}
+    else:
+        known = [point.id for point in marker.control_points]
     dots = detection if detection.unlabeled is None else detection.unlabeled
     return {
         "marker": names[detection.marker],
         "found": detection.found,
         "reason": reason(detection, names),
         "ids": detection.ids.tolist(),
+        **rigged,
         "missing": sorted(set(known) - set(detection.ids.tolist())) if detection.found else known,
         "pixels": dots.pixels.tolist(),
         "covariance_px2": dots.covariance.tolist(),
@@ -178,20 +205,23 @@ def reason(detection: Detection, names: Sequence[str]) -> str:
     return f"{detection.reason}: {names[detection.marker]} and {names[detection.rival]}"
 
 
-def in_words(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> str:
+def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[str]) -> str:
     """Return one line: the marker, and its dots found or the reason; for a pose its distance, tilt and sigma."""
-    name, total = names[detection.marker], len(markers[detection.marker])
+    name, target = names[detection.marker], markers[detection.marker]
     if not detection.found:
         return f"{name} not found: {reason(detection, names)}"
-    line = f"{name}, {len(detection.ids)} of {total} dots"
+    line = f"{name}, {len(detection.ids)} of {len(target)} dots"
+    if isinstance(target, Rig):
+        line += f" on {len(set(target.owner[detection.ids].tolist()))} of {len(target.markers)} markers"
     if detection.pose is None:
         return f"{line}, homography only"
     pose = detection.pose
     toward = -pose.rotation.T @ pose.translation
     distance = float(np.linalg.norm(toward))
     tilt = float(np.rad2deg(np.arccos(np.clip(toward[2] / distance, -1, 1))))
+    tilted = "" if isinstance(target, Rig) else f", tilted by {tilt:.2f} deg"
     line += (
-        f", {distance:.4f} m away, tilted by {tilt:.2f} deg; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
+        f", {distance:.4f} m away{tilted}; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
         f"{1e3 * pose.budget.translation['total']:.2g} mm"
     )
     if pose.alternative is not None:
@@ -199,8 +229,8 @@ def in_words(detection: Detection, markers: Sequence[Marker], names: Sequence[st
     return line
 
 
-def _tag(detection: Detection, marker: Marker) -> dict[str, Any] | None:
-    if detection.tag is None or marker.tag is None:
+def _tag(detection: Detection, marker: Target) -> dict[str, Any] | None:
+    if detection.tag is None or isinstance(marker, Rig) or marker.tag is None:
         return None
     return {"family": marker.tag.family, "id": marker.tag.id, "corners": detection.tag.tolist()}
 

@@ -46,7 +46,8 @@ class Detection:
     found : bool
         True if there are four or more control points with unique labels.
     ids : array (m,) of int
-        Ids of the control points found, in the marker's order; empty if not found, like the other arrays.
+        Ids of the control points found, in the marker's order, or, for a rig, their numbers through its markers; empty
+        if not found, like the other arrays.
     pixels : array (m, 2), px
         Images of the control points, in the image as taken: lens distortion included.
     covariance : array (m, 2, 2), px^2
@@ -74,6 +75,9 @@ class Detection:
     checked : Detection or None
         If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
         if they were in this one.
+    parts : tuple of Detection
+        Those of the constellations that it was joined from, in their own frames, each with the number of its
+        constellation as `marker`; empty for a marker that is one constellation.
     """
 
     found: bool
@@ -91,3 +95,4 @@ class Detection:
     unlabeled: Unlabeled | None = None
     misfit: float = float("inf")
     checked: "Detection | None" = None
+    parts: "tuple[Detection, ...]" = ()

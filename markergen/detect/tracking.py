@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
+from markergen.detect.bodies import Constellation
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import Outlines
 from markergen.detect.detection import Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, REFUSED_PX, UNIQUE_PX, Search, View, ambiguity, confirm, given
+from markergen.detect.joining import Spare, join
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, misfits
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.results import Detection
@@ -86,14 +88,59 @@ def track(
     eye = camera or made_up_camera(width, height)
     found = list[Detection]()
     for each in near:
-        again, hurried = _again(frame, each, sought, eye, camera is not None, errors)
-        if again is not None and hurried:
-            more, _ = _again(frame, again, sought, eye, camera is not None, errors)
-            again = again if more is None or len(more.ids) < len(again.ids) else more
+        body, first = sought.bodies[each.marker], sought.body_of.index(each.marker)
+        if body.joined:
+            again = _body_again(frame, each, first, sought, camera, errors)
+        else:
+            again = _settled(frame, replace(each, marker=first), sought, eye, camera is not None, errors)
         if again is None or any(_same_place(again, other) for other in found):
             return None
-        found.append(again)
+        found.append(replace(again, marker=each.marker))
     return sorted(found, key=lambda each: -len(each.ids))
+
+
+def _settled(
+    frame: NDArray[Any], before: Detection, sought: Sought, camera: Camera, calibrated: bool, errors: ErrorSources
+) -> Detection | None:
+    """Find one marker again, a second time if dots may have been missed by the first."""
+    again, hurried = _again(frame, before, sought, camera, calibrated, errors)
+    if again is None or not hurried:
+        return again
+    more, _ = _again(frame, again, sought, camera, calibrated, errors)
+    return again if more is None or len(more.ids) < len(again.ids) else more
+
+
+def _body_again(
+    frame: NDArray[Any], before: Detection, first: int, sought: Sought, camera: Camera | None, errors: ErrorSources
+) -> Detection | None:
+    """Find all constellations of a body again, the first of which has the number `first`, and further dots of it."""
+    body = sought.bodies[before.marker]
+    if camera is None or not before.parts:
+        return None
+    parts = list[tuple[Constellation, Detection]]()
+    for each in before.parts:
+        number = first + each.marker
+        again = _settled(frame, replace(each, marker=number), sought, camera, True, errors)
+        if again is None:
+            return None
+        parts.append((body.parts[each.marker], again))
+    together = join(body, parts, camera, errors)
+    if not together or len(together[0].parts) < len(parts):
+        return None
+    pose, light = together[0].pose, body.parts[0].marker.light
+    predicted = None if pose is None else _predicted(body.outlines(pose), camera)
+    if predicted is None:
+        return None
+    others = ~np.isin(body.ids[predicted.dots], together[0].ids)
+    if not others.any():
+        return together[0]
+    diameter = 2 * predicted.semi[others, 0]
+    factor = np.maximum(diameter // _COARSE_PX, 1).astype(int)
+    windows = _look(frame, predicted.center[others], diameter + 2 * _LEAST_MARGIN, factor, light)
+    blobs, owner = windows.find()
+    spare = Spare(blobs, lambda index: windows.fit(blobs.take(index), owner[index]))
+    again = next(iter(join(body, parts, camera, errors, spare)), None)
+    return again if again is not None and len(again.parts) == len(parts) else None
 
 
 def _again(

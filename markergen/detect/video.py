@@ -19,7 +19,7 @@ from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, put_in_place, temporary_beside
-from markergen.options import CameraLike, MarkerLike, as_list
+from markergen.options import CameraLike, TargetLike, as_list
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
 from markergen.read.videos import Frame, Video, is_video, open_video, silent_opencv
@@ -85,7 +85,7 @@ class Watched:
 
 def detect_video(
     source: str | Path | int | Sequence[str | Path | int],
-    markers: MarkerLike | Sequence[MarkerLike],
+    markers: TargetLike | Sequence[TargetLike],
     camera: CameraLike | None = None,
     *,
     camera_covariance: CovarianceSource = None,

@@ -20,12 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.exporters import ExportOptions, Output, only
-from markergen.exporters.solids import solid_notes
-from markergen.model.marker import Marker, marker_name
+from markergen.exporters import ExportOptions, Output
+from markergen.exporters.solids import designed_of
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
 from markergen.solid.bodies import COLORS, OTHER
 from markergen.solid.mesh import Mesh, kept_apart, mesh_of
-from markergen.solid.processes import Made, parts_of
+from markergen.solid.processes import Made
+from markergen.solid.rig_solids import RigMade, meshes_of_rig
 
 Array = NDArray[np.float64]
 
@@ -73,16 +75,17 @@ class MeshedPart:
 
 @dataclass(frozen=True)
 class Meshed:
-    """Marker's name, its parts as meshes and as bodies, and sentences for the user."""
+    """Marker or rig as designed, its name, its parts as meshes and as bodies, and sentences for the user."""
 
     name: str
+    subject: Marker | Rig
     parts: tuple[MeshedPart, ...]
-    made: Made
+    made: Made | RigMade
     notes: tuple[str, ...]
 
 
-def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Meshed:
-    """Mesh the only marker of a mesh format.
+def meshed(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Meshed:
+    """Mesh the only marker of a mesh format, or a rig.
 
     Raises
     ------
@@ -91,29 +94,32 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
     OutputError
         If its parts make no closed meshes with that tolerance.
     """
-    marker = only(markers, suffix).as_designed
-    made, tolerance = parts_of(marker, options.fabrication), options.fabrication.tolerance * 1e3
+    work, tolerance = designed_of(subject, options, suffix), options.fabrication.tolerance * 1e3
     closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
-    notes = (*solid_notes(marker, made, options), closeness)
-    return Meshed(marker_name(marker), _meshes(made, tolerance), made, notes)
+    parts = _meshes(work.made, tolerance)
+    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
 
 
 # Several formats of one marker share its meshes.
 @lru_cache(maxsize=1)
-def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
-    return tuple(MeshedPart(part.name, part.material, mesh_of(part, tolerance)) for part in made.parts)
+def _meshes(made: Made | RigMade, tolerance: float) -> tuple[MeshedPart, ...]:
+    if isinstance(made, Made):
+        return tuple(MeshedPart(part.name, part.material, mesh_of(part, tolerance)) for part in made.parts)
+    meshes = zip(made.parts, meshes_of_rig(made.parts, tolerance), strict=True)
+    return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
 
 
-def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_stl(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """All parts as one STL in mm; if there are two materials, also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
-    made = meshed(markers, options, ".stl")
+    made = meshed(subject, options, ".stl")
     by_material = {
         material: [part for part in made.parts if part.material == material]
         for material in MATERIALS
         if any(part.material == material for part in made.parts)
     }
     beside = {}
-    notes = ["STL has no unit: it is in millimeters, in the marker frame.", *made.notes]
+    frame = "rig" if isinstance(made.subject, Rig) else "marker"
+    notes = [f"STL has no unit: it is in millimeters, in the {frame} frame.", *made.notes]
     if len(by_material) > 1:
         beside = {
             f"{options.stem}-{material}.stl": write_stl(some, made.name) for material, some in by_material.items()
@@ -143,14 +149,14 @@ def stl_of(corners: Array, name: str, unit: str) -> bytes:
     return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
 
 
-def export_3mf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_3mf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """All parts as 3MF in mm: as one mesh; if there are two materials, also as several in ``<stem>-parts.3mf``.
 
     PrusaSlicer takes every mesh of a package as an object of its own, whatever component object it belongs to, and
     drops it onto the bed; it finds the parts of one mesh by `VOLUMES`. Cura gives a mesh one material, whatever its
     triangles have, and OrcaSlicer and Bambu Studio take components as parts. One file cannot serve both.
     """
-    made = meshed(markers, options, ".3mf")
+    made = meshed(subject, options, ".3mf")
     if len({part.material for part in made.parts}) == 1:
         return Output(write_3mf(made.parts, made.name), made.notes)
     beside = f"{options.stem}-parts.3mf"
@@ -281,9 +287,9 @@ def _hex(color: tuple[float, float, float]) -> str:
     return "#" + "".join(f"{round(channel * 255):02X}" for channel in color) + "FF"
 
 
-def export_glb(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_glb(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """All parts as GLB in meters, y up."""
-    made = meshed(markers, options, ".glb")
+    made = meshed(subject, options, ".glb")
     return Output(write_glb(made.parts, made.name), made.notes)
 
 

@@ -1,12 +1,12 @@
-"""Simulator models: the marker as one rigid body, as URDF, SDF and MJCF.
+"""Simulator models: the marker or the rig as one rigid body, as URDF, SDF and MJCF.
 
-All have one link (in MJCF: body) whose frame is the marker frame, with mass and inertia, a simple collision shape, and
-one mesh for each color. The meshes are STL in m: of the formats that simulators load it is the only one without axes or
-units of its own, which some programs apply and others do not. glTF has y up: Drake, Blender and newer versions of RViz
-rotate it to z up, yourdfpy, Gazebo and older versions of RViz do not, and MuJoCo does not load it.
+All have one link (in MJCF: body) whose frame is the marker or rig frame, with mass and inertia, simple collision
+shapes, and one mesh for each color. The meshes are STL in m: of the formats that simulators load it is the only one
+without axes or units of its own, which some programs apply and others do not. glTF has y up: Drake, Blender and newer
+versions of RViz rotate it to z up, yourdfpy, Gazebo and older versions of RViz do not, and MuJoCo does not load it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Self
@@ -16,10 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.exporters import ExportOptions, Output, only
-from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed, stl_of
-from markergen.model.marker import ControlPoint, Marker
+from markergen.exporters import ExportOptions, Output
+from markergen.exporters.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
 from markergen.solid.bodies import COLORS
+from markergen.solid.mesh import Mesh
+from markergen.solid.processes import Made
+from markergen.solid.rig_solids import volume_of
 
 Array = NDArray[np.float64]
 
@@ -31,6 +35,12 @@ MOST_TRIANGLES = 200_000
 
 FOR_MUJOCO = '  <mujoco><compiler discardvisual="false" strippath="false"/></mujoco>\n'
 """Element by which MuJoCo shows the meshes of a URDF, and finds them in their folder."""
+
+FRAMES = {
+    "marker": "Fiducial marker; its link's frame is the marker frame: x right, y up, z out of the face.",
+    "rig": "Fiducial markers with a known relation; their link's frame is the rig frame.",
+}
+"""What a model is, by the name of its link."""
 
 
 @dataclass(frozen=True)
@@ -64,58 +74,102 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """Marker as a rigid body; m, kg, marker frame.
+class Collision:
+    """A collision shape at its place in the frame of the link.
 
     Attributes
     ----------
     name : str
+    shape : {"box", "cylinder", "mesh"}
+    size : tuple of float
+        Width, depth and height of a box, or radius and length of a cylinder; m.
+    center : array (3,)
+        m.
+    turn : array (3, 3)
+    mesh : Shown or None
+        What is seen, for the shape of its convex hull.
+    """
+
+    name: str
+    shape: str
+    size: tuple[float, ...]
+    center: Array
+    turn: Array
+    mesh: Shown | None = None
+
+    @property
+    def measures(self) -> dict[str, str]:
+        """Dimensions by their names in URDF and SDF."""
+        if self.shape == "cylinder":
+            return {"radius": number(self.size[0]), "length": number(self.size[1])}
+        return {"size": numbers(np.array(self.size))}
+
+    @property
+    def angles(self) -> str:
+        """Roll, pitch and yaw."""
+        return numbers(roll_pitch_yaw(self.turn))
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place in the frame of the link: a marker's frame or a dot, by name; m."""
+
+    name: str
+    place: Array
+    turn: Array
+    diameter: float = 0.0
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Marker or rig as a rigid body; m, kg, in its frame.
+
+    Attributes
+    ----------
+    name : str
+    link : {"marker", "rig"}
+        Name of the link, and of its frame.
     shown : tuple of Shown
-    points : tuple of ControlPoint
-        As designed.
+    sites : tuple of Site
+        Frames of a rig's markers, and dots as designed.
     mass : float
     center : array (3,)
         Center of mass.
     inertia : array (3, 3)
         Inertia about the center of mass.
-    low, high : array (3,)
-        Corners of its bounding box.
-    round : bool
-        True if its collision shape is a cylinder about the z axis rather than that box.
+    collisions : tuple of Collision
     engraved : bool
         True if a material is only seen on flat marks, a mesh without volume.
     notes : tuple of str
     """
 
     name: str
+    link: str
     shown: tuple[Shown, ...]
-    points: tuple[ControlPoint, ...]
+    sites: tuple[Site, ...]
     mass: float
     center: Array
     inertia: Array
-    low: Array
-    high: Array
-    round: bool
+    collisions: tuple[Collision, ...]
     engraved: bool
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Self:
-        """Make the body of a marker; raises as `meshed` does."""
-        made = meshed(markers, options, suffix)
+    def of(cls, subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Self:
+        """Make the body of a marker or a rig; raises as `meshed` does."""
+        made = meshed(subject, options, suffix)
         shown = _shown(made.parts, made.name, options.stem)
-        points = np.concatenate([part.mesh.points for part in made.parts]) / 1e3
         mass, center, inertia = mass_of(made.parts)
+        is_rig = isinstance(made.subject, Rig)
         return cls(
             made.name,
+            "rig" if is_rig else "marker",
             shown,
-            only(markers, suffix).as_designed.control_points,
+            tuple(_sites_of_rig(made.subject) if isinstance(made.subject, Rig) else _sites(made.subject)),
             mass,
             center,
             inertia,
-            points.min(axis=0),
-            points.max(axis=0),
-            [part.is_disk for part in made.made.parts if part.is_plate] == [True],
+            tuple(_collisions(made, shown)),
             any(part.mesh.marked.any() for part in made.parts),
             (
                 f"It shows {' and '.join(each.path for each in shown)} beside it, and weighs {mass * 1e3:.3g} g "
@@ -129,18 +183,70 @@ class Simulated:
         """Files of the meshes by path."""
         return {each.path: each.stl for each in self.shown}
 
-    def collision(self) -> tuple[str, dict[str, str], Array]:
-        """Collision shape, ``cylinder`` or ``box``, its dimensions, and its center."""
-        size, middle = self.high - self.low, (self.high + self.low) / 2
-        if self.round:
-            return "cylinder", {"radius": number(size[0] / 2), "length": number(size[2])}, middle
-        return "box", {"size": numbers(size)}, middle
-
     def moments(self) -> dict[str, str]:
         """Entries of the inertia on and above its diagonal, by name: ``ixx`` and so on."""
         return {
             f"i{a}{b}": number(self.inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
         }
+
+
+def _sites(marker: Marker) -> Iterator[Site]:
+    for point in marker.control_points:
+        yield Site(f"dot-{point.id}", np.array([point.x, point.y, point.z]), np.eye(3), point.feature.diameter)
+
+
+def _sites_of_rig(rig: Rig) -> Iterator[Site]:
+    yield from (Site(f"{each.name}/marker", each.shift, each.turn) for each in rig.markers)
+    for each in rig.markers:
+        for site in _sites(each.marker):
+            yield Site(f"{each.name}/{site.name}", each.to_rig(site.place), each.turn, site.diameter)
+
+
+def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
+    """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
+    if isinstance(made.made, Made):
+        low, high = _box([part.mesh for part in made.parts])
+        size, middle = high - low, (low + high) / 2
+        if [part.is_disk for part in made.made.parts if part.is_plate] == [True]:
+            yield Collision("collision", "cylinder", (size[0] / 2, size[2]), middle, np.eye(3))
+        else:
+            yield Collision("collision", "box", tuple(size), middle, np.eye(3))
+        return
+    if made.made.block:
+        low, high = _box([made.parts[0].mesh])
+        if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.made.block), rtol=1e-6):
+            yield Collision("collision", "box", tuple(high - low), (low + high) / 2, np.eye(3))
+            return
+        for each in shown:
+            if each.material == "light":
+                yield Collision(f"collision-{each.name}", "mesh", (), np.zeros(3), np.eye(3), each)
+        return
+    for part in made.made.parts:
+        piece = part.pieces[0]
+        if piece.part.is_plate:
+            (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
+            middle = piece.to_rig(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
+            width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
+            whole = piece.part.is_disk
+            yield Collision(
+                f"{part.name}/collision", "cylinder" if whole else "box",
+                (width / 2, height) if whole else (width, depth, height), middle, np.array(piece.rotation),
+            )  # fmt: skip
+
+
+def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
+    """Corners of the bounding box of meshes, m."""
+    points = np.concatenate([mesh.points for mesh in meshes]) / 1e3
+    return points.min(axis=0), points.max(axis=0)
+
+
+def roll_pitch_yaw(turn: Array) -> Array:
+    """Angles (3,) in rad about the fixed axes x, y, z in this order of a rotation (3, 3); yaw 0 where it is free."""
+    flat = float(np.hypot(turn[0, 0], turn[1, 0]))
+    pitch = np.arctan2(-turn[2, 0], flat)
+    if flat < 1e-9:
+        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
 
 
 def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ...]:
@@ -188,9 +294,9 @@ def numbers(values: Array) -> str:
     return " ".join(number(value) for value in values)
 
 
-def export_urdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_urdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """Write a robot of one link, accompanied by ``meshes/<stem>-light.stl`` and ``-dark.stl``."""
-    body = Simulated.of(markers, options, ".urdf")
+    body = Simulated.of(subject, options, ".urdf")
     path = body.shown[0].path
     notes = (
         f"RViz finds the meshes once they are in a package, as package://<package>/{path}; for Gazebo write .sdf.",
@@ -200,8 +306,6 @@ def export_urdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def _robot(body: Simulated) -> str:
-    shape, measures, middle = body.collision()
-    inside = " ".join(f'{name}="{value}"' for name, value in measures.items())
     moments = " ".join(f'{name}="{value}"' for name, value in body.moments().items())
     visuals = "".join(
         f"""    <visual name="{each.name}">
@@ -213,33 +317,41 @@ def _robot(body: Simulated) -> str:
 """
         for each in body.shown
     )
+    collisions = "".join(
+        f"""    <collision>
+      <origin xyz="{numbers(each.center)}" rpy="{each.angles}"/>
+      <geometry><{_urdf_shape(each)}/></geometry>
+    </collision>
+"""
+        for each in body.collisions
+    )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <robot name="{body.name}">
-{"" if body.engraved else FOR_MUJOCO}  <link name="marker">
+{"" if body.engraved else FOR_MUJOCO}  <link name="{body.link}">
     <inertial>
       <origin xyz="{numbers(body.center)}" rpy="0 0 0"/>
       <mass value="{number(body.mass)}"/>
       <inertia {moments}/>
     </inertial>
-{visuals}    <collision>
-      <origin xyz="{numbers(middle)}" rpy="0 0 0"/>
-      <geometry><{shape} {inside}/></geometry>
-    </collision>
-  </link>
+{visuals}{collisions}  </link>
 </robot>
 """
 
 
-def export_sdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def _urdf_shape(each: Collision) -> str:
+    if each.mesh is not None:
+        return f"mesh filename={quoteattr(each.mesh.path)}"
+    return " ".join([each.shape, *(f'{name}="{value}"' for name, value in each.measures.items())])
+
+
+def export_sdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """Write a model of one link, accompanied by ``model.config`` and the meshes of `export_urdf`."""
-    body = Simulated.of(markers, options, ".sdf")
+    body = Simulated.of(subject, options, ".sdf")
     beside = {"model.config": _config(body, options.stem).encode(), **body.meshes}
     return Output(_model(body).encode(), body.notes, beside)
 
 
 def _model(body: Simulated) -> str:
-    shape, measures, middle = body.collision()
-    inside = "".join(f"<{name}>{value}</{name}>" for name, value in measures.items())
     moments = "".join(f"<{name}>{value}</{name}>" for name, value in body.moments().items())
     visuals = "".join(
         f"""      <visual name="{each.name}">
@@ -251,24 +363,35 @@ def _model(body: Simulated) -> str:
 """
         for each in body.shown
     )
+    collisions = "".join(
+        f"""      <collision name={quoteattr(each.name)}>
+        <pose>{numbers(each.center)} {each.angles}</pose>
+        <geometry>{_sdf_shape(each)}</geometry>
+      </collision>
+"""
+        for each in body.collisions
+    )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <sdf version="1.7">
   <model name="{body.name}">
     <static>true</static>
-    <link name="marker">
+    <link name="{body.link}">
       <inertial>
         <pose>{numbers(body.center)} 0 0 0</pose>
         <mass>{number(body.mass)}</mass>
         <inertia>{moments}</inertia>
       </inertial>
-{visuals}      <collision name="collision">
-        <pose>{numbers(middle)} 0 0 0</pose>
-        <geometry><{shape}>{inside}</{shape}></geometry>
-      </collision>
-    </link>
+{visuals}{collisions}    </link>
   </model>
 </sdf>
 """
+
+
+def _sdf_shape(each: Collision) -> str:
+    if each.mesh is not None:
+        return f"<mesh><uri>{escape(each.mesh.path)}</uri></mesh>"
+    inside = "".join(f"<{name}>{value}</{name}>" for name, value in each.measures.items())
+    return f"<{each.shape}>{inside}</{each.shape}>"
 
 
 def _config(body: Simulated, stem: str) -> str:
@@ -278,28 +401,24 @@ def _config(body: Simulated, stem: str) -> str:
   <version>1.0</version>
   <sdf version="1.7">{escape(stem)}.sdf</sdf>
   <author><name>markergen {markergen.__version__}</name></author>
-  <description>Fiducial marker; its link's frame is the marker frame: x right, y up, z out of the face.</description>
+  <description>{FRAMES[body.link]}</description>
 </model>
 """
 
 
-def export_mjcf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_mjcf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """Write a MuJoCo model of one body, accompanied by the meshes of `export_urdf`.
 
     It has a site in the marker frame, ``marker``, and one on each dot, ``dot-0`` and so on, in group 4, which viewers
-    and cameras hide by default, as they do the collision shape in group 3.
+    and cameras hide by default, as they do the collision shape in group 3. A rig has sites ``rig``, ``+x/marker``, in
+    the frame of that marker, and ``+x/dot-0``.
     """
-    body = Simulated.of(markers, options, ".mjcf.xml")
+    body = Simulated.of(subject, options, ".mjcf.xml")
     notes = ("The body is fixed; <attach> it, or give it a <freejoint/>, to move it.", *body.notes)
     return Output(_body(body).encode(), notes, body.meshes)
 
 
 def _body(body: Simulated) -> str:
-    shape, measures, middle = body.collision()
-    if shape == "cylinder":
-        half = f"{measures['radius']} {number(float(measures['length']) / 2)}"
-    else:
-        half = numbers((body.high - body.low) / 2)
     moments = body.moments()
     inertia = " ".join(moments[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     # Some meshes are open, where the other material is engraved; no volume is taken from any.
@@ -320,11 +439,16 @@ def _body(body: Simulated) -> str:
 """
         for each in body.shown
     )
-    sites = "".join(
-        f"""      <site name="dot-{point.id}" class="place" pos="{numbers(np.array([point.x, point.y, point.z]))}" \
-size="{number(point.feature.diameter / 4)}"/>
+    collisions = "".join(
+        f"""      <geom name={quoteattr(each.name)} {_mjcf_shape(each)} group="3"/>
 """
-        for point in body.points
+        for each in body.collisions
+    )
+    sites = "".join(
+        f"""      <site name={quoteattr(each.name)} class="place" pos="{numbers(each.place)}"{_mjcf_turn(each.turn)}\
+{f' size="{number(each.diameter / 4)}"' if each.diameter else ""}/>
+"""
+        for each in body.sites
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <mujoco model="{body.name}">
@@ -335,11 +459,28 @@ size="{number(point.feature.diameter / 4)}"/>
   <asset>
 {materials}{assets}  </asset>
   <worldbody>
-    <body name="marker">
+    <body name="{body.link}">
       <inertial pos="{numbers(body.center)}" mass="{number(body.mass)}" fullinertia="{inertia}"/>
-{visuals}      <geom name="collision" type="{shape}" size="{half}" pos="{numbers(middle)}" group="3"/>
-      <site name="marker" class="place"/>
+{visuals}{collisions}      <site name="{body.link}" class="place"/>
 {sites}    </body>
   </worldbody>
 </mujoco>
 """
+
+
+def _mjcf_shape(each: Collision) -> str:
+    """Type, half of the size, and place; a mesh stands for its convex hull."""
+    if each.mesh is not None:
+        return f'type="mesh" mesh="{each.mesh.name}"'
+    halves = (each.size[0], each.size[1] / 2) if each.shape == "cylinder" else np.array(each.size) / 2
+    return f'type="{each.shape}" size="{numbers(np.array(halves))}" pos="{numbers(each.center)}"{_mjcf_turn(each.turn)}'
+
+
+def _mjcf_turn(turn: Array) -> str:
+    """Rotation as a quaternion w, x, y, z; nothing for none."""
+    from scipy.spatial.transform import Rotation
+
+    if np.array_equal(turn, np.eye(3)):
+        return ""
+    x, y, z, w = Rotation.from_matrix(turn).as_quat(canonical=True)
+    return f' quat="{numbers(np.array([w, x, y, z]))}"'

@@ -1,32 +1,98 @@
 """Solids in CAD formats: STEP and BREP, and the notes and accompanying files of all formats of solids."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
 from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker, marker_name
+from markergen.model.rig import Rig
+from markergen.model.rig_json import rig_name
 from markergen.solid.cad_files import write_brep, write_step
-from markergen.solid.kernel import solids_of
+from markergen.solid.kernel import NamedSolid, solids_of
 from markergen.solid.plate import plate_size
 from markergen.solid.processes import Made, parts_of
+from markergen.solid.rig_kernel import solids_of_rig
+from markergen.solid.rig_solids import RigMade, designed, parts_of_rig
 
 
-def export_step(markers: Sequence[Marker], options: ExportOptions) -> Output:
+@dataclass(frozen=True)
+class Designed:
+    """What a solid is made of: a marker as designed, or a rig of such markers.
+
+    Attributes
+    ----------
+    name : str
+    subject : Marker or Rig
+    made : Made or RigMade
+    notes : tuple of str
+        Sentences for the user.
+    beside : mapping
+        Files that accompany the solid, by name.
+    """
+
+    name: str
+    subject: Marker | Rig
+    made: Made | RigMade
+    notes: tuple[str, ...]
+    beside: Mapping[str, bytes]
+
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts in their order."""
+        return tuple(part.name for part in self.made.parts)
+
+
+def designed_of(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Designed:
+    """Make the only marker of a format, or a rig.
+
+    Raises
+    ------
+    InputError
+        If there is not exactly one marker, or it cannot be made as requested.
+    """
+    if isinstance(subject, Rig):
+        rig = designed(subject)
+        made = parts_of_rig(rig, options.fabrication)
+        return Designed(rig_name(rig), rig, made, rig_notes(rig, made, options), {})
+    marker = only(subject, suffix).as_designed
+    parts = parts_of(marker, options.fabrication)
+    notes = solid_notes(marker, parts, options)
+    return Designed(marker_name(marker), marker, parts, notes, beside_solid(marker, options))
+
+
+def export_step(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
-    marker = only(markers, ".step").as_designed
-    made = parts_of(marker, options.fabrication)
-    data = write_step(solids_of(made.parts), marker_name(marker))
-    return Output(data, solid_notes(marker, made, options), beside_solid(marker, options))
+    work = designed_of(subject, options, ".step")
+    return Output(write_step(_solids(work.made), work.name), work.notes, work.beside)
 
 
-def export_brep(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_brep(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
     """One compound of solids as BREP text, in mm; paper options have no effect."""
-    marker = only(markers, ".brep").as_designed
-    made = parts_of(marker, options.fabrication)
-    data = write_brep(solids_of(made.parts))
-    names = ", ".join(part.name for part in made.parts[:4]) + (", ..." if len(made.parts) > 4 else "")
+    work = designed_of(subject, options, ".brep")
+    names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
-    return Output(data, (*solid_notes(marker, made, options), order), beside_solid(marker, options))
+    return Output(write_brep(_solids(work.made)), (*work.notes, order), work.beside)
+
+
+def _solids(made: Made | RigMade) -> tuple[NamedSolid, ...]:
+    return solids_of(made.parts) if isinstance(made, Made) else solids_of_rig(made.parts)
+
+
+def rig_notes(rig: Rig, made: RigMade, options: ExportOptions) -> tuple[str, ...]:
+    """Sentences on the solids of a rig as designed."""
+    process, count = options.fabrication.process, len(rig.markers)
+    how = f"({process}: {PROCESSES[process].label})"
+    points = np.concatenate([face.ring() for face in made.block]) if made.block else np.zeros((1, 3))
+    size = " x ".join(f"{side:.6g}" for side in np.ptp(points, axis=0))
+    said = (
+        f"Made as one body of {size} mm with {count} of its {len(made.block)} faces marked {how}."
+        if made.block
+        else f"Made as an assembly of {count} plate{'s' * (count > 1)} {how}."
+    )
+    return (said, *made.notes, *without_paper(options))
 
 
 def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:

@@ -193,6 +193,11 @@ class Rig:
         return np.repeat(np.arange(len(self.markers)), [len(each.marker) for each in self.markers])
 
     @cached_property
+    def dots(self) -> tuple[tuple[str, int], ...]:
+        """Name of the marker that each of the n control points is on, and its id there."""
+        return tuple((each.name, point.id) for each in self.markers for point in each.marker.control_points)
+
+    @cached_property
     def xyz(self) -> Array:
         """Control points (n, 3) in m, rig frame."""
         return np.concatenate([each.to_rig(each.marker.xyz) for each in self.markers])

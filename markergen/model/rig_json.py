@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -91,6 +92,11 @@ def rig_to_json(rig: Rig) -> bytes:
         **({"extensions": dict(rig.extensions)} if rig.extensions else {}),
     }
     return (dumped(content) + "\n").encode()
+
+
+def rig_name(rig: Rig) -> str:
+    """Return ``markergen-rig-<hash>``, safe in file headers, XML and on paper; the hash is that of its rig.json."""
+    return f"markergen-rig-{sha256(rig_to_json(rig)).hexdigest()[:16]}"
 
 
 def load_rig(source: object) -> Rig:

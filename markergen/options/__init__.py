@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
     from markergen.model.poses import PoseDistribution
+    from markergen.model.rig import Rig
 
     Length = float | str
     LengthOrAuto = float | str
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     Shape = str | PathLike[str] | Boundary | Mapping[str, Any]
     Shapes = Shape | Sequence[Shape]
     MarkerLike: TypeAlias = str | PathLike[str] | IO[str] | IO[bytes] | Marker | Mapping[str, Any]
+    TargetLike: TypeAlias = MarkerLike | Rig
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
 else:
@@ -48,6 +50,7 @@ else:
     Shape = Annotated[object, "shape"]
     Shapes = Annotated[object, "shapes"]
     MarkerLike = Annotated[object, "marker"]
+    TargetLike = Annotated[object, "marker or rig"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
 
@@ -65,6 +68,7 @@ ACCEPTED = {
     "shape": "str | Path | Boundary | dict",
     "shapes": "str | Path | Boundary | dict | list[...]",
     "marker": "Marker | str | Path | dict",
+    "marker or rig": "Marker | Rig | str | Path | dict",
     "camera": "Camera | str | Path | dict",
     "poses": "str | Path | PoseDistribution",
 }

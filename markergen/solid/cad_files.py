@@ -154,7 +154,8 @@ def normalize(text: str, name: str) -> str:
         if old not in still:
             body = STRING_OR_REFERENCE.sub(lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], body)
         if body.startswith("NEXT_ASSEMBLY_USAGE_OCCURRENCE"):
-            body = re.sub(r"\('\d+'", f"('{next(links)}'", body, count=1)
+            # Where Open CASCADE breaks the line depends on the number.
+            body = re.sub(r"\('\d+'", f"('{next(links)}'", re.sub(r"\n *", "", body), count=1)
         lines.append(f"#{numbers[old]} = {body};\n")
     return f"{header}DATA;\n{''.join(lines)}ENDSEC;\nEND-ISO-10303-21;\n"
 

@@ -9,7 +9,7 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -129,28 +129,34 @@ def build(part: Part) -> NamedSolid:
         If Open CASCADE or one of its system libraries is missing.
     """
     import_kernel()
+    shape, floors = checked(part.name, part.volume, lambda: assembled(part))
+    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+
+
+def checked(name: str, volume: float, make: Callable[[], tuple[Any, tuple[Any, ...]]]) -> tuple[Any, tuple[Any, ...]]:
+    """Make a TopoDS_Solid, and faces of it, and check that it is valid and has a volume in mm^3; raises as `build`."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
     try:
-        shape, floors = _assembled(part)
+        shape, floors = make()
         properties = GProp_GProps()
         BRepGProp.VolumeProperties_s(shape, properties)
-        volume = properties.Mass()
-        if volume <= 0 or not BRepCheck_Analyzer(shape).IsValid():
-            raise ValueError("several pieces" if volume > 0 else "nothing")
+        found = properties.Mass()
+        if found <= 0 or not BRepCheck_Analyzer(shape).IsValid():
+            raise ValueError("several pieces" if found > 0 else "nothing")
     except Exception as error:
         # Open CASCADE raises errors of many classes, none of them Python's.
-        raise _failed(part, " ".join(str(error).split()) or type(error).__name__) from None
-    if abs(volume - part.volume) > TOLERANCE * volume:
-        raise _failed(part, f"{volume:.9g} mm^3 instead of {part.volume:.9g} mm^3")
-    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+        raise _failed(name, " ".join(str(error).split()) or type(error).__name__) from None
+    if abs(found - volume) > TOLERANCE * found:
+        raise _failed(name, f"{found:.9g} mm^3 instead of {volume:.9g} mm^3")
+    return shape, floors
 
 
-def _failed(part: Part, found: str) -> OutputError:
+def _failed(name: str, found: str) -> OutputError:
     return OutputError(
-        f"expected Open CASCADE to make a valid solid of the part {part.name!r}, found {found}; change the depth, "
+        f"expected Open CASCADE to make a valid solid of the part {name!r}, found {found}; change the depth, "
         "the thickness or the outline a little"
     )
 
@@ -169,21 +175,24 @@ def _solid(body: Body) -> Any:
     return BRepPrimAPI_MakeRevol(profile, gp_Ax1(place, gp_Dir(0, 0, 1))).Shape()
 
 
-def _assembled(part: Part) -> tuple[Any, tuple[Any, ...]]:
-    """TopoDS_Solid of a part, and its level faces that are floors of marked bodies."""
+def assembled(part: Part, face_only: bool = False) -> tuple[Any, tuple[Any, ...]]:
+    """TopoDS_Solid of a part, and its level faces that are floors of marked bodies.
+
+    With `face_only` it is open: walls and bottom of the part's first body are left out, for one face of a block.
+    """
     from OCP.BRep import BRep_Builder, BRep_Tool
     from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
     builder, shell, solid, rims, floors = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid(), _Rims(), []
     builder.MakeShell(shell)
-    for body, sign, _ in signed_bodies(part):
+    for number, (body, sign, _) in enumerate(signed_bodies(part)):
         for piece, own in _pieces(body):
-            for face in _explored(piece, "FACE"):
+            for face in explored(piece, "FACE"):
                 if _side(face):
                     rims.add(face)
-                else:
+                elif number or not face_only:
                     builder.Add(shell, face if sign * own > 0 else face.Reversed())
-    for level in level_faces(part):
+    for level in level_faces(part, face_only):
         face = _level(level, rims)
         builder.Add(shell, face)
         if level.marked:
@@ -206,8 +215,8 @@ class _Rims:
         """Add the wires of a cap."""
         from OCP.BRep import BRep_Tool
 
-        for wire in _explored(cap, "WIRE"):
-            for vertex in _explored(wire, "VERTEX"):
+        for wire in explored(cap, "WIRE"):
+            for vertex in explored(wire, "VERTEX"):
                 self._corners.append(BRep_Tool.Pnt_s(vertex).Coord())
                 self._owners.append(len(self._wires))
             self._wires.append(wire)
@@ -236,7 +245,7 @@ def _level(level: PlanarFace, rims: _Rims) -> Any:
     )
     maker = BRepBuilderAPI_MakeFace(outer)
     for hole in holes:
-        maker.Add(TopoDS.Wire_s(_explored(hole, "WIRE")[0].Reversed()))
+        maker.Add(TopoDS.Wire_s(explored(hole, "WIRE")[0].Reversed()))
     face = maker.Face()
     return face if level.up else TopoDS.Face_s(face.Reversed())
 
@@ -249,7 +258,7 @@ def _pieces(body: Body) -> list[tuple[Any, int]]:
     return [(_chamfered(body), 1), *((hole, -1) for hole in holes)]
 
 
-def _explored(shape: Any, kind: str) -> list[Any]:
+def explored(shape: Any, kind: str) -> list[Any]:
     """Distinct faces, wires or vertices of a TopoDS_Shape, with their orientation in it."""
     from OCP import TopAbs
     from OCP.TopExp import TopExp
@@ -290,10 +299,10 @@ def _chamfered(body: Prism) -> Any:
     rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
     lower, upper = (_solid(Prism(each, (), body.bottom, z)) for each, z in ((body.outer, rim), (edge, body.top)))
     sewing = BRepBuilderAPI_Sewing(NEAR)
-    for face in _explored(lower, "FACE"):
+    for face in explored(lower, "FACE"):
         if _side(face) <= 0:
             sewing.Add(face)
-    for face in _explored(upper, "FACE"):
+    for face in explored(upper, "FACE"):
         if _side(face) > 0:
             sewing.Add(face)
     pairs = list(zip(body.outer.sides, edge.sides, strict=True))
@@ -323,7 +332,7 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
     axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
-    return _explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]
+    return explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]
 
 
 def _face(plane: Any, wires: Sequence[Any]) -> Any:

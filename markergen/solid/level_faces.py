@@ -77,8 +77,8 @@ def signed_bodies(part: Part) -> Iterator[tuple[Body, int, bool]]:
     yield from ((body, -1, True) for body in part.marked)
 
 
-def level_faces(part: Part) -> list[PlanarFace]:
-    """Level faces of a part, the lowest first.
+def level_faces(part: Part, face_only: bool = False) -> list[PlanarFace]:
+    """Level faces of a part, the lowest first; with `face_only` without the bottom of its first body.
 
     Raises
     ------
@@ -89,7 +89,8 @@ def level_faces(part: Part) -> list[PlanarFace]:
         (rim for body, sign, marked in signed_bodies(part) for rim in _rims(body, sign, marked)),
         key=lambda rim: round(rim.z, DIGITS),
     )
-    return [face for _, level in groupby(rims, lambda rim: round(rim.z, DIGITS)) for face in _faces(list(level))]
+    faces = [face for _, level in groupby(rims, lambda rim: round(rim.z, DIGITS)) for face in _faces(list(level))]
+    return [face for face in faces if not face_only or face.up or face.z > part.add[0].span[0] + SAME]
 
 
 def _rims(body: Body, sign: int, marked: bool) -> Iterator[Rim]:

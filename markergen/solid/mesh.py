@@ -72,13 +72,37 @@ def mesh_of(part: Part, tolerance: float) -> Mesh:
         If the bodies of the part overlap, or the tolerance is too coarse for gaps between them.
     """
     try:
-        pieces = [(wall, False) for wall in _walls_of(part, tolerance)]
-        pieces += [(_filled(face, tolerance), face.marked) for face in level_faces(part)]
-        corners = np.concatenate([piece for piece, _ in pieces])
+        corners, marked = shell_of(part, tolerance)
     except ValueError as error:
-        raise _failed(part, str(error)) from None
+        raise failed(part.name, str(error)) from None
+    return welded(corners, marked, part.name)
+
+
+def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Array, NDArray[np.bool_]]:
+    """Triangles (m, 3, 3) of the surface of a part, and whether each is on a marked face.
+
+    With `face_only` the walls and the bottom of the part's first body are left out: one face of a block.
+
+    Raises
+    ------
+    ValueError
+        If the bodies of the part overlap.
+    """
+    pieces = [(wall, False) for wall in _walls_of(part, tolerance, face_only)]
+    pieces += [(_filled(face, tolerance), face.marked) for face in level_faces(part, face_only)]
     marked = np.repeat([each for _, each in pieces], [len(piece) for piece, _ in pieces])
-    grid = _grid(corners)
+    return np.concatenate([piece for piece, _ in pieces]), marked
+
+
+def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float | None = None) -> Mesh:
+    """Closed mesh of triangles (m, 3, 3) on a grid of that spacing, by default the one for their size.
+
+    Raises
+    ------
+    OutputError
+        If they leave gaps.
+    """
+    grid = grid or grid_of(corners)
     ticks, index = _distinct(np.round(corners.reshape(-1, 3) / grid).astype(np.int64))
     triangles = index.reshape(-1, 3)
     # The lowest index first, then sorted.
@@ -89,7 +113,7 @@ def mesh_of(part: Part, tolerance: float) -> Mesh:
     order = order[_proper(triangles[order])]
     mesh = Mesh(np.asarray(ticks * grid, float), triangles[order], marked[order])
     if not is_closed(mesh.triangles):
-        raise _failed(part, "gaps")
+        raise failed(name, "gaps")
     return mesh
 
 
@@ -120,9 +144,10 @@ def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
     return apart
 
 
-def _failed(part: Part, found: str) -> OutputError:
+def failed(name: str, found: str) -> OutputError:
+    """Return the error with what was found instead of bodies that make a closed mesh."""
     return OutputError(
-        f"expected bodies that make a closed mesh of the part {part.name!r}, found {found}; "
+        f"expected bodies that make a closed mesh of the part {name!r}, found {found}; "
         "choose a finer or a coarser --tolerance"
     )
 
@@ -153,10 +178,10 @@ def _inward_step(mesh: Mesh) -> Array:
     upright = np.linalg.norm(level, axis=1) < 1e-6 * np.linalg.norm(normals, axis=1)
     ways = np.where(upright[:, None], normals, level)
     length = np.linalg.norm(ways, axis=1, keepdims=True)
-    return np.round(2 * np.divide(ways, length, out=np.zeros_like(ways), where=length > 0)) * _grid(mesh.points)
+    return np.round(2 * np.divide(ways, length, out=np.zeros_like(ways), where=length > 0)) * grid_of(mesh.points)
 
 
-def _grid(points: Array) -> float:
+def grid_of(points: Array) -> float:
     """Grid spacing: twice that of 32-bit floats at the largest coordinate, so that points stay distinct in mm or m."""
     return 2.0 ** max(FINEST, ceil(log2(np.abs(points).max())) - 22)
 
@@ -167,9 +192,9 @@ def _proper(triangles: Indices) -> NDArray[np.bool_]:
     return (a != b) & (b != c) & (c != a)
 
 
-def _walls_of(part: Part, tolerance: float) -> Iterator[Array]:
+def _walls_of(part: Part, tolerance: float, face_only: bool) -> Iterator[Array]:
     """Yield triangles (m, 3, 3) of all surfaces that are not level."""
-    for body, sign, _ in signed_bodies(part):
+    for body, sign, _ in list(signed_bodies(part))[face_only:]:
         for wall in _prism_walls(body, tolerance) if isinstance(body, Prism) else _revolved_walls(body, tolerance):
             yield wall if sign > 0 else wall[:, ::-1]
 
