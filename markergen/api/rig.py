@@ -55,7 +55,8 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     Examples
     --------
     >>> import markergen as mg
-    >>> found = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", restarts=1)
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> found = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
     >>> [(each.name, str(each.marker.tag)) for each in found.rig.markers]
     [('left', 'aruco:DICT_4X4_50:0'), ('right', 'aruco:DICT_4X4_50:1')]
     """

@@ -2,7 +2,7 @@
 
 A camera far away takes a plate to its image by an affine map that does not mirror, and any such map is one for some
 pose. Two plates look alike as far as one of these maps takes the dots of one to those of the other, whichever dot goes
-to whichever, the key ring to the key ring. Their distance is the root mean square of what is left,
+to whichever: at a large tilt, key rings are not told from disks. Their distance is the RMS of what is left,
 
     D(A, B) = min over labelings s and affine maps M of sqrt(mean |A_j - M(B_s(j))|^2),
 
@@ -33,8 +33,9 @@ from markergen.optimize.rival_labelings import seen_layout
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-ENUMERATED = 8
-"""Number of dots up to which all labelings are tried; beyond, those of `ANGLES` rotations, to the nearest dots."""
+ENUMERATED, RINGS_TOLD = 8, 7
+"""Number of dots up to which all labelings are tried, beyond it those of `ANGLES` rotations, to the nearest dots; and
+from which on labelings keep the key ring, as there would be too many others."""
 
 ANGLES = 360
 
@@ -52,7 +53,7 @@ AT_ONCE = 4_000_000
 
 
 def affine_distance(layouts: Array, other: Array) -> Array:
-    """D (B,) in m from layouts (B, n, 2) to another one (n, 2), dot 0 of each being its key ring.
+    """D (B,) in m from layouts (B, n, 2) to another one (n, 2).
 
     inf for another number of dots.
     """
@@ -61,14 +62,14 @@ def affine_distance(layouts: Array, other: Array) -> Array:
         return np.full(len(layouts), np.inf)
     if n > ENUMERATED:
         return _nearest_distance(layouts, other)
-    return _least(layouts, np.broadcast_to(_round(other), layouts.shape), _labelings(n))
+    return _least(layouts, np.broadcast_to(_round(other), layouts.shape), _labelings(n, n >= RINGS_TOLD))
 
 
 def self_distance(layouts: Array) -> Array:
-    """D (B,) in m of layouts (B, n, 2) to themselves with dots exchanged; inf for more than `ENUMERATED` dots."""
+    """D (B,) in m of layouts (B, n, 2) to themselves with disks exchanged; inf for more than `ENUMERATED` dots."""
     if layouts.shape[1] > ENUMERATED:
         return np.full(len(layouts), np.inf)
-    return _least(layouts, np.stack([_round(each) for each in layouts]), _labelings(layouts.shape[1])[1:])
+    return _least(layouts, np.stack([_round(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
 
 
 def _least(layouts: Array, basis: Array, labelings: Indices) -> Array:
@@ -113,9 +114,10 @@ def _round(points: Array) -> Array:
 
 
 @cache
-def _labelings(n: int) -> Indices:
-    """All labelings (S, n) that keep dot 0, the identity first."""
-    return np.array([(0, *each) for each in permutations(range(1, n))], dtype=np.intp)
+def _labelings(n: int, keyed: bool) -> Indices:
+    """All labelings (S, n), or those that keep dot 0, the key ring; the identity is the first."""
+    every = ((0, *each) for each in permutations(range(1, n))) if keyed else permutations(range(n))
+    return np.array(list(every), dtype=np.intp)
 
 
 def distinct_layout(
@@ -194,13 +196,13 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
     if n != len(other):
         return float("inf")
     kinds = np.zeros(n, dtype=np.intp)
-    kinds[0] = 1
+    kinds[0] = n >= RINGS_TOLD
     seen = seen_layout(points, kinds, setting.camera, setting.poses)
     scene = replace(seen, points=np.column_stack([other, np.zeros(n)]))
     at = representative(setting.poses, REPRESENTATIVE if n <= MANY else REPRESENTATIVE_OF_MANY)
     if n > ENUMERATED:
         return float(find_rivals(scene, at).px.min(initial=np.inf))
-    labelings, basis = _labelings(n), _round(other)
+    labelings, basis = _labelings(n, n >= RINGS_TOLD), _round(other)
     images = scene.images[at] * [1, -1]
     left = _left(images, np.broadcast_to(basis, images.shape), labelings)
     best = np.argsort(left, axis=-1, kind="stable")[:, :FITTED]

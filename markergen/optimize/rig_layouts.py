@@ -24,6 +24,7 @@ from markergen.objectives.pose import PoseObjective
 from markergen.optimize.comparisons import reference
 from markergen.optimize.distinct import distinct_layout, foreign_safety
 from markergen.optimize.dot_size import PIXELS, DotSize
+from markergen.optimize.polish import polish
 from markergen.optimize.problem import FEW_POSES, FeasibleRegion, objective_of, room_of
 from markergen.optimize.search import search
 from markergen.options import Progress
@@ -168,9 +169,12 @@ class RigLayouts:
         )
         if progress:
             progress("plates", sweep * len(self.plates) + k, SWEEPS * len(self.plates))
-        apart = [] if self.tagged else [self.layouts[j] for j in others]
+        if self.tagged:
+            self.layouts[k] = polish(objective_of(spec, setting, ngon), region, self.layouts[k])[0]
+            return
+        apart = [self.layouts[j] for j in others]
         # Half a displacement makes the other plate fit as well; at this scale a dot has `PIXELS`.
-        distance = 0.0 if self.tagged else 2 * APART_PX / PIXELS * self.dots[k].diameter
+        distance = 2 * APART_PX / PIXELS * self.dots[k].diameter
         objectives = objective_of(spec, setting, ngon), objective_of(spec, rough, ngon)
         best, most = self.layouts[k], -1.0
         for attempt in range(ATTEMPTS):
@@ -180,13 +184,13 @@ class RigLayouts:
             self.layouts[k] = before
             if safety > most:
                 best, most = found, safety
-            if self.tagged or safety >= APART_PX:
+            if safety >= APART_PX:
                 break
         self.layouts[k] = best
 
     def safety(self, k: int, other: int) -> float:
-        """Safety in px against taking a plate for another one, see `foreign_safety`; inf if they have tags."""
-        return np.inf if self.tagged else foreign_safety(self.layouts[k], self.layouts[other], self.setting(k))
+        """Safety in px against taking a plate for another one, see `foreign_safety`."""
+        return foreign_safety(self.layouts[k], self.layouts[other], self.setting(k))
 
     def region(self, k: int) -> FeasibleRegion:
         """Region of a plate's dots."""
@@ -231,7 +235,7 @@ class RigLayouts:
             found[1][known] = translation_bound(spread, place) * np.linalg.norm(place, axis=-1)
             return found
 
-        return errors(every.sum(axis=0), seen.any(axis=0)), errors(every, seen).min(axis=1)
+        return errors(every.sum(axis=0), np.logical_or.reduce(seen, axis=0)), errors(every, seen).min(axis=1)
 
 
 def _few(count: int) -> Indices:
