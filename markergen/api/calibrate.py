@@ -12,13 +12,15 @@ from markergen.calibration.run import Known
 from markergen.calibration.run import calibrate as run
 from markergen.errors import InputError
 from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import check_scale
 from markergen.options import (
     CameraLike,
     File,
     Files,
-    MarkerLike,
     Progress,
+    TargetLike,
     as_list,
     check_progress,
     settle,
@@ -34,7 +36,7 @@ _LENGTH = re.compile(r"(?:(\d+):)?(\d+)-(\d+)=([^+±]+?)(?:(?:\+-|±)(.+))?")
 
 
 def calibrate(
-    marker: MarkerLike,
+    marker: TargetLike,
     photos: Any,
     camera: CameraLike | None = None,
     *,
@@ -51,8 +53,9 @@ def calibrate(
 
     Parameters
     ----------
-    marker : Marker, path or dict
-        The marker as designed, rescaled, or with dots measured by hand, which then count as prior knowledge.
+    marker : Marker or Rig, path or dict
+        The marker as designed, rescaled, or with dots measured by hand, which then count as prior knowledge; or a rig,
+        whose markers' relation is then measured, too.
     photos : path, folder, pattern, image, or several of these
         Photographs of one size. An image is an array (h, w) or (h, w, 3) in BGR, as `cv2.imread` returns it.
     camera : Camera, path, dict or None
@@ -104,7 +107,11 @@ def calibrate(
         raise InputError("the geometry free or nominal", repr(settled["geometry"]), "see markergen calibrate --help")
     check_scale(settled["scale_sigma"])
     others = as_list(settled["also"] or ())
-    designs = [marker_of(each) for each in (marker, *others)]
+    whole = load_marker_or_rig(marker)
+    if isinstance(whole, Rig) and others:
+        raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
+    designs = [each.marker for each in whole.markers] if isinstance(whole, Rig) else [whole]
+    designs += [marker_of(each) for each in others]
     taken = camera_of(camera)
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
@@ -119,12 +126,13 @@ def calibrate(
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
-    if known.camera is not None and known.covariance is None and not known.free:
+    rigged = isinstance(whole, Rig)
+    if known.camera is not None and known.covariance is None and not known.free and not rigged:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
     moved = known.camera is None or known.covariance is not None
-    Calibration.check_targets(targets, len(designs), known.free, moved)
+    Calibration.check_targets(targets, 1 if rigged else len(designs), known.free or rigged, moved)
     targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
-    found = run(designs, photos, known, settled["workers"], progress)
+    found = run(whole if isinstance(whole, Rig) else designs, photos, known, settled["workers"], progress)
     _log.info("calibrated by %d views", len(found.adjustment.views))
     return found.saved(targets)
 

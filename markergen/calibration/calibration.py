@@ -14,6 +14,7 @@ from markergen.calibration.camera_choice import CameraChoice
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.next_photo import NextPhotos
+from markergen.calibration.relation import Relation
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.working_error import ExpectedError
 from markergen.errors import InputError
@@ -21,6 +22,7 @@ from markergen.files import Written, write_all
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
+from markergen.model.rig_json import rig_to_json
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
@@ -65,6 +67,8 @@ class Calibration(SavableResult):
         What left-out photographs, two halves, and a test for bending say; `NotJudged` where there are too few.
     next_photos : NextPhotos or None
         Which photographs to take next; None if the dots were held.
+    relation : Relation or None
+        Of a rig: the rig as measured, and how far its markers are from where they were designed.
     camera_choice : CameraChoice, NotJudged or None
         Which parameters of an unknown camera were tried and taken; None if the camera was given.
 
@@ -102,6 +106,7 @@ class Calibration(SavableResult):
     flex: Flex | NotJudged
     camera_choice: CameraChoice | NotJudged | None
     next_photos: NextPhotos | None
+    relation: Relation | None = None
     written: tuple[Written, ...] = ()
 
     def parts(self) -> list[str | Table]:
@@ -117,7 +122,9 @@ class Calibration(SavableResult):
     def save(self, *paths: str | PathLike[str], **named: Any) -> list[Written]:
         """Write the measured markers in order (.json), the camera (.yaml, .xml, .txt) and the report (.html)."""
         targets = self.targets(paths, **named).checked()
-        self.check_targets(targets, len(self.designs), self.measured, bool(self.camera_covariance is not None))
+        files = len(self.designs) if self.relation is None else 1
+        found = self.measured or self.relation is not None
+        self.check_targets(targets, files, found, bool(self.camera_covariance is not None))
         return self.write(targets)
 
     @property
@@ -152,9 +159,10 @@ class Calibration(SavableResult):
 
     def write(self, targets: Targets) -> list[Written]:
         """See `SavableResult.write`."""
+        whole = None if self.relation is None else rig_to_json(self.relation.rig)
         markers = iter(self.markers)
         contents = {
-            path: to_json(next(markers)) if kind == "marker" else self.content(kind, path)
+            path: (whole or to_json(next(markers))) if kind == "marker" else self.content(kind, path)
             for kind, path in targets.files
         }
         write_all(contents)
@@ -231,6 +239,26 @@ class Calibration(SavableResult):
             if isinstance(self.flex, Flex)
             else {"reason": self.flex.reason},
             "notes": self.notes,
+            **({} if self.relation is None else {"relation": self._relation()}),
+        }
+
+    def _relation(self) -> dict[str, Any]:
+        assert self.relation is not None
+        found, (turned, moved) = self.relation, self.relation.sigma
+        rows = zip(found.rig.markers, found.turned_deg, found.moved, turned, moved, strict=True)
+        return {
+            "photographs": found.photographs,
+            "looseness": found.looseness,
+            "markers": [
+                {
+                    "name": each.name,
+                    "T_rig_marker": {"rotation": each.rotation, "translation": each.translation},
+                    "turned_deg": float(turn),
+                    "moved": float(shift),
+                    "sigma": {"rotation_deg": float(by_turn), "translation": float(by_shift)},
+                }
+                for each, turn, shift, by_turn, by_shift in rows
+            ],
         }
 
     def _left_out(self) -> dict[str, Any]:

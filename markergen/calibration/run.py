@@ -17,6 +17,7 @@ from markergen.calibration.network import CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import next_photos
 from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
 from markergen.calibration.photos import find_dots
+from markergen.calibration.relation import Relation, relate
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -26,6 +27,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rescale import photographed
+from markergen.model.rig import Rig, RigMarker
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.validation.validation import setting_of
@@ -115,13 +117,17 @@ def _prior(designs: Sequence[Marker]) -> Array | None:
 
 
 def calibrate(
-    designs: Sequence[Marker], photos: Any, known: Known, workers: int | None = None, progress: Progress | None = None
+    target: Sequence[Marker] | Rig,
+    photos: Any,
+    known: Known,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> Calibration:
-    """Measure printed markers, and the camera if it is unknown, by photographs of them.
+    """Measure printed markers, and the camera if it is unknown, by photographs of them; of a rig, also their relation.
 
     Parameters
     ----------
-    designs : sequence of Marker
+    target : sequence of Marker, or Rig
     photos : paths, folders, patterns or arrays
         See `photos.find_dots`.
     known : Known
@@ -134,7 +140,8 @@ def calibrate(
         If no photograph can be used, or they do not determine what is asked for.
     """
     # A print that was calibrated before is measured anew, from its design.
-    designs = [marker.as_designed if marker.joint_covariance else marker for marker in designs]
+    given = [each.marker for each in target.markers] if isinstance(target, Rig) else target
+    designs = [marker.as_designed if marker.joint_covariance else marker for marker in given]
     sightings, camera = find_dots(
         designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
     )
@@ -168,9 +175,17 @@ def calibrate(
         raise error from None
     report("adjusting", 1, 1)
     report("judging", 0, 1)
-    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice)
+    relation = None
+    if isinstance(target, Rig):
+        rig = replace(target, markers=tuple(map(_with, target.markers, designs)), relation=None)
+        relation = relate(rig, cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma)
+    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation)
     report("judging", 1, 1)
     return result
+
+
+def _with(place: RigMarker, marker: Marker) -> RigMarker:
+    return replace(place, marker=marker)
 
 
 def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
@@ -196,6 +211,7 @@ def _result(
     chosen: NDArray[np.intp],
     cleaned: Cleaned,
     choice: CameraChoice | NotJudged | None,
+    relation: Relation | None,
 ) -> Calibration:
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
     names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
@@ -222,7 +238,15 @@ def _result(
         notes.append(f"which parameters the camera needs was not judged: {choice.reason}")
     markers = tuple(designs)
     if known.free:
-        markers = tuple(_measured(designs, k, chosen, adjustment, len(sightings.photos)) for k in range(len(designs)))
+        # With one pose for all markers of a photograph, the dots are known better.
+        told = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
+        photos = len(sightings.photos)
+        markers = tuple(_measured(designs, k, chosen, adjustment, photos, *told) for k in range(len(designs)))
+    if relation is not None:
+        notes += relation.sentences[1:]
+        relation = replace(
+            relation, rig=replace(relation.rig, markers=tuple(map(_with, relation.rig.markers, markers)))
+        )
     moved = bool(len(adjustment.network.freedom))
     return Calibration(
         tuple(designs),
@@ -243,6 +267,7 @@ def _result(
         flex,
         choice,
         next_photos(adjustment, poses, [names_of[k] for k in chosen]) if known.free else None,
+        relation,
     )
 
 
@@ -290,7 +315,13 @@ def _sentence(text: str) -> str:
 
 
 def _measured(
-    designs: Sequence[Marker], which: int, chosen: NDArray[np.intp], adjustment: Adjustment, photos: int
+    designs: Sequence[Marker],
+    which: int,
+    chosen: NDArray[np.intp],
+    adjustment: Adjustment,
+    photos: int,
+    places: Array,
+    covariance: Array,
 ) -> Marker:
     """Return a marker with the dots that were adjusted where they are in the print."""
     own = adjustment.network.marker == which
@@ -305,7 +336,7 @@ def _measured(
         "rms_px": adjustment.rms,
         "variance_factor": adjustment.variance_factor,
     }
-    return photographed(designs[which], ids, adjustment.places[own], adjustment.covariance[np.ix_(rows, rows)], record)
+    return photographed(designs[which], ids, places[own], covariance[np.ix_(rows, rows)], record)
 
 
 def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[ExpectedError, ExpectedError]:

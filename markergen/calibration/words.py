@@ -20,6 +20,7 @@ _WORSE = 1.05
 def summary(found: "Calibration") -> list[str | Table]:
     """Return some ten lines: the error to expect, the scale, the residuals, how it was judged, and warnings."""
     said: list[str | Table] = [headline(found), what_is_left(found), found.scale_source, *photographs(found)]
+    said += [] if found.relation is None else found.relation.sentences[:1]
     said += judged(found)
     if found.camera_covariance is not None:
         said.append(f"Camera: {found.camera}.")

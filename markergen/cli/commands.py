@@ -370,7 +370,9 @@ def rescale(
 @app.command(cls=GroupedCommand)
 @with_options(CalibrateKeywords)
 def calibrate(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     photos: Annotated[
         list[str], typer.Argument(metavar="PHOTO...", help="Image files, folders of them, or patterns such as '*.jpg'.")
     ],
@@ -388,7 +390,7 @@ def calibrate(
             "-o",
             "--output",
             metavar="PATH",
-            help="measured.json: the marker as printed; camera.yaml: the camera; may be repeated.",
+            help="measured.json: the marker or rig as printed; camera.yaml: the camera; may be repeated.",
         ),
     ] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")] = None,
@@ -407,6 +409,7 @@ def calibrate(
       markergen calibrate marker.json photos/ --camera camera.yaml -o measured.json --report calibration.html
       markergen calibrate marker.json photos/ --measured 0-2=244.1mm -o measured.json -o camera.yaml
       markergen calibrate marker.json photos/ --geometry nominal -o camera.yaml
+      markergen calibrate cube.json photos/ --camera camera.yaml -o measured-cube.json
     """
     from markergen.api.calibrate import calibrate as measure
 

@@ -22,6 +22,8 @@ from markergen.estimators.budget import ErrorSources, PoseBudget
 from markergen.maths.rotation import skew
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.occlusion import hidden
+from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, RigMarker
 
 Array = NDArray[np.float64]
@@ -125,13 +127,16 @@ class _Sighting:
     @cached_property
     def poses(self) -> list[PoseEstimate]:
         """Poses T_camera_body that the constellation allows: its pose, and the mirrored one if that fits as well."""
-        pose = self.detection.pose
-        assert pose is not None
-        own = [pose]
-        if pose.alternative is not None:
-            rotation, translation = pose.alternative
-            own.append(replace(pose, rotation=rotation, translation=translation, alternative=None))
-        return [of_body(each, self.part.plate.placed) for each in own]
+        assert self.detection.pose is not None
+        return [of_body(each, self.part.plate.placed) for each in _both(self.detection.pose)]
+
+
+def _both(pose: PoseEstimate) -> list[PoseEstimate]:
+    """Return an estimate, and the other pose that fits as well, if there is one."""
+    if pose.alternative is None:
+        return [pose]
+    rotation, translation = pose.alternative
+    return [pose, replace(pose, rotation=rotation, translation=translation, alternative=None)]
 
 
 def _guesses(waiting: Sequence[_Sighting]) -> list[tuple[_Sighting, PoseEstimate]]:
@@ -202,9 +207,13 @@ def _estimated(
         dots, seen, covariance, centers = dots[kept], seen[kept], covariance[kept], centers[kept]
         if spare is None:
             break
-        more = _further(body, pose, np.concatenate([dots, dropped]), centers, camera, spare)
+        known = np.concatenate([dots, dropped])
+        # Of two poses that fit one plate, the one that predicts more of the other dots.
+        guesses = [(each, _further(body, each, known, centers, camera, spare)) for each in _both(pose)]
+        guess, more = max(guesses, key=lambda pair: len(pair[1].dots))
         if not len(more.dots):
             break
+        pose = guess
         dots, seen = np.concatenate([dots, more.dots]), np.concatenate([seen, more.seen])
         covariance, centers = np.concatenate([covariance, more.covariance]), np.concatenate([centers, more.centers])
     order = np.argsort(dots, kind="stable")
@@ -283,6 +292,8 @@ def _missing(body: Body, found: Detection, camera: Camera) -> int:
         inside = (np.abs(pixels - middle) + half <= middle).all(axis=-1)
         across = 2 * np.linalg.det(drawn.shape[0]) ** 0.25 * np.sqrt(camera.fx * camera.fy)
         expected = drawn.seen[0] & inside & (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING)
+    if isinstance(body.target, Rig) and not body.target.is_convex:
+        expected &= ~hidden(body.target, PoseDistribution("", pose.rotation[None], pose.translation[None]))[0]
     expected[np.isin(body.ids, found.ids)] = False
     return int(expected.sum())
 

@@ -127,6 +127,25 @@ def test_faces_settle_each_other_s_flips_and_share_their_dots(cube):
     assert np.rad2deg(angle_between(found.pose.rotation, turned)) < 1
 
 
+def test_one_or_two_dots_of_another_face_settle_a_flip(cube):
+    ambiguous = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        rotation, translation = exponential(rng.normal(0, 0.25, 3)) @ np.diag([1.0, -1, -1]), np.array([0, 0, 1.6])
+        blobs, dots = seen(cube, rotation, translation, rng, sigma=0.05)
+        place = np.array([np.count_nonzero(cube.owner[dots[:k]] == cube.owner[dot]) for k, dot in enumerate(dots)])
+        few = (cube.owner[dots] == 0) | (place < 2)
+        blobs, dots = blobs.take(few), dots[few]
+        alone = [each for each in identify(blobs, prepare([cube], True), PAPER_CAMERA, True, EXACT) if each.found]
+        if len(np.unique(cube.owner[dots])) < 2 or not alone or alone[0].pose.alternative is None:
+            continue
+        ambiguous += 1
+        (found,) = found_in(cube, blobs)
+        assert found.pose.alternative is None
+        assert np.rad2deg(angle_between(found.pose.rotation, rotation)) < 3
+    assert ambiguous >= 4
+
+
 def test_two_rigs_are_two_copies_and_a_wrong_rig_is_refused(cube):
     rng = np.random.default_rng(3)
     poses = [(random_pose(rng)[0], np.array([x, 0, 0.6])) for x in (-0.12, 0.12)]

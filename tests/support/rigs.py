@@ -72,3 +72,13 @@ def first_hits(rig, eye, ways):
         hit = (far > 0) & (outside <= margin) & (far < nearest - 1e-9)
         nearest[hit], owner[hit], places[hit] = far[hit], k, place[hit]
     return owner, places
+
+
+def looking(rig, rng, distance=(0.25, 0.4)):
+    """Random pose T_camera_rig from the side to which a rig's plates face."""
+    toward = np.mean([each.turn[:, 2] for each in rig.markers], axis=0) + rng.normal(0, 0.25, 3)
+    back = -toward / np.linalg.norm(toward)
+    right = np.cross(rng.normal(size=3), back)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(back, right), back])
+    return rotation, np.array([0, 0, rng.uniform(*distance)]) - rotation @ rig.xyz.mean(axis=0)

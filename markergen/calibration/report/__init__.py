@@ -27,6 +27,7 @@ def page(found: "Calibration") -> bytes:
     made = sections.present(
         [
             ("print", "The print", sections.print_found(subject)),
+            ("relation", "The rig", sections.relation(subject)),
             ("judged", "Does it hold?", sections.judgment(subject)),
             ("camera", "The camera", sections.camera(subject)),
             ("photos", "Photographs", sections.photos(subject)),

@@ -71,6 +71,30 @@ def print_found(subject: Subject) -> ReportSection | None:
     return section
 
 
+def relation(subject: Subject) -> ReportSection | None:
+    """Where the markers of a rig are, beside where they were designed."""
+    found = subject.found.relation
+    if found is None:
+        return None
+    section = ReportSection(list(found.sentences))
+    rows = [
+        [each.name, *map(number, (turn, 1e3 * shift, by_turn, 1e3 * by_shift))]
+        for each, turn, shift, by_turn, by_shift in zip(
+            found.rig.markers, found.turned_deg, found.moved, *found.sigma, strict=True
+        )
+    ]
+    section.tables.append(
+        Table(
+            "Markers of the rig",
+            ["marker", "turned, deg", "moved, mm", "sigma of rotation, deg", "sigma of translation, mm"],
+            rows,
+            "Turned and moved from where the rig has them; standard deviations as roots of sums over the three axes. "
+            "The rig frame is that in which the dots, all together, are nearest to the rig as designed.",
+        )
+    )
+    return section
+
+
 def _maps(subject: Subject, away: np.ndarray, covariance: np.ndarray, name: str) -> Iterator[Plot]:
     """Map of the displacements (n, 3) of the dots of each marker; nan where there is none."""
     network, designs = subject.found.adjustment.network, subject.found.designs

@@ -1,0 +1,173 @@
+"""The relation of a rig's markers: found within its covariance, and refused where photographs do not connect them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rigs
+from scipy.spatial.transform import Rotation
+from simulated_photos import CAMERA
+
+import markergen as mg
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.calibration.relation import relate
+from markergen.errors import InputError
+from markergen.maths.rotation import exponential, logarithm
+from markergen.model.rig import Rig, RigMarker
+from markergen.render import Optics, render_rig
+
+SIGMA = 0.01
+CUBE = rigs.cube()
+
+
+def assembled(rig, rng, turn=0.005, shift=5e-4, apart=1.0):
+    """The rig as it was put together: markers turned by some rad and shifted by some m."""
+    return Rig(
+        tuple(
+            RigMarker(
+                each.name,
+                each.marker,
+                exponential(rng.normal(0, turn, 3)) @ each.turn,
+                apart * each.shift + rng.normal(0, shift, 3),
+            )
+            for each in rig.markers
+        )
+    )
+
+
+def photographed(rig, rng, count, freedom=None):
+    """Adjusted photographs of a rig from all sides, each marker with poses of its own, and the photo of each view."""
+    design = np.concatenate([each.marker.xyz for each in rig.markers])
+    parts = np.repeat(np.arange(len(rig.markers)), [len(each.marker) for each in rig.markers])
+    pixels, seen, rotations, translations, photo = [], [], [], [], []
+    for k in range(count):
+        rotation = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
+        translation = np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.3, 0.5)])
+        for number, each in enumerate(rig.markers):
+            own_rotation, own_translation = each.camera_pose(rotation, translation)
+            toward = -own_translation / np.linalg.norm(own_translation)
+            if own_rotation[:, 2] @ toward < 0.25:
+                continue
+            place = CAMERA.project(design, own_rotation[None], own_translation[None])[0]
+            pixels.append(place + rng.normal(0, SIGMA, place.shape))
+            seen.append(parts == number)
+            rotations.append(exponential(rng.normal(0, 0.01, 3)) @ own_rotation)
+            translations.append(own_translation)
+            photo.append(k)
+    spread = np.broadcast_to(SIGMA**2 * np.eye(2), (*np.shape(pixels)[:2], 2, 2))
+    views = Views(np.array(pixels), spread, np.array(seen), np.array(rotations), np.array(translations))
+    network = Network(design, np.zeros(len(design)), CAMERA, freedom or CameraFreedom.held(CAMERA), parts)
+    return adjust(network, views), np.array(photo)
+
+
+def errors_of(found, truth):
+    """Errors (w, dt) of the markers' poses in the rig frame, once the truth is moved to the frame of the result."""
+    from markergen.calibration.relation import _as_designed
+
+    turns, shifts = np.array([each.turn for each in truth.markers]), np.array([each.shift for each in truth.markers])
+    turns, shifts, _ = _as_designed(CUBE, turns, shifts, np.zeros((36, 36)))
+    return np.concatenate(
+        [
+            np.r_[logarithm(each.turn @ turn.T), each.shift - shift]
+            for each, turn, shift in zip(found.markers, turns, shifts, strict=True)
+        ]
+    )
+
+
+def nees(error, covariance):
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-9 * values[-1]
+    return float(np.sum((vectors[:, kept].T @ error) ** 2 / values[kept])), int(kept.sum())
+
+
+@pytest.mark.parametrize("count", [pytest.param(30, marks=pytest.mark.long), 6])
+def test_the_relation_is_found_within_its_covariance(count):
+    rng, total, freedom = np.random.default_rng(0), 0.0, 0
+    for _ in range(count):
+        truth = assembled(CUBE, rng)
+        adjustment, photo = photographed(truth, rng, 30)
+        found = relate(CUBE, adjustment, photo, 1e-4)
+        error = errors_of(found.rig, truth)
+        size, rank = nees(error, found.rig.relation_covariance)
+        assert rank == 30
+        total, freedom = total + size, freedom + rank
+        assert found.looseness == pytest.approx(1, abs=0.3)
+        assert found.turned_deg.max() > 0.1
+        assert np.median(found.sigma[0]) < 0.1
+        assert np.median(found.sigma[1]) < 1e-4
+    assert total / freedom == pytest.approx(1, abs=3 * np.sqrt(2 / freedom))
+
+
+def test_a_camera_of_limited_accuracy_counts():
+    rng, truth = np.random.default_rng(1), CUBE
+    count = len(CAMERA.parameter_names)
+    covariance = np.diag([4.0, 4.0, 4.0, 4.0] + [0.0] * (count - 4))
+    adjustment, photo = photographed(truth, rng, 25, CameraFreedom.of_covariance(covariance))
+    held, _ = photographed(truth, np.random.default_rng(1), 25)
+    loose = relate(CUBE, adjustment, photo, 1e-4)
+    exact = relate(CUBE, held, photo, 1e-4)
+    assert np.all(loose.sigma[1] >= exact.sigma[1] * 0.999)
+    assert np.linalg.eigvalsh(loose.rig.relation_covariance).min() > -1e-12
+
+
+def test_markers_that_move_are_noticed():
+    rng = np.random.default_rng(2)
+    halves = [photographed(assembled(CUBE, rng), rng, 8) for _ in range(2)]
+    first, second = (each.views for each, _ in halves)
+    views = Views(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in vars(first)))
+    network = halves[0][0].network
+    photo = np.concatenate([halves[0][1], 8 + halves[1][1]])
+    found = relate(CUBE, adjust(network, views), photo, 1e-4)
+    assert "seem to move relative to each other" in found.sentences[1]
+
+
+def test_unconnected_markers_are_named():
+    adjustment, photo = photographed(CUBE, np.random.default_rng(3), 10)
+    apart = np.arange(len(photo))
+    with pytest.raises(InputError, match=r"connect all markers of the rig.*plate 1, plate 2.*beside one of the others"):
+        relate(CUBE, adjustment, apart, 1e-4)
+
+
+def test_the_frame_is_that_of_the_design():
+    truth = assembled(CUBE, np.random.default_rng(4))
+    moved = replace(
+        truth,
+        markers=tuple(
+            replace(each, rotation=exponential(np.array([0, 0, 0.3])) @ each.turn, translation=each.shift + 0.1)
+            for each in truth.markers
+        ),
+    )
+    adjustment, photo = photographed(moved, np.random.default_rng(5), 20)
+    found = relate(CUBE, adjustment, photo, 1e-4)
+    assert np.abs(found.rig.xyz.mean(axis=0) - CUBE.xyz.mean(axis=0)).max() < 1e-4
+
+
+def test_a_rig_is_measured_by_photographs_of_it(tmp_path):
+    """Three plates of a cube, put together half a degree and half a millimeter off, in eight rendered photographs."""
+    rng = np.random.default_rng(6)
+    corner = Rig(tuple(CUBE.markers[k] for k in (0, 2, 4)))
+    # Plates of a cube that are put together like this would cut into each other.
+    truth = assembled(corner, rng, apart=1.05)
+    camera = replace(CAMERA, width=400, height=300, fx=500, fy=500, cx=200, cy=150)
+    photos = []
+    for _ in range(8):
+        looking = rigs.looking(truth, rng)
+        photos.append(render_rig(truth, camera, *looking, Optics(), rng))
+    truth.save(tmp_path / "truth.json")
+    found = mg.calibrate(corner, photos, camera, save=tmp_path / "measured.json", report=tmp_path / "report.html")
+    measured = mg.Rig.load(tmp_path / "measured.json")
+    assert measured.relation is not None
+    assert "markers are" in str(found)
+    assert "Markers of the rig" in (tmp_path / "report.html").read_text()
+    assert len(found.as_dict()["relation"]["markers"]) == 3
+
+    def off(rig):
+        first, second = rig.xyz - rig.xyz.mean(axis=0), truth.xyz - truth.xyz.mean(axis=0)
+        left, stretch, right = np.linalg.svd(second.T @ first)
+        return np.sqrt(np.mean((first @ (left @ right).T * stretch.sum() / np.sum(first**2) - second) ** 2))
+
+    # Centers are measured to 0.01 px, that is 6 um in a photograph.
+    assert off(measured) < 2e-5 < off(corner) / 5
+    with pytest.raises(InputError, match="a rig alone"):
+        mg.calibrate(corner, photos, camera, also=tmp_path / "truth.json")
