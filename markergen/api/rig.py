@@ -14,7 +14,7 @@ from markergen.model.rig_shapes import rig_shape
 from markergen.model.tag import parse_tag
 from markergen.optimize.rig_design import RigDesign, design_rig
 from markergen.options import Progress, check_progress, given, signature_of
-from markergen.options.declarations import RigKeywords
+from markergen.options.rig import RigKeywords
 from markergen.read.spec_file import spec_from_mapping
 
 log = logging.getLogger(__name__)

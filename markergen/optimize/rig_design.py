@@ -22,11 +22,13 @@ from markergen.model.spec import Spec
 from markergen.objectives.criteria import Criteria, criteria
 from markergen.optimize.design import dress, number
 from markergen.optimize.dot_size import (
+    PERCENTILE,
     PIXELS,
     ROOM,
     DotSize,
     choose_dots,
     largest_that_leaves_room,
+    wanted_diameter,
 )
 from markergen.optimize.label_ambiguity import layout_safety
 from markergen.optimize.problem import check, check_objective, check_parts
@@ -44,7 +46,7 @@ Array = NDArray[np.float64]
 CLEARANCE = 0.3
 """Default clearance as a fraction of the dot diameter: beyond an edge of the body, the background begins."""
 
-CROWDED = 0.6
+CROWDED = 0.5
 """Maximum fraction of the diameter that just fits: the dots of several plates must also differ in place."""
 
 MOST_STORED = 400
@@ -54,6 +56,16 @@ MOST_STORED = 400
 @dataclass(frozen=True, repr=False)
 class RigDesign(Result):
     """A designed rig with its expected errors and warnings; printing it gives the command's output.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> found = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
+    >>> found
+    RigDesign(Rig(2 markers, 8 control points within 112 mm of its origin))
+    >>> found.told_apart
+    'the plates are told apart by their tags, aruco:DICT_4X4_50:0 to 1'
 
     Attributes
     ----------
@@ -223,9 +235,8 @@ def _sized(
         own.append(replace(spec, boundary=shape.faces[k].boundary, poses=recorded, **tag))  # type: ignore[arg-type]
     needs: dict[Any, float] = {}
     for each, plate, views in zip(own, plates, best, strict=True):
-        focal = np.sqrt(spec.camera.fx * spec.camera.fy)
-        need = PIXELS * plate.poses.translation[views, 2] / (focal * plate.poses.cos_tilt[views])
-        needs[each.boundary] = max(needs.get(each.boundary, 0.0), float(np.ceil(need.max() * 1e3 - 1e-6) / 1e3))
+        need = wanted_diameter(spec.camera, plate.poses.taken(views, 0))
+        needs[each.boundary] = max(needs.get(each.boundary, 0.0), need)
     sizes: dict[Any, DotSize] = {}
     for k, each in enumerate(own):
         if k not in given and each.boundary not in sizes:
@@ -248,11 +259,12 @@ def _dots(spec: Spec, wanted: float, poses: PoseDistribution, progress: Progress
     diameter = min(wanted, room)
     if not diameter:
         raise InputError("room for dots of 0.1 mm and more", f"{spec.n} dots in a {spec.boundary}", "use fewer")
-    reason = f"{format_length(diameter)}: their images are {PIXELS:g} px across where a plate is the one seen best"
+    best = f"in {PERCENTILE:g} % of the poses in which a plate is the one seen best"
+    reason = f"{format_length(diameter)}: {PIXELS:g} px across {best}"
     if wanted > room:
         reason = (
             f"{format_length(diameter)}, {100 * CROWDED:g} % of the largest at which {spec.n} dots fit; "
-            f"{PIXELS:g} px, where a plate is the one seen best, would need {format_length(wanted)}"
+            f"{PIXELS:g} px across {best} would need {format_length(wanted)}"
         )
     clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
     return DotSize(diameter, clearance, reason)

@@ -35,6 +35,9 @@ Indices = NDArray[np.intp]
 FLATTEST = 0.2
 """Minimum cosine of the tilt at which a plate counts."""
 
+STEEPEST = 0.5
+"""Cosine of the tilt of the face of a cube that is seen best, from nearby; from far away it is 0.58."""
+
 SWEEPS = 2
 """Rounds over all plates."""
 
@@ -97,11 +100,16 @@ def seen_plates(faces: Sequence[Face], poses: PoseDistribution, spec: Spec) -> l
 
 
 def best_views(plates: Sequence[Seen], count: int) -> list[Indices]:
-    """Indices of each plate's poses in which it is seen at the least tilt of all plates; all if there are none."""
+    """Indices of each plate's poses in which it is seen at the least tilt of all plates; all if there are none.
+
+    Of those, only the ones at a tilt that the nearest face of a cube has, if there are any: below a body without a
+    bottom, all plates are seen badly.
+    """
     tilt = np.full((len(plates), count), -1.0)
     for row, plate in zip(tilt, plates, strict=True):
         row[plate.index] = plate.poses.cos_tilt
     best = tilt >= tilt.max(axis=0) - 1e-9
+    best &= (tilt >= STEEPEST) | ~(best & (tilt >= STEEPEST)).any(axis=1, keepdims=True)
     chosen = [np.flatnonzero(row[plate.index]) for row, plate in zip(best, plates, strict=True)]
     return [each if len(each) else np.arange(len(plate.index)) for each, plate in zip(chosen, plates, strict=True)]
 
