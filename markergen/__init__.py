@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from markergen.optimize.design import Design
     from markergen.optimize.rig_design import RigDesign
     from markergen.validation.comparison import Comparison
+    from markergen.validation.rigs.validation import RigValidation
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
 
@@ -54,6 +55,7 @@ __all__ = [
     "Rig",
     "RigDesign",
     "RigMarker",
+    "RigValidation",
     "Study",
     "Validation",
     "Verification",
@@ -76,6 +78,7 @@ _HOMES = {
     "optimize.design": ("Design",),
     "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
+    "validation.rigs.validation": ("RigValidation",),
     "validation.validation": ("Validation",),
     "validation.comparison": ("Comparison",),
     "verification.verification": ("Verification",),

@@ -110,7 +110,9 @@ def rig(
 @app.command(cls=GroupedCommand)
 @with_options(ValidateKeywords)
 def validate(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     camera: Annotated[
         Path | None,
         typer.Option(

@@ -37,21 +37,34 @@ def _threads() -> ThreadPoolExecutor:
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """What the other plates of a rig tell about the pose, and the body whose pose it is, in this plate's frame.
+class Sight:
+    """What each of P poses sees of n dots, and what it knows without them.
 
     Attributes
     ----------
-    information : array (P, 6, 6)
-        Fisher information of all other plates in view on the change (w, dt) of T_camera_marker.
-    body : array (m, 3)
-        Points in m whose expected displacement the objective ``pose`` is.
-    origin : array (3,)
-        The rig's origin in m, whose error the objective ``translation`` is.
+    seen : array (P, n) of bool
+        Dots that count.
+    known : array (P, 6, 6)
+        Fisher information of the pose from other dots.
     """
 
-    information: Array
-    body: Array
+    seen: NDArray[np.bool_]
+    known: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The body that a marker is a plate of, in the marker frame: the pose that counts is the body's.
+
+    Attributes
+    ----------
+    points : array (m, 3)
+        Points in m whose expected displacement the objective ``pose`` is.
+    origin : array (3,)
+        Origin of the body's frame in m, whose error the objective ``translation`` is.
+    """
+
+    points: Array
     origin: Array
 
 
@@ -67,15 +80,18 @@ class Setting:
         Poses that see the whole boundary.
     noise : DotNoise or None
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
-    elsewhere : Elsewhere or None
-        Of a plate of a rig, what counts for the pose besides its own dots.
+    sight : Sight or None
+        Dots that the poses see, for objectives of a pose; None if all see every dot, and nothing else.
+    body : Body or None
+        Body whose pose counts, for objectives of a pose; None for the marker itself.
     """
 
     boundary: Boundary
     camera: Camera
     poses: PoseDistribution
     noise: DotNoise | None = None
-    elsewhere: Elsewhere | None = None
+    sight: Sight | None = None
+    body: Body | None = None
 
     @property
     def noise_words(self) -> str:
@@ -164,7 +180,7 @@ class Objective(ABC):
             raise InputError("coordinates that the objective knows", repr(coordinates), remedy)
         self.setting = setting
         self.aggregate = aggregate or self.default_aggregate
-        self.aggregated = aggregate_of(self.aggregate)
+        self.aggregated = aggregate_of(self.aggregate, setting.poses.weight)
 
     @property
     def nonsmooth(self) -> bool:
@@ -252,8 +268,6 @@ class TraceObjective(Objective):
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         super().__init__(setting, aggregate, coordinates)
         self.weight = self._weight()
-        self._known: Array | float = 0.0
-        """Information from elsewhere."""
         self._dots: DotWeights | None = None
         if setting.noise:
             self._dots = DotWeights(setting.noise, self._plane(), self._distorted(np.zeros((1, 2)))[0])
@@ -310,7 +324,7 @@ class TraceObjective(Objective):
         del softness
         jacobian, to_points = self._distorted(points)
         weighed, through_weights = self._weighed(jacobian)
-        matrix = jacobian.swapaxes(-1, -2) @ weighed + self._known
+        matrix = jacobian.swapaxes(-1, -2) @ weighed
         shares = in_pairs(jacobian).swapaxes(-1, -2) @ in_pairs(weighed)
         values = np.stack(
             [self._values(covariance(matrix - shares[:, :, loss].sum(axis=2)))[0] for loss in losses], axis=1
@@ -342,6 +356,21 @@ class TraceObjective(Objective):
 
     def _distorted(self, points: Array) -> tuple[Array, Pullback]:
         """J of the distorted image points, and its pullback to the points (B, P, n, .)."""
+        sight = self.setting.sight
+        if not sight or points.shape[1] != sight.seen.shape[1]:
+            return self._all_distorted(points)
+        # Dots that are not seen may lie in the plane of the camera's center.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            jacobian, back = self._all_distorted(points)
+        rows, dots = np.repeat(sight.seen, 2, axis=-1)[..., None], sight.seen[..., None]
+
+        def pullback(cotangent: Array) -> Array:
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                return np.where(dots, back(np.where(rows, cotangent, 0.0)), 0.0)
+
+        return np.where(rows, jacobian, 0.0), pullback
+
+    def _all_distorted(self, points: Array) -> tuple[Array, Pullback]:
         jacobian, camera = self._jacobian(points), self.setting.camera
         if camera.distortion == NO_DISTORTION:
             return jacobian, lambda cotangent: self._jacobian_pullback(cotangent, points)
@@ -355,14 +384,20 @@ class TraceObjective(Objective):
 
     def _information(self, jacobian: Array) -> tuple[Array, Pullback]:
         """M (B, P, k, k), and the pullback of half of <S, dM>, given J S, to a cotangent of J."""
-        if self._dots is None:
-            return information(jacobian) + self._known, lambda turned: turned
+        sight = self.setting.sight
+        if self._dots is None and sight is None:
+            return information(jacobian), lambda turned: turned
         weighed, pullback = self._weighed(jacobian)
-        return jacobian.swapaxes(-1, -2) @ weighed + self._known, pullback
+        matrix = jacobian.swapaxes(-1, -2) @ weighed
+        return matrix + sight.known if sight else matrix, pullback
 
     def _weighed(self, jacobian: Array) -> tuple[Array, Pullback]:
         """F J, and the pullback of `_information`; S may differ between dots."""
-        return self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
+        weighed, pullback = self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
+        if not self.setting.sight:
+            return weighed, pullback
+        rows = np.repeat(self.setting.sight.seen, 2, axis=-1)[..., None]
+        return np.where(rows, weighed, 0.0), lambda turned: np.where(rows, pullback(np.where(rows, turned, 0.0)), 0.0)
 
 
 OBJECTIVES: Registry[type[Objective]] = Registry(

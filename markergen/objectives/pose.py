@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.information import displacement_weight, pose_jacobian, pose_jacobian_pullback
 from markergen.model.poses import RIM_POINTS
-from markergen.objectives.base import OBJECTIVES, Criterion, Setting, TraceObjective
+from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
 
 Array = NDArray[np.float64]
 
@@ -14,11 +14,6 @@ class PoseCovarianceObjective(TraceObjective):
     """Root of trace(W C), C the CRLB of the pose (w, dt), see `markergen.maths.information`; allows relief."""
 
     default_restarts = 8
-
-    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
-        super().__init__(setting, aggregate, coordinates)
-        if setting.elsewhere:
-            self._known = setting.elsewhere.information
 
     def _jacobian(self, points: Array) -> Array:
         poses = self.setting.poses
@@ -46,6 +41,6 @@ class PoseObjective(PoseCovarianceObjective):
     criterion = Criterion("pose_m", "pose mm", 1e3, place=1)
 
     def _weight(self) -> Array:
-        elsewhere = self.setting.elsewhere
-        points = elsewhere.body if elsewhere else self.setting.boundary.rim(RIM_POINTS)
+        body = self.setting.body
+        points = body.points if body else self.setting.boundary.rim(RIM_POINTS)
         return displacement_weight(points, self.setting.poses.rotation)

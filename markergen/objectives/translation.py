@@ -26,10 +26,10 @@ class TranslationObjective(PoseCovarianceObjective):
     criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)
 
     def _weight(self) -> Array:
-        poses, elsewhere = self.setting.poses, self.setting.elsewhere
-        if elsewhere:
-            place = poses.rotation @ elsewhere.origin + poses.translation
+        poses, body = self.setting.poses, self.setting.body
+        if body:
+            place = poses.rotation @ body.origin + poses.translation
             share = 100 / np.linalg.norm(place, axis=-1)
-            return displacement_weight(elsewhere.origin[None], poses.rotation) * share[:, None, None] ** 2
+            return displacement_weight(body.origin[None], poses.rotation) * share[:, None, None] ** 2
         share = 100 / poses.distance
         return np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * share[:, None, None] ** 2

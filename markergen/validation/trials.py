@@ -259,7 +259,7 @@ def run_experiment(
     InputError
         If a number is out of range, an estimator is unknown or unfit for a relief, or no pose sees the entire marker.
     """
-    _check(noise_px, runs, seed)
+    check_trials(noise_px, runs, seed)
     poses = poses.seen_whole(marker.boundary, camera, marker.height)
     points = marker.xyz
     experiment = Experiment(
@@ -356,7 +356,8 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
 
 
-def _check(noise_px: float, runs: int, seed: int) -> None:
+def check_trials(noise_px: float, runs: int, seed: int) -> None:
+    """Refuse noise, runs or a seed out of range; raises InputError."""
     if not 0 <= noise_px <= MOST_NOISE_PX:
         expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
         raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
