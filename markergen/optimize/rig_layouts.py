@@ -1,7 +1,7 @@
 """Layouts of the plates of a rig, for the joint pose: block coordinate descent over the plates.
 
 In each pose T_camera_rig some plates are seen; the information of their dots on the joint pose adds up. While one
-plate's layout is optimized, that of all others in view is constant (`Elsewhere`). Plates without tags are kept apart
+plate's layout is optimized, that of all others in view is constant (`Sight.known`). Plates without tags are kept apart
 (`markergen.optimize.distinct`), each from all others.
 """
 
@@ -18,7 +18,7 @@ from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.base import Elsewhere
+from markergen.objectives.base import Body, Sight
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.comparisons import reference
@@ -166,15 +166,11 @@ class RigLayouts:
         self, k: int, others: list[int], rng: np.random.Generator, progress: Progress | None, sweep: int
     ) -> None:
         spec, region = self.specs[k], self.region(k)
-        setting = self.setting(k, self._elsewhere(k) if self.joint else None)
+        setting = self.joint_setting(k) if self.joint else self.setting(k)
         ngon = reference(spec, region, self.setting(k))
         few = _few(len(self.plates[k].index))
-        elsewhere = setting.elsewhere
-        rough = replace(
-            setting,
-            poses=setting.poses.taken(few, 0),
-            elsewhere=elsewhere and replace(elsewhere, information=elsewhere.information[few]),
-        )
+        sight = setting.sight and Sight(setting.sight.seen[few], setting.sight.known[few])
+        rough = replace(setting, poses=setting.poses.taken(few, 0), sight=sight)
         if progress:
             progress("plates", sweep * len(self.plates) + k, SWEEPS * len(self.plates))
         if self.tagged:
@@ -205,11 +201,24 @@ class RigLayouts:
         spec, dots = self.specs[k], self.dots[k]
         return FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
 
-    def setting(self, k: int, elsewhere: Elsewhere | None = None) -> Setting:
-        """Setting of a plate, with image noise and print error."""
+    def setting(self, k: int) -> Setting:
+        """Setting of a plate alone, with image noise and print error."""
         spec = self.specs[k]
         noise = DotNoise(self.dots[k].diameter, spec.image_noise, spec.print_sigma)
-        return Setting(spec.boundary, spec.camera, self.plates[k].poses, noise, elsewhere)
+        return Setting(spec.boundary, spec.camera, self.plates[k].poses, noise)
+
+    def joint_setting(self, k: int) -> Setting:
+        """Setting of a plate for the pose of the rig, to which all other plates in view contribute."""
+        plate = self.plates[k]
+        rest = np.zeros((self.count, 6, 6))
+        for other in range(len(self.plates)):
+            if other != k:
+                rest += self.information(other)
+        known = moved_information(rest[plate.index], plate.offset)
+        turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
+        body = Body((self._body - shift) @ turn, -shift @ turn)
+        seen = np.ones((len(plate.index), len(self.layouts[k])), dtype=bool)
+        return replace(self.setting(k), sight=Sight(seen, known), body=body)
 
     def information(self, k: int) -> Array:
         """Information (P, 6, 6) of a plate's dots on the rig's pose; 0 where it is not seen."""
@@ -218,14 +227,6 @@ class RigLayouts:
         own = objective.information(self.layouts[k][None])[0][0]
         found[plate.index] = moved_information(own, -plate.offset)
         return found
-
-    def _elsewhere(self, k: int) -> Elsewhere:
-        plate = self.plates[k]
-        rest = np.sum([self.information(j) for j in range(len(self.plates)) if j != k], axis=0)
-        if np.ndim(rest) == 0:  # There is no other plate.
-            rest = np.zeros((self.count, 6, 6))
-        turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
-        return Elsewhere(moved_information(rest[plate.index], plate.offset), (self._body - shift) @ turn, -shift @ turn)
 
     def bounds(self, translation: Array) -> tuple[Array, Array]:
         """Errors (2, P) of the joint pose, and of the plate that is best in each: deg, and m at the rig's origin.
