@@ -369,7 +369,18 @@ GIVEN: Sequence[Given] = tuple(
                 "are at least # px apart from",
             ],
         ),
-        (DESIGN, SETTING, ["f = #, *lens*"]),
+        (DESIGN, SETTING, ["f = #, *lens*", "one size serve # to # m:"]),
+        (
+            DESIGN,
+            DEFAULT,
+            [
+                "is more than # times as far",
+                "Dots are # times as large",
+                "sees whole, # px or more inside",
+                "and # px large (a key ring # px)",
+                "is at most # times the least that",
+            ],
+        ),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
             VALIDATE,

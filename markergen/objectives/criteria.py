@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import OBJECTIVES, Criterion, Setting
 from markergen.objectives.pose import PoseObjective
 
@@ -34,9 +35,11 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
     known = criteria_for(points)
     found = {each.key: OBJECTIVES[name](setting)(points) for name, each in known.items() if not each.bound}
     covariance = PoseObjective(setting).covariance(points)
+    aggregated = aggregate_of("rms", setting.poses.weight)
     for each in known.values():
         if each.bound:
-            found[each.key] = np.sqrt(np.mean(each.bound(covariance, setting.poses) ** 2, axis=-1))
+            with np.errstate(invalid="ignore"):
+                found[each.key] = aggregated(each.bound(covariance, setting.poses), 0.0)[0]
     return [{key: float(values[i]) for key, values in found.items()} for i in range(len(points))]
 
 
