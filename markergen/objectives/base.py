@@ -52,6 +52,22 @@ class Sight:
     known: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The body that a marker is a plate of, in the marker frame: the pose that counts is the body's.
+
+    Attributes
+    ----------
+    points : array (m, 3)
+        Points in m whose expected displacement the objective ``pose`` is.
+    origin : array (3,)
+        Origin of the body's frame in m, whose error the objective ``translation`` is.
+    """
+
+    points: Array
+    origin: Array
+
+
 @dataclass(frozen=True)
 class Setting:
     """Boundary, camera, poses and noise for which a layout is evaluated.
@@ -66,6 +82,8 @@ class Setting:
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
     sight : Sight or None
         Dots that the poses see, for objectives of a pose; None if all see every dot, and nothing else.
+    body : Body or None
+        Body whose pose counts, for objectives of a pose; None for the marker itself.
     """
 
     boundary: Boundary
@@ -73,6 +91,7 @@ class Setting:
     poses: PoseDistribution
     noise: DotNoise | None = None
     sight: Sight | None = None
+    body: Body | None = None
 
     @property
     def noise_words(self) -> str:
