@@ -311,7 +311,7 @@ def compare(
 @app.command(cls=GroupedCommand)
 @with_options(VerifyKeywords)
 def verify(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker that the files should contain.")],
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker or rig that the files should contain.")],
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
@@ -323,12 +323,14 @@ def verify(
     """Read files back with independent readers, and compare every dot with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or from another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
+    mirrored, missing or from another marker are reported as such. In solids of a rig.json, its markers' places
+    count too. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:
       markergen verify marker.json marker.pdf marker.svg marker.png
       markergen verify marker.json marker.step marker.3mf marker.glb
+      markergen verify rig.json cube.step cube.3mf cube.mjcf.xml
     """
     from markergen.api.verify import verify as read_back
 
@@ -346,7 +348,9 @@ def verify(
 @app.command(cls=GroupedCommand)
 @with_options(RescaleKeywords)
 def rescale(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
@@ -361,6 +365,7 @@ def rescale(
     Example:
       markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json
       markergen rescale marker.json --measured-points dots.csv -o corrected.json
+      markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o corrected.json
     """
     from markergen.api.rescale import rescale as correct
     from markergen.files import Written
