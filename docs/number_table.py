@@ -6,7 +6,7 @@ from docs.numbers import Block, Command, Entry, Given, Number
 
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
-CONVENTIONS, CALIBRATE = "docs/conventions.md", "docs/calibrate.md"
+CONVENTIONS, CALIBRATE, RIGS = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md"
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
 POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
@@ -332,6 +332,8 @@ GIVEN: Sequence[Given] = tuple(
                 "the same, # % of the dots false by # to # px",
             ],
         ),
+        (RIGS, DEFAULT, ["(short axis # px)"]),
+        (RIGS, MEANING, ["a dot more than # px off"]),
         (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
         (
             README,
@@ -367,7 +369,18 @@ GIVEN: Sequence[Given] = tuple(
                 "are at least # px apart from",
             ],
         ),
-        (DESIGN, SETTING, ["f = #, *lens*"]),
+        (DESIGN, SETTING, ["f = #, *lens*", "one size serve # to # m:"]),
+        (
+            DESIGN,
+            DEFAULT,
+            [
+                "is more than # times as far",
+                "Dots are # times as large",
+                "sees whole, # px or more inside",
+                "and # px large (a key ring # px)",
+                "is at most # times the least that",
+            ],
+        ),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
             VALIDATE,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from markergen.api.design import design
     from markergen.api.export import export
     from markergen.api.rescale import Rescaled, rescale
+    from markergen.api.rig import rig
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
     from markergen.api.verify import verify
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
     from markergen.model.marker import Marker
     from markergen.model.rig import Rig, RigMarker
     from markergen.optimize.design import Design
+    from markergen.optimize.rig_design import RigDesign
     from markergen.validation.comparison import Comparison
+    from markergen.validation.rigs.validation import RigValidation
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
 
@@ -50,7 +53,9 @@ __all__ = [
     "OutputError",
     "Rescaled",
     "Rig",
+    "RigDesign",
     "RigMarker",
+    "RigValidation",
     "Study",
     "Validation",
     "Verification",
@@ -59,6 +64,7 @@ __all__ = [
     "design",
     "export",
     "rescale",
+    "rig",
     "study",
     "validate",
     "verify",
@@ -70,7 +76,9 @@ _HOMES = {
     "model.rig": ("Rig", "RigMarker"),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
+    "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
+    "validation.rigs.validation": ("RigValidation",),
     "validation.validation": ("Validation",),
     "validation.comparison": ("Comparison",),
     "verification.verification": ("Verification",),
@@ -80,6 +88,7 @@ _HOMES = {
     "api.design": ("design",),
     "api.export": ("export",),
     "api.rescale": ("Rescaled", "rescale"),
+    "api.rig": ("rig",),
     "api.study": ("Study", "study"),
     "api.validate": ("validate",),
     "api.verify": ("verify",),

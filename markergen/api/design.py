@@ -19,14 +19,17 @@ from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.marker import light_marker
-from markergen.model.spec import Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.design import Design, members
 from markergen.optimize.design import design as find
+from markergen.optimize.pad_design import design_pad
+from markergen.optimize.ranges import needs_scales
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.declarations import DesignKeywords
+from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.read.templates import read_template
 
@@ -73,7 +76,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
-    spec, found = request.find(lambda spec: find(spec, progress, traced=bool(request.traces)))
+    spec, found = request.find(lambda spec: _find(spec, progress, traced=bool(request.traces)))
     if request.choices.sheet.colors.inverted:
         found = replace(found, marker=light_marker(found.marker))
     for warning in found.warnings:
@@ -93,6 +96,15 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
 
 
 design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
+
+
+def _find(spec: Spec, progress: Progress | None, traced: bool) -> Design:
+    """Design with dots of several sizes where one size cannot serve all poses, and the number of dots is open."""
+    if spec.n == AUTO and needs_scales(spec, poses_from(spec.poses)):
+        if traced:
+            raise InputError("dots of one size to trace", "--trace with poses from near to far", "leave it out")
+        return design_pad(spec, progress)
+    return find(spec, progress, traced)
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,23 @@
 
 import logging
 import time
-from typing import Any, Unpack
+from collections.abc import Mapping
+from typing import Any, Unpack, overload
 
-from markergen.api.arguments import camera_of, files_among, marker_of
-from markergen.errors import InputError
+from markergen.api.arguments import camera_of, files_among
+from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import CameraLike, File, Files, MarkerLike, Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
+from markergen.presentation.results import Targets
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text
-from markergen.validation.validation import Validation, check_pictures, setting_of
+from markergen.validation.result import check_pictures
+from markergen.validation.rigs.validation import RigValidation, rig_setting, validate_rig
+from markergen.validation.rigs.views import RigViews
+from markergen.validation.validation import Validation, setting_of
 from markergen.validation.validation import validate as run
 from markergen.validation.views import SyntheticViews
 
@@ -21,6 +28,7 @@ VIEWS = 100
 """Default number of synthetic images."""
 
 
+@overload
 def validate(
     marker: MarkerLike,
     camera: CameraLike | None = None,
@@ -31,17 +39,46 @@ def validate(
     pictures: File | None = None,
     progress: Progress | None = None,
     **options: Unpack[ValidateKeywords],
-) -> Validation:
+) -> Validation: ...
+
+
+@overload
+def validate(
+    marker: Rig,
+    camera: CameraLike | None = None,
+    *,
+    save: Files = (),
+    json: File | None = None,
+    report: File | None = None,
+    pictures: File | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[ValidateKeywords],
+) -> RigValidation: ...
+
+
+def validate(
+    marker: MarkerLike | Rig,
+    camera: CameraLike | None = None,
+    *,
+    save: Files = (),
+    json: File | None = None,
+    report: File | None = None,
+    pictures: File | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[ValidateKeywords],
+) -> Validation | RigValidation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
     Noisy trials at every pose that sees the whole marker are compared with the Cramer-Rao bound; then synthetic images
     are rendered and the marker is detected in them as in photos. docs/validate.md describes the measurements.
 
+    Of a rig, each pose counts with the plates that it shows, and all of them together are compared with the best alone.
+
     Parameters
     ----------
-    marker : Marker, path or dict
+    marker : Marker, Rig, path or dict
     camera : Camera, path, dict or None
-        None: the camera that the marker was designed for.
+        None: the camera that the marker or rig was designed for.
     save : path or list of paths
         Files to write at the end, by suffix: .html for the report, .json for the results, .svg or .png for the plot.
         All targets are checked before the work begins.
@@ -56,12 +93,13 @@ def validate(
 
     Returns
     -------
-    Validation
+    Validation, or RigValidation for a rig
 
     Raises
     ------
     InputError
-        If an argument is unknown, of the wrong type or out of range, or no pose sees the whole marker.
+        If an argument is unknown, of the wrong type or out of range, an option is not for rigs, or no pose sees the
+        whole marker, or four dots of a plate of the rig.
     OutputError
         If a file cannot be written.
 
@@ -83,7 +121,9 @@ def validate(
     settled = settle(options, ValidateKeywords)
     targets = Validation.targets(save, pictures, json=json, report=report)
     optics = optics_from_text(settled["optics"] or "")
-    judged = marker_of(marker)
+    judged = load_marker_or_rig(marker)
+    if isinstance(judged, Rig):
+        return _validated(judged, marker, camera, settled, targets, progress)
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
@@ -104,6 +144,39 @@ def validate(
     _log.info("validated in %.1f s", time.perf_counter() - began)
     written = Validation(results, series).write(targets, progress)
     return Validation(results, series, written)
+
+
+ONLY_MARKERS = ("hide", "refine", "stress", "trials_for_all", "scale_sigma")
+"""Options that a rig does not take."""
+
+
+def _validated(
+    rig: Rig,
+    source: object,
+    camera: CameraLike | None,
+    settled: Mapping[str, Any],
+    targets: Targets,
+    progress: Progress | None,
+) -> RigValidation:
+    """Validate a rig."""
+    usual = settle({}, ValidateKeywords)
+    for name in ONLY_MARKERS:
+        if settled[name] != usual[name]:
+            raise InputError(f"no --{name.replace('_', '-')} for a rig", brief(settled[name]), "leave it out")
+    views = VIEWS if settled["views"] is None else settled["views"]
+    by, poses = rig_setting(rig, settled["poses"], camera_of(camera))
+    covariance = camera_covariance(settled["camera_covariance"], camera, by)
+    series = RigViews(
+        rig, by, poses, views, settled["seed"], optics_from_text(settled["optics"] or ""), settled["background"],
+        ErrorSources(settled["print_sigma"], covariance),
+    )  # fmt: skip
+    check_pictures(targets, views)
+    targets.check(files_among(source, camera, settled["camera_covariance"], settled["poses"]))
+    _log.info("validating: %d poses x %d runs, %d views", len(poses), settled["runs"], views)
+    results = validate_rig(
+        series, settled["noise"], settled["runs"], settled["seed"], settled["workers"], progress
+    )  # fmt: skip
+    return RigValidation(results, series, RigValidation(results, series).write(targets, progress))
 
 
 validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

@@ -3,17 +3,21 @@
 import logging
 from typing import Unpack
 
-from markergen.api.arguments import files_among, marker_of, paths_of
-from markergen.options import File, Files, MarkerLike, settle, signature_of
+from markergen.api.arguments import files_among, paths_of
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
+from markergen.options import File, Files, TargetLike, settle, signature_of
 from markergen.options.declarations import VerifyKeywords
 from markergen.verification.check import check_tolerance, verify_all
+from markergen.verification.check import verify as verify_marker
+from markergen.verification.rigs import verify_rig
 from markergen.verification.verification import Verification
 
 _log = logging.getLogger(__name__)
 
 
 def verify(
-    marker: MarkerLike,
+    marker: TargetLike,
     *files: File,
     save: Files = (),
     json: File | None = None,
@@ -22,12 +26,13 @@ def verify(
     """Read files back with independent readers, and compare every dot with the marker.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or from another marker are reported as such.
+    mirrored, missing or from another marker are reported as such. In solids of a rig, the places and rotations of its
+    markers are compared, too.
 
     Parameters
     ----------
-    marker : Marker, path or dict
-        The marker that the files should contain.
+    marker : Marker, Rig, path or dict
+        The marker, or the rig, that the files should contain.
     *files : path
         Sheets, solids and configurations, read by suffix.
     save, json : path or None
@@ -68,9 +73,14 @@ def verify(
     check_tolerance(tolerance)
     targets = Verification.targets(save, json=json)
     targets.check([*files_among(marker), *paths])
-    judged = marker_of(marker)
+    judged = load_marker_or_rig(marker)
     _log.info("verifying %d files", len(paths))
-    checks = verify_all(judged, paths, tolerance)
+    checks = verify_all(
+        lambda path: (
+            verify_rig(judged, path, tolerance) if isinstance(judged, Rig) else verify_marker(judged, path, tolerance)
+        ),
+        paths,
+    )
     _log.info("verified: %d of %d are as they should be", sum(check.passed for check in checks), len(checks))
     written = Verification(checks).write(targets)
     return Verification(checks, written)

@@ -22,6 +22,7 @@ from markergen.options.declarations import (
     ValidateKeywords,
     VerifyKeywords,
 )
+from markergen.options.rig import RigKeywords
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -72,10 +73,46 @@ def design(**options: Any) -> None:
     console.print_parts([*found.parts(), *map(str, found.written)])
 
 
+def _rig_suffixes() -> list[tuple[str, str]]:
+    from markergen.exporters import RIG_EXPORTERS, catalog
+
+    return [(" ".join(suffixes), words) for suffixes, words in catalog(RIG_EXPORTERS)]
+
+
+def _shapes() -> list[tuple[str, str]]:
+    from markergen.model.rig_shapes import FORMS, SHAPE_HELP
+
+    return list(zip(FORMS, SHAPE_HELP, strict=True))
+
+
+@app.command(cls=GroupedCommand)
+@with_options(RigKeywords, listed={"Shapes": _shapes, "Suffixes for a rig": _rig_suffixes})
+def rig(
+    shape: Annotated[list[str], typer.Argument(metavar="SHAPE", help="One of those above.")],
+    **options: Any,
+) -> None:
+    """Design a body with a marker on every face, for one pose from all dots in view; <stem>.json always comes with it.
+
+    \b
+    Example:
+      markergen rig cube --edge 80mm --n 6 -o cube.json
+      markergen rig prism:6 --edge 60mm --height 80mm --without -z -o prism.json
+      markergen rig wall 3x2 --pitch 0.5m --tag aruco:DICT_4X4_50 -o wall.json
+    """
+    from markergen.api.rig import rig as find
+
+    options.setdefault("output", [Path("rig.json")])
+    with console.progress_bar() as progress:
+        found = find(" ".join(shape), progress=progress, **options)
+    console.print_parts([*found.parts(), *map(str, found.written)])
+
+
 @app.command(cls=GroupedCommand)
 @with_options(ValidateKeywords)
 def validate(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     camera: Annotated[
         Path | None,
         typer.Option(
@@ -131,12 +168,6 @@ def _suffixes() -> list[tuple[str, str]]:
     from markergen.exporters import catalog
 
     return [(" ".join(suffixes), words) for suffixes, words in catalog()]
-
-
-def _rig_suffixes() -> list[tuple[str, str]]:
-    from markergen.exporters import RIG_EXPORTERS, catalog
-
-    return [(" ".join(suffixes), words) for suffixes, words in catalog(RIG_EXPORTERS)]
 
 
 @app.command(cls=GroupedCommand)
@@ -280,7 +311,7 @@ def compare(
 @app.command(cls=GroupedCommand)
 @with_options(VerifyKeywords)
 def verify(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker that the files should contain.")],
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker or rig that the files should contain.")],
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
@@ -292,12 +323,14 @@ def verify(
     """Read files back with independent readers, and compare every dot with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or from another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
+    mirrored, missing or from another marker are reported as such. In solids of a rig.json, its markers' places
+    count too. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:
       markergen verify marker.json marker.pdf marker.svg marker.png
       markergen verify marker.json marker.step marker.3mf marker.glb
+      markergen verify rig.json cube.step cube.3mf cube.mjcf.xml
     """
     from markergen.api.verify import verify as read_back
 
@@ -315,7 +348,9 @@ def verify(
 @app.command(cls=GroupedCommand)
 @with_options(RescaleKeywords)
 def rescale(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
@@ -330,6 +365,7 @@ def rescale(
     Example:
       markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json
       markergen rescale marker.json --measured-points dots.csv -o corrected.json
+      markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o corrected.json
     """
     from markergen.api.rescale import rescale as correct
     from markergen.files import Written

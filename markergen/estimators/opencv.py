@@ -58,7 +58,7 @@ def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
     images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
     away = batch.xyz @ AWAY
     turn = turn_z(_procrustes_angle(away[..., :2], images))
-    return np.ascontiguousarray(away @ turn.swapaxes(-1, -2)), images, turn @ AWAY
+    return np.ascontiguousarray(away @ turn.swapaxes(-1, -2)), np.ascontiguousarray(images), turn @ AWAY
 
 
 def best_first(batch: Correspondences, rotation: Array, translation: Array) -> PoseEstimates:

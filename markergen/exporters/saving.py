@@ -116,19 +116,19 @@ def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
     return {target: data for real, (target, data) in found.items() if real not in asked}
 
 
-def with_record(paths: Sequence[Path]) -> list[Path]:
-    """Add the marker.json that always accompanies a design, named after the first path, if it is missing."""
+def with_record(paths: Sequence[Path], table: Registry[Exporter] = EXPORTERS) -> list[Path]:
+    """Add the JSON that always accompanies a design, named after the first path, if it is missing."""
     first = paths[0]
     if not first.name:
         return list(paths)
-    record = first.with_name(first.name.removesuffix(_ending(first)) + RECORD)
+    record = first.with_name(first.name.removesuffix(_ending(first, table)) + RECORD)
     return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
 
 
-def _ending(path: Path) -> str:
+def _ending(path: Path, table: Registry[Exporter]) -> str:
     """Suffix as written, known or not."""
     try:
-        return path.name[-len(suffix_of(path)) :]
+        return path.name[-len(suffix_of(path, table)) :]
     except InputError:
         return path.suffix
 

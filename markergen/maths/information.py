@@ -74,6 +74,17 @@ def covariance(matrix: Array) -> Array:
         return inverse
 
 
+def moved_information(matrix: Array, offset: Array) -> Array:
+    """Information (..., 6, 6) on the pose of another frame of the same body.
+
+    For origins o' = o + offset, offset (..., 3) in m in the camera frame, dt' = dt + w x offset, so that (w, dt) =
+    A (w, dt') and the information is A' M A.
+    """
+    change = np.broadcast_to(np.eye(6), matrix.shape).copy()
+    change[..., 3:, :3] = skew(offset)
+    return change.swapaxes(-1, -2) @ matrix @ change
+
+
 def displacement_weight(rim: Array, rotation: Array) -> Array:
     """W (P, 6, 6), m^2: trace(W C) is the expected squared 3-D displacement of rim points (m, 2) or (m, 3)."""
     turned = rotate(rim, rotation)

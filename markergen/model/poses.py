@@ -54,6 +54,8 @@ class PoseDistribution:
         Number of poses left out because the boundary was not in view.
     doubt : str
         Sentence for the user if the poses seem to follow another convention; usually empty.
+    weight : array (P,) or None
+        How much each pose counts in an aggregate, above 0; None if all count the same.
     """
 
     name: str
@@ -61,6 +63,7 @@ class PoseDistribution:
     translation: Array
     dropped: int = 0
     doubt: str = ""
+    weight: Array | None = None
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -122,8 +125,9 @@ class PoseDistribution:
 
     def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
         """Keep the poses with these indices; `dropped` is the count for the result."""
+        weight = None if self.weight is None else self.weight[indices]
         rotation, translation = self.rotation[indices], self.translation[indices]
-        return replace(self, rotation=rotation, translation=translation, dropped=dropped)
+        return replace(self, rotation=rotation, translation=translation, dropped=dropped, weight=weight)
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
         """Return a possible mistake in poses of which only `share` see all points (m, 2 or 3), or an empty string."""

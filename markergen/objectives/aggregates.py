@@ -1,6 +1,7 @@
 """Aggregates: reductions of an objective's values over the poses to one number, with derivative.
 
-Each takes values (..., P), all positive, and a softness; it returns the aggregate (...) and its derivative (..., P).
+Each takes values (..., P), all positive, a softness, and how much each pose counts: weights (P,) of mean 1, or 1. It
+returns the aggregate (...) and its derivative (..., P).
 """
 
 from collections.abc import Callable
@@ -13,7 +14,8 @@ from markergen.errors import InputError
 from markergen.registry import Registry
 
 Array = NDArray[np.float64]
-Aggregate = Callable[[Array, float], tuple[Array, Array]]
+Aggregate = Callable[..., tuple[Array, Array]]
+Weight = Array | float
 
 AGGREGATES: Registry[Aggregate] = Registry("aggregate", __name__)
 """Aggregates by name."""
@@ -28,8 +30,8 @@ _HALVINGS = 60
 """Number of bisections for the softened quantile, enough for full precision."""
 
 
-def aggregate_of(text: str) -> Aggregate:
-    """Look up an aggregate by name; ``cvar:0.95`` includes its level.
+def aggregate_of(text: str, weight: Array | None = None) -> Aggregate:
+    """Look up an aggregate by name, for poses that count by weights (P,); ``cvar:0.95`` includes its level.
 
     Raises
     ------
@@ -37,7 +39,7 @@ def aggregate_of(text: str) -> Aggregate:
         If the name is unknown, or the level is not a number from 0 to below 1.
     """
     name, colon, argument = text.partition(":")
-    aggregate = AGGREGATES[name]
+    aggregate = partial(AGGREGATES[name], weight=1.0 if weight is None else weight / weight.mean())
     if not colon:
         return aggregate
     if name != "cvar":
@@ -50,35 +52,39 @@ def aggregate_of(text: str) -> Aggregate:
         raise InputError(
             "a level of cvar from 0 to below 1", repr(text), "write cvar:0.9 for the mean of the worst tenth of poses"
         )
-    return partial(mean_of_worst, level=level)
+    return partial(mean_of_worst, level=level, weight=aggregate.keywords["weight"])
 
 
 @AGGREGATES.register("rms")
-def rms(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
+def rms(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Root of the mean square."""
     del softness
-    total = np.sqrt(np.mean(values**2, axis=-1))
-    return total, values / (values.shape[-1] * total[..., None])
+    total = np.sqrt(np.mean(weight * values**2, axis=-1))
+    return total, weight * values / (values.shape[-1] * total[..., None])
 
 
 @AGGREGATES.register("mean")
-def mean(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
+def mean(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Arithmetic mean."""
     del softness
-    return np.mean(values, axis=-1), np.full_like(values, 1 / values.shape[-1])
+    return np.mean(weight * values, axis=-1), weight * np.full_like(values, 1 / values.shape[-1])
 
 
 @AGGREGATES.register("logmean")
-def logmean(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
+def logmean(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Geometric mean, exp(mean(log v)), which no single bad pose dominates."""
     del softness
-    total = np.exp(np.mean(np.log(values), axis=-1))
-    return total, total[..., None] / (values.shape[-1] * values)
+    total = np.exp(np.mean(weight * np.log(values), axis=-1))
+    return total, weight * total[..., None] / (values.shape[-1] * values)
 
 
 @AGGREGATES.register("max")
-def maximum(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
-    """Maximum; with softness s > 0 the norm (sum v^(1/s))^s, smooth and larger by a factor of at most P^s."""
+def maximum(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
+    """Maximum; with softness s > 0 the norm (sum v^(1/s))^s, smooth and larger by a factor of at most P^s.
+
+    Weights do not matter to it.
+    """
+    del weight
     worst = np.max(values, axis=-1)
     if not softness:
         derivative = np.zeros_like(values)
@@ -92,12 +98,12 @@ def maximum(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
 
 
 @AGGREGATES.register("cvar")
-def cvar(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
+def cvar(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Mean of the worst tenth of the poses, see `mean_of_worst`."""
-    return mean_of_worst(values, softness, DEFAULT_LEVEL)
+    return mean_of_worst(values, softness, DEFAULT_LEVEL, weight)
 
 
-def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, Array]:
+def mean_of_worst(values: Array, softness: float, level: float, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Mean of the worst k = (1 - level) P poses, the last of them counted fractionally; the worst pose if k < 1.
 
     It is the minimum over t of t + sum (v - t)+ / k (Rockafellar & Uryasev 2000). With softness s > 0, (v - t)+ becomes
@@ -107,8 +113,11 @@ def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, 
     count = values.shape[-1]
     worst = max((1 - level) * count, 1.0)
     if not softness or worst >= count:
-        ranks = np.argsort(np.argsort(-values, axis=-1, kind="stable"), axis=-1, kind="stable")
-        derivative = np.clip(worst - ranks, 0.0, 1.0) / worst
+        order = np.argsort(-values, axis=-1, kind="stable")
+        mass = np.broadcast_to(weight, values.shape)
+        falling = np.take_along_axis(mass, order, axis=-1)
+        worse = np.take_along_axis(np.cumsum(falling, axis=-1) - falling, np.argsort(order, axis=-1), axis=-1)
+        derivative = np.clip(worst - worse, 0.0, mass) / worst
         # Infinite values times zero weights would be nan.
         return np.sum(np.where(derivative > 0, values, 0.0) * derivative, axis=-1), derivative
     top = values.max(axis=-1, keepdims=True)
@@ -119,12 +128,12 @@ def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, 
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         # The derivative with respect to t grows with t and is 0 at the minimum.
-        rising = np.sum(_soft_share(middle, scaled, softness), axis=-1, keepdims=True) > count - worst
+        rising = np.sum(weight * _soft_share(middle, scaled, softness), axis=-1, keepdims=True) > count - worst
         low, high = np.where(rising, low, middle), np.where(rising, middle, high)
     larger, smaller = np.maximum(scaled, high), np.minimum(scaled, high)
     excess = larger * (1 + (smaller / larger) ** (1 / softness)) ** softness
-    value = high[..., 0] + np.sum(excess - high, axis=-1) / worst
-    return np.where(finite, top, np.inf)[..., 0] * value, _soft_share(scaled, high, softness) / worst
+    value = high[..., 0] + np.sum(weight * (excess - high), axis=-1) / worst
+    return np.where(finite, top, np.inf)[..., 0] * value, weight * _soft_share(scaled, high, softness) / worst
 
 
 def _soft_share(one: Array, other: Array, softness: float) -> Array:

@@ -36,6 +36,38 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
 
 
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What each of P poses sees of n dots, and what it knows without them.
+
+    Attributes
+    ----------
+    seen : array (P, n) of bool
+        Dots that count.
+    known : array (P, 6, 6)
+        Fisher information of the pose from other dots.
+    """
+
+    seen: NDArray[np.bool_]
+    known: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The body that a marker is a plate of, in the marker frame: the pose that counts is the body's.
+
+    Attributes
+    ----------
+    points : array (m, 3)
+        Points in m whose expected displacement the objective ``pose`` is.
+    origin : array (3,)
+        Origin of the body's frame in m, whose error the objective ``translation`` is.
+    """
+
+    points: Array
+    origin: Array
+
+
 @dataclass(frozen=True)
 class Setting:
     """Boundary, camera, poses and noise for which a layout is evaluated.
@@ -48,12 +80,18 @@ class Setting:
         Poses that see the whole boundary.
     noise : DotNoise or None
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
+    sight : Sight or None
+        Dots that the poses see, for objectives of a pose; None if all see every dot, and nothing else.
+    body : Body or None
+        Body whose pose counts, for objectives of a pose; None for the marker itself.
     """
 
     boundary: Boundary
     camera: Camera
     poses: PoseDistribution
     noise: DotNoise | None = None
+    sight: Sight | None = None
+    body: Body | None = None
 
     @property
     def noise_words(self) -> str:
@@ -142,7 +180,7 @@ class Objective(ABC):
             raise InputError("coordinates that the objective knows", repr(coordinates), remedy)
         self.setting = setting
         self.aggregate = aggregate or self.default_aggregate
-        self.aggregated = aggregate_of(self.aggregate)
+        self.aggregated = aggregate_of(self.aggregate, setting.poses.weight)
 
     @property
     def nonsmooth(self) -> bool:
@@ -318,6 +356,21 @@ class TraceObjective(Objective):
 
     def _distorted(self, points: Array) -> tuple[Array, Pullback]:
         """J of the distorted image points, and its pullback to the points (B, P, n, .)."""
+        sight = self.setting.sight
+        if not sight or points.shape[1] != sight.seen.shape[1]:
+            return self._all_distorted(points)
+        # Dots that are not seen may lie in the plane of the camera's center.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            jacobian, back = self._all_distorted(points)
+        rows, dots = np.repeat(sight.seen, 2, axis=-1)[..., None], sight.seen[..., None]
+
+        def pullback(cotangent: Array) -> Array:
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                return np.where(dots, back(np.where(rows, cotangent, 0.0)), 0.0)
+
+        return np.where(rows, jacobian, 0.0), pullback
+
+    def _all_distorted(self, points: Array) -> tuple[Array, Pullback]:
         jacobian, camera = self._jacobian(points), self.setting.camera
         if camera.distortion == NO_DISTORTION:
             return jacobian, lambda cotangent: self._jacobian_pullback(cotangent, points)
@@ -331,14 +384,20 @@ class TraceObjective(Objective):
 
     def _information(self, jacobian: Array) -> tuple[Array, Pullback]:
         """M (B, P, k, k), and the pullback of half of <S, dM>, given J S, to a cotangent of J."""
-        if self._dots is None:
+        sight = self.setting.sight
+        if self._dots is None and sight is None:
             return information(jacobian), lambda turned: turned
         weighed, pullback = self._weighed(jacobian)
-        return jacobian.swapaxes(-1, -2) @ weighed, pullback
+        matrix = jacobian.swapaxes(-1, -2) @ weighed
+        return matrix + sight.known if sight else matrix, pullback
 
     def _weighed(self, jacobian: Array) -> tuple[Array, Pullback]:
         """F J, and the pullback of `_information`; S may differ between dots."""
-        return self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
+        weighed, pullback = self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
+        if not self.setting.sight:
+            return weighed, pullback
+        rows = np.repeat(self.setting.sight.seen, 2, axis=-1)[..., None]
+        return np.where(rows, weighed, 0.0), lambda turned: np.where(rows, pullback(np.where(rows, turned, 0.0)), 0.0)
 
 
 OBJECTIVES: Registry[type[Objective]] = Registry(

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import OBJECTIVES, Criterion, Setting
 from markergen.objectives.pose import PoseObjective
 
@@ -31,12 +32,14 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
     have no homography, so its two keys are omitted.
     """
     points = without_height(points)
-    known = criteria_for(points)
+    known = criteria_for(points, setting.sight is None)
     found = {each.key: OBJECTIVES[name](setting)(points) for name, each in known.items() if not each.bound}
     covariance = PoseObjective(setting).covariance(points)
+    aggregated = aggregate_of("rms", setting.poses.weight)
     for each in known.values():
         if each.bound:
-            found[each.key] = np.sqrt(np.mean(each.bound(covariance, setting.poses) ** 2, axis=-1))
+            with np.errstate(invalid="ignore"):
+                found[each.key] = aggregated(each.bound(covariance, setting.poses), 0.0)[0]
     return [{key: float(values[i]) for key, values in found.items()} for i in range(len(points))]
 
 
@@ -45,9 +48,9 @@ def without_height(points: Array) -> Array:
     return points[..., :2] if points.shape[-1] == 3 and not points[..., 2].any() else points
 
 
-def criteria_for(points: Array) -> dict[str, Criterion]:
-    """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography."""
-    planar = points.shape[-1] == 2
+def criteria_for(points: Array, whole: bool = True) -> dict[str, Criterion]:
+    """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography, nor has what is not whole."""
+    planar = whole and points.shape[-1] == 2
     return {name: each for name, each in columns().items() if planar or not OBJECTIVES[name].planar_only}
 
 

@@ -34,11 +34,13 @@ class PoseObjective(PoseCovarianceObjective):
     """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
 
     W is the mean over rim points b of J_b'J_b, J_b = d(R b + t). As a length, it needs no relative weight of rotation
-    and translation.
+    and translation. On a plate of a rig, the points are those of the whole body.
     """
 
     unit = "m"
     criterion = Criterion("pose_m", "pose mm", 1e3, place=1)
 
     def _weight(self) -> Array:
-        return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)
+        body = self.setting.body
+        points = body.points if body else self.setting.boundary.rim(RIM_POINTS)
+        return displacement_weight(points, self.setting.poses.rotation)

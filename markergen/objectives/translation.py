@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.information import translation_bound
+from markergen.maths.information import displacement_weight, translation_bound
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
@@ -17,11 +17,19 @@ def _bound(covariance: Array, poses: PoseDistribution) -> Array:
 
 @OBJECTIVES.register("translation")
 class TranslationObjective(PoseCovarianceObjective):
-    """RMS translation error in percent of the distance |t|, for the noise of the setting."""
+    """RMS translation error in percent of the distance |t|, for the noise of the setting.
+
+    On a plate of a rig, that of the rig's origin.
+    """
 
     unit = "%"
     criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)
 
     def _weight(self) -> Array:
-        share = 100 / self.setting.poses.distance
+        poses, body = self.setting.poses, self.setting.body
+        if body:
+            place = poses.rotation @ body.origin + poses.translation
+            share = 100 / np.linalg.norm(place, axis=-1)
+            return displacement_weight(body.origin[None], poses.rotation) * share[:, None, None] ** 2
+        share = 100 / poses.distance
         return np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * share[:, None, None] ** 2

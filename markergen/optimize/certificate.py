@@ -225,15 +225,16 @@ class _Fields:
     def _shares(self, values: Array, softness: float) -> Array:
         """Weights q (P,) for which (sum q v^t)^(1/t) is at most the aggregate, for all values v."""
         name, _, level = self.objective.aggregate.partition(":")
-        count = len(values)
+        count, weight = len(values), self.objective.setting.poses.weight
+        mass = np.ones(count) if weight is None else weight / weight.mean()
         if name == "max":
             share = self.objective.aggregated(values, softness)[1] * values
             return share / share.sum()
         if name == "cvar":
             worst = max((1 - float(level or DEFAULT_LEVEL)) * count, 1.0)
             share = self.objective.aggregated(values, softness)[1]
-            return share / max(share.sum(), worst * share.max())
-        return np.full(count, 1 / count)
+            return share / max(share.sum(), worst * (share / mass).max())
+        return mass / count
 
     def polynomial(self, sensitivity: Array) -> Array:
         """Chebyshev coefficients (d + 1, d + 1) of a sensitivity as a function of the place."""

@@ -2,11 +2,11 @@
 
 import logging
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
+from markergen.model.sight import coverage
 from markergen.model.spec import USUAL_PRINT, Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
@@ -43,6 +44,7 @@ from markergen.optimize.problem import (
     room_of,
     rough_of,
 )
+from markergen.optimize.ranges import needs_scales
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
@@ -171,7 +173,19 @@ class Design(Result):
             f"seed {spec['seed']}, spec {self.marker.spec_hash}\n"
             + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")
             + self._labels
+            + self._gaps
         )
+
+    @property
+    def _gaps(self) -> str:
+        """Distances of the spec's poses at which no four dots are in view, in words."""
+        if not self.setting.poses.dropped or self.spec.relief or not self.dots.diameter:
+            return ""
+        poses = poses_from(self.spec.poses)
+        gaps = coverage(self.marker, self.setting.camera, poses).gaps
+        several = needs_scales(self.spec, poses)
+        remedy = "; --n auto makes dots of several sizes for them" if several else ""
+        return f"\nnot served: {'; '.join(gaps)}{remedy}" if gaps else ""
 
     @cached_property
     def outlook(self) -> str:
@@ -401,9 +415,6 @@ def dress(
 
     Dot 0 is the key ring and the others are disks; all are disks where the layout alone identifies them.
     """
-    import scipy
-
-    stored = _stored(spec, setting.poses).as_dict()
     # A tenth of a nanometer is far below any manufacturing tolerance, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return replace(
@@ -412,23 +423,33 @@ def dress(
         tag=spec.placed_tag,
         substrate=spec.substrate,
         provenance={
-            "spec": stored,
-            "spec_hash": spec.hash,
-            "seed": spec.seed,
-            "versions": {"markergen": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
-            "camera": stored["camera"],
-            "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
-            "dots": dots.reason,
-            "criteria": {
-                # JSON has no infinity, which is the homography error of some random layouts.
-                name: {key: float(f"{value:.8g}") for key, value in row.items() if np.isfinite(value)}
-                for name, row in table.items()
-            },
+            **provenance_of(spec, setting, dots.reason, table),
             **({"labels": labels.sentence} if labels else {}),
             # If absent, criteria are for noise of 1 px.
             **({"noise": setting.noise_words} if setting.noise else {}),
         },
     )
+
+
+def provenance_of(spec: Spec, setting: Setting, dots: str, table: Mapping[str, Criteria]) -> dict[str, Any]:
+    """How a marker was designed: the spec, the poses of the setting, what explains its dots, and its criteria."""
+    import scipy
+
+    stored = _stored(spec, setting.poses).as_dict()
+    return {
+        "spec": stored,
+        "spec_hash": spec.hash,
+        "seed": spec.seed,
+        "versions": {"markergen": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
+        "camera": stored["camera"],
+        "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
+        "dots": dots,
+        "criteria": {
+            # JSON has no infinity, which is the homography error of some random layouts.
+            name: {key: float(f"{value:.8g}") for key, value in row.items() if np.isfinite(value)}
+            for name, row in table.items()
+        },
+    }
 
 
 def _stored(spec: Spec, seen: PoseDistribution) -> Spec:

@@ -117,7 +117,9 @@ def image_slopes(points: Array, camera: Camera, poses: PoseDistribution) -> Arra
     return np.asarray(camera.pixel_jacobian(normalized) @ ideal[..., 3:] @ poses.rotation[:, None, :, :2])
 
 
-def least_sizes(boundary: Boundary, camera: Camera, poses: PoseDistribution) -> tuple[float, float]:
+def least_sizes(
+    boundary: Boundary, camera: Camera, poses: PoseDistribution, share: float = SHARE
+) -> tuple[float, float]:
     """Diameter and gap of dots in m, whole tenths of a mm, that are large enough anywhere in 95 % of the poses.
 
     With A of `image_slopes`, the mean diameter of an image is d sqrt(|det A|), the root of long times short axis, and a
@@ -128,7 +130,7 @@ def least_sizes(boundary: Boundary, camera: Camera, poses: PoseDistribution) -> 
     narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
     found = []
     for pixels, scale in ((RELIABLE_PIXELS, area), (GAP_PIXELS, narrow)):
-        worst = np.sort(scale.min(axis=1))[int((1 - SHARE) * len(poses) + 1e-9)]
+        worst = np.sort(scale.min(axis=1))[int((1 - share) * len(poses) + 1e-9)]
         if not worst:
             raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
         found.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.objectives import Objective
-from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.problem import FeasibleRegion
@@ -100,7 +99,7 @@ class TraceExchangeTable(ExchangeTable):
 
     def __init__(self, objective: TraceObjective, places: Array) -> None:
         super().__init__(places)
-        self._objective, self._aggregate = objective, aggregate_of(objective.aggregate)
+        self._objective, self._aggregate = objective, objective.aggregated
         self._told = self._tell(places)
         self._products = _products(self._told)
         # A tiny fraction of the mean information of all places keeps M of three points or fewer regular.

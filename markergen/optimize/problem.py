@@ -258,21 +258,26 @@ class FeasibleRegion:
 
 
 def breach(
-    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float
+    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float | Array, clearance: float
 ) -> float:
     """Largest violation in m of the constraints by a layout (n, 2 or 3) in m; 0 or less if it satisfies them.
 
-    Every dot must lie entirely in the boundary, `clearance` or more from its outline, the keep-outs, and every other
-    dot. Circles are measured by plain arithmetic, all else by GEOS from the outlines.
+    Every dot, of a diameter in m for all or of its own, must lie entirely in the boundary, `clearance` or more from its
+    outline, the keep-outs, and every other dot. Circles are measured by plain arithmetic, all else by GEOS from the
+    outlines.
     """
-    inset = diameter / 2 + clearance
-    worst = max((diameter + clearance - dist(p[:2], q[:2]) for p, q in combinations(points.tolist(), 2)), default=0.0)
-    for x, y, *_ in points.tolist():
+    dots = list(zip(points.tolist(), np.broadcast_to(diameter, len(points)).tolist(), strict=True))
+    pairs = combinations(dots, 2)
+    worst = max(((d + e) / 2 + clearance - dist(p[:2], q[:2]) for (p, d), (q, e) in pairs), default=0.0)
+    for (x, y, *_), own in dots:
+        inset = own / 2 + clearance
         worst = max(worst, inset - _depth(x, y, boundary), *(inset + _depth(x, y, keep_out) for keep_out in keep_outs))
     return worst
 
 
-def check(points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float) -> None:
+def check(
+    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float | Array, clearance: float
+) -> None:
     """Refuse a layout that violates its constraints (see `breach`) by more than a nanometer.
 
     Raises

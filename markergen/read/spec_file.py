@@ -181,7 +181,8 @@ class _Poses(_Table):
     rows: Annotated[list[str], Field(min_length=1, max_length=MOST_KEPT)]
 
 
-def _poses(value: object) -> str | RecordedPoses:
+def stated_poses(value: object) -> str | RecordedPoses:
+    """Return poses as a spec states them, from any form; raises ValueError if it is none."""
     if isinstance(value, str | RecordedPoses):
         return value
     if isinstance(value, PathLike):
@@ -227,7 +228,7 @@ KINDS: dict[str, Any] = {
     "shapes": list[Shape],
     "file": Any,
     "camera": CameraTable,
-    "poses": Annotated[Any, BeforeValidator(_poses)],
+    "poses": Annotated[Any, BeforeValidator(stated_poses)],
 }
 """Type of each kind of option, once the files that it names have been read."""
 

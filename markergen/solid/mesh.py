@@ -5,7 +5,7 @@ are triangulated as polygons. The points of all parts lie on a common grid.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from math import acos, atan, atan2, ceil, cos, hypot, log2, pi, sin
@@ -50,11 +50,14 @@ class Mesh:
         Indices of points, counterclockwise as seen from outside.
     marked : array (m,) of bool
         True for triangles of a face with the other material's color.
+    up : array (3,)
+        Direction of the plate's normal.
     """
 
     points: Array
     triangles: Indices
     marked: NDArray[np.bool_]
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     @property
     def volume(self) -> float:
@@ -174,7 +177,7 @@ def _inward_step(mesh: Mesh) -> Array:
     for axis in range(3):
         for corner in mesh.triangles.T:
             normals[:, axis] += np.bincount(corner, faces[:, axis], len(normals))
-    level = normals * [1, 1, 0]
+    level = normals - np.outer(normals @ mesh.up, mesh.up)
     upright = np.linalg.norm(level, axis=1) < 1e-6 * np.linalg.norm(normals, axis=1)
     ways = np.where(upright[:, None], normals, level)
     length = np.linalg.norm(ways, axis=1, keepdims=True)

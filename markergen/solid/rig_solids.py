@@ -182,7 +182,8 @@ def meshes_of_rig(parts: Sequence[RigPart], tolerance: float) -> tuple[Mesh, ...
         shells.append((corners, np.concatenate([marked for _, _, marked in found])))
     grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
     return tuple(
-        welded(corners, marked, part.name, grid) for part, (corners, marked) in zip(parts, shells, strict=True)
+        replace(welded(corners, marked, part.name, grid), up=np.array(part.pieces[0].rotation)[:, 2])
+        for part, (corners, marked) in zip(parts, shells, strict=True)
     )
 
 

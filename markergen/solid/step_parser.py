@@ -27,6 +27,9 @@ SAGITTA = 1e-3
 
 MOST_FACES = 200_000
 
+SMALLEST_SIDE, MOST_SIDES = 0.02, 60
+"""Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
+
 Json = dict[str, Any]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]
 """Name, color, shape and face colors of a solid."""
@@ -57,7 +60,18 @@ def brep_turned(data: bytes) -> Json:
     return _turned(as_file(data, ".brep", _brep))
 
 
-def _turned(parts: list[Part]) -> Json:
+def step_sides(data: bytes) -> Json:
+    """Read a STEP file with each of its larger level areas turned up, and with each turned down."""
+    return _turned(as_file(data, ".step", _step), SMALLEST_SIDE)
+
+
+def brep_sides(data: bytes) -> Json:
+    """Read a BREP file as `step_sides` does a STEP file."""
+    return _turned(as_file(data, ".brep", _brep), SMALLEST_SIDE)
+
+
+def _turned(parts: list[Part], smallest: float = 0.0) -> Json:
+    """Views with the largest level area up and down, or with all whose share of it is at least `smallest`."""
     from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Quaternion, gp_Trsf, gp_Vec
     from OCP.TopAbs import TopAbs_FACE
     from OCP.TopLoc import TopLoc_Location
@@ -72,10 +86,11 @@ def _turned(parts: list[Part]) -> Json:
                 way = way if max(way, key=abs) > 0 else (-way[0], -way[1], -way[2])
                 key = (round(way[0], 6), round(way[1], 6), round(way[2], 6))
                 areas[key], ways[key] = areas.get(key, 0.0) + area, way
+    order = sorted(areas, key=lambda each: -areas[each])
+    sides = [each for each in order if areas[each] >= smallest * areas[order[0]]][: MOST_SIDES if smallest else 1]
     views = []
-    for sign in (1.0, -1.0) if areas else ():
-        x, y, z = (sign * each for each in ways[max(areas, key=lambda each: areas[each])])
-        if z > 1 - LEVEL:
+    for x, y, z in (tuple(sign * each for each in ways[side]) for side in sides for sign in (1.0, -1.0)):
+        if z > 1 - LEVEL and not smallest:
             continue
         move = gp_Trsf()
         if z < LEVEL - 1:

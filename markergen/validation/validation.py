@@ -3,45 +3,46 @@
 `validate` computes plain JSON values; `Validation` prints, plots, saves, checks and processes them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.files import Written, write_all
+from markergen.files import Written
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import coverage, partly_seen, poses_that_serve
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.base import Sight
 from markergen.objectives.criteria import Criteria, criteria, without_height
 from markergen.optimize.comparisons import compare, comparison_layouts
 from markergen.optimize.label_ambiguity import label_safety
 from markergen.optimize.problem import FeasibleRegion
-from markergen.options import Progress, check_progress
-from markergen.presentation.plots import axes_of, figure_bytes, new_figure
-from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
+from markergen.options import Progress
+from markergen.presentation.plots import axes_of
 from markergen.presentation.tables import Table, data_frame, number
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_of
-from markergen.validation import fail_if, headline, tables
+from markergen.validation import headline, tables
 from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.expectation import expect, without_calibration
 from markergen.validation.metrics import STATISTICS
 from markergen.validation.report import html_report
 from markergen.validation.report.plots import errors_over
 from markergen.validation.report.subject import mean_diameters
+from markergen.validation.result import ValidationResult
 from markergen.validation.trials import TrialResults, run_experiment
-from markergen.validation.view_records import stress, summarize, take_records
-from markergen.validation.views import Picture, SyntheticViews, pictures, remove_earlier
+from markergen.validation.view_records import DETECTOR, Record, stress, summarize, take_records
+from markergen.validation.views import Picture, SyntheticViews, pictures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 Array = NDArray[np.float64]
@@ -62,7 +63,14 @@ def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, came
     spec = spec_of(marker) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
-    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
+    return setting_for(marker, camera, poses_that_serve(marker, camera, distribution))
+
+
+def setting_for(marker: Marker, camera: Camera, poses: PoseDistribution) -> Setting:
+    """Return the setting in which poses see all of a marker, or of one with dots of several sizes, a part."""
+    seen = partly_seen(marker, camera, poses)
+    sight = None if seen is None else Sight(seen, np.zeros((len(poses), 6, 6)))
+    return Setting(marker.boundary, camera, poses, sight=sight)
 
 
 def validate(
@@ -113,8 +121,9 @@ def validate(
 
     def trials(judged: Marker, stage: str) -> TrialResults:
         layout = without_height(judged.xyz)[None]
-        # A relief has no homography.
-        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if layout.shape[-1] == 2 else None
+        # A relief has no homography, nor have dots of which a pose sees a part one for all poses.
+        plane = layout.shape[-1] == 2 and not setting.sight
+        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if plane else None
         return run_experiment(
             judged, setting.camera, setting.poses, noise_px, runs, seed,
             workers=workers, progress=told(stage), condition=condition,
@@ -122,7 +131,8 @@ def validate(
 
     points = without_height(marker.xyz)
     region = FeasibleRegion(marker.boundary, marker.dot_diameter, marker.clearance)
-    judge, what = ("condition", "homography") if points.shape[-1] == 2 else ("pose", "pose")
+    flat = points.shape[-1] == 2 and not setting.sight
+    judge, what = ("condition", "homography") if flat else ("pose", "pose")
     if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
         raise InputError(
             f"control points that determine a {what}",
@@ -139,7 +149,8 @@ def validate(
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
     series = series or SyntheticViews(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
-    views = summarize(series, take_records(series, workers, told("views"))) if series.count else None
+    records = take_records(series, workers, told("views")) if series.count else []
+    views = summarize(series, records) if series.count else None
     if views is not None and stressed:
         views["stress"] = stress(series, workers, told("stress"))
     budget = error_budget(series, noise_px)
@@ -151,15 +162,29 @@ def validate(
         claim["views"] = headline.compare_views(of_views, series.poses, views, claim, seed)
     labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
     dots = _extent(marker, setting) if marker.dot_diameter else None
+    covered = _coverage(marker, setting, expected.rotation_deg, records) if setting.sight else None
     return own.as_dict(
         criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots,
-        headline=claim, expected=expected.as_dict(),
+        headline=claim, expected=expected.as_dict(), coverage=covered,
     )  # fmt: skip
+
+
+def _coverage(marker: Marker, setting: Setting, expected_deg: Array, records: Sequence[Record]) -> dict[str, Any]:
+    """Return what serves which distance, with RMS rotation errors to expect (P,) and of the views' records."""
+    found = coverage(marker, setting.camera, setting.poses)
+    rows = found.rows()
+    for row, (_, _, mask) in zip(rows, found.bands(), strict=True):
+        seen = [each.poses[DETECTOR][0] for each in records if mask[each.pose] and DETECTOR in each.poses]
+        row["expected_deg"] = float(np.sqrt(np.mean(expected_deg[mask] ** 2)))
+        row["views_deg"] = float(np.sqrt(np.mean(np.square(seen)))) if seen else None
+    return {"diameters": [float(found.diameters[scale[0]]) for scale in found.scales], "by_distance": rows}
 
 
 def _extent(marker: Marker, setting: Setting) -> dict[str, float]:
     """Return the least mean diameter of a dot's image, what it takes to be found, and the share of poses without."""
     seen = mean_diameters(marker, setting.camera, setting.poses)
+    if setting.sight:
+        seen = np.where(setting.sight.seen, seen, np.inf)
     needed = np.array([point.feature.least_pixels for point in marker.control_points])
     dot = np.unravel_index(np.argmin(seen / needed), seen.shape)
     too_small = float(np.mean((seen < needed).any(axis=1)))
@@ -171,7 +196,7 @@ def median_layout(layouts: Array, setting: Setting) -> Array:
     return np.asarray(layouts[np.argsort(OBJECTIVES["pose"](setting)(layouts))[len(layouts) // 2]])
 
 
-class Validation(SavableResult):
+class Validation(ValidationResult):
     """The result of `markergen.validate`.
 
     ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those for a report or a
@@ -197,22 +222,9 @@ class Validation(SavableResult):
     None
     """
 
-    KINDS: ClassVar[Mapping[str, str]] = {
-        ".html": "report",
-        ".htm": "report",
-        ".json": "json",
-        ".svg": "plot",
-        ".png": "plot",
-    }
-
     def __init__(self, results: Mapping[str, Any], series: SyntheticViews, written: Sequence[Written] = ()) -> None:
-        self._results = dict(results)
-        self.series, self.written = series, tuple(written)
-
-    @property
-    def results(self) -> Mapping[str, Any]:
-        """All results as plain JSON values, see docs/validate.md; read-only."""
-        return MappingProxyType(self._results)
+        super().__init__(results, series.count, written)
+        self.series = series
 
     @property
     def marker(self) -> Marker:
@@ -222,114 +234,13 @@ class Validation(SavableResult):
     @property
     def setting(self) -> Setting:
         """Camera, and the poses that see the entire marker."""
-        return Setting(self.marker.boundary, self.series.camera, self.series.poses)
-
-    @property
-    def bound(self) -> Mapping[str, Any]:
-        """RMS Cramer-Rao bounds ``rotation_deg`` and ``translation_pct``, also ``by_polar_angle``, ``by_distance``."""
-        return MappingProxyType(self._results["bound"])
-
-    @property
-    def estimators(self) -> Mapping[str, Any]:
-        """Errors in the trials by estimator, such as ``estimators["lm"]["rotation_deg"]["rms"]``; empty for 0 runs."""
-        return MappingProxyType(self._results["estimators"])
-
-    @property
-    def views(self) -> Mapping[str, Any] | None:
-        """Results of the synthetic views; None if there were none."""
-        views = self._results["views"]
-        return None if views is None else MappingProxyType(views)
+        return setting_for(self.marker, self.series.camera, self.series.poses)
 
     @property
     def nees(self) -> Mapping[str, Any] | None:
         """Normalized estimation error squared of LM, 6 on average if the covariances are right; None for 0 runs."""
         nees = self._results["nees"]
         return None if nees is None else MappingProxyType(nees)
-
-    @property
-    def budget(self) -> Mapping[str, Any]:
-        """RMS pose errors by source, to first order: image, print, camera, total."""
-        return MappingProxyType(self._results["budget"])
-
-    @property
-    def headline(self) -> Mapping[str, Any]:
-        """The error to plan with, such as ``headline["rotation_deg"]``, and what the views say to it."""
-        return MappingProxyType(self._results["headline"])
-
-    def check(self, expression: str) -> tuple[bool, str]:
-        """Evaluate a condition that must not hold, such as ``estimators.lm.rotation_deg.rms > 0.5``.
-
-        Returns
-        -------
-        passed : bool
-            False if the comparison holds, or if the value does not exist.
-        sentence : str
-            What was found.
-
-        Raises
-        ------
-        InputError
-            If the expression is malformed, or its path does not lead to a number; the message lists the available keys.
-        """
-        if not isinstance(expression, str):
-            raise InputError("an expression", brief(expression), "write 'estimators.lm.rotation_deg.rms > 0.5'")
-        return fail_if.check(expression, self._results)
-
-    def save(
-        self,
-        *paths: StrPath,
-        json: StrPath | None = None,
-        report: StrPath | None = None,
-        pictures: StrPath | None = None,
-        progress: Progress | None = None,
-    ) -> list[Written]:
-        """Write files by suffix: .html for the report, .json the results, .svg or .png the plot; see `SavableResult`.
-
-        Parameters
-        ----------
-        json, report : path or None
-            Files for the results, under any suffix, and for the report.
-        pictures : path or None
-            Folder for failed, worst and typical views as .png, replacing those of an earlier run. Raises InputError if
-            there are no views.
-        progress : callable or None
-            Called with the stage, the amount done, and the total.
-        """
-        check_progress(progress)
-        targets = self.targets(paths, pictures, json=json, report=report)
-        check_pictures(targets, self.series.count)
-        return self.write(targets.checked(), progress)
-
-    def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
-        """Write files that were sorted and checked before, and the pictures of views that they need."""
-        told = progress or (lambda *_: None)
-        shown: list[Picture] = []
-        if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
-            told("pictures", 0, 1)
-            shown = list(pictures(self.series, self.views))
-            told("pictures", 1, 1)
-        contents = {}
-        for kind, path in targets.files:
-            if kind == "report":
-                told("report", 0, 1)
-                contents[path] = self._report(shown)
-                told("report", 1, 1)
-            else:
-                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
-        if targets.pictures is not None:
-            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
-        write_all(contents)
-        if targets.pictures is not None:
-            remove_earlier(targets.pictures, {path.name for path in contents})
-        return [Written(path) for path in contents]
-
-    def save_pictures(self, folder: StrPath) -> list[Written]:
-        """Write failed, worst and typical views, see `save`."""
-        return self.save(pictures=folder)
-
-    def to_json(self) -> bytes:
-        """Return the results as JSON text."""
-        return json_bytes(self._results)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with one row per estimator and polar angle, and one over all poses.
@@ -387,7 +298,11 @@ class Validation(SavableResult):
             shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
             if results["homography"]:
                 shown.append(tables.homography_table(results))
-        shown += [tables.comparison_table(results), tables.budget_table(results)]
+        if "coverage" in results:
+            shown.append(tables.coverage_table(results))
+        if results["comparisons"] or "coverage" not in results:
+            shown.append(tables.comparison_table(results))
+        shown.append(tables.budget_table(results))
         views = results["views"]
         if views:
             shown.append(tables.group_table(views))
@@ -417,20 +332,12 @@ class Validation(SavableResult):
         budget = budget_of(self.series, self._results["noise_px"])
         return html_report(self._results, self.marker, self.setting, shown, budget)
 
-    def _figure(self) -> "Figure":
-        figure = new_figure()
-        self.plot(figure.add_subplot())
-        return figure
+    def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
+        return pictures(self.series, views)
 
     def _bound_at(self, angle: str) -> Mapping[str, Any]:
         found: Mapping[str, Any] = self.bound if angle == "all" else self.bound["by_polar_angle"][angle]
         return found
-
-
-def check_pictures(targets: Targets, views: int) -> None:
-    """Refuse a folder for pictures if there are no views; raises InputError."""
-    if targets.pictures is not None and not views:
-        raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
 
 
 def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:

@@ -205,12 +205,12 @@ def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Pictu
     """
     failures = views["failures"]
     # Evenly spaced among all failures, since neighbors look alike.
-    for each in _spread(failures, FAILURES):
+    for each in spread(failures, FAILURES):
         yield _picture(series, each, "failure", each["reason"])
     ranked = sorted(views["samples"], key=lambda each: -(each["rotation_deg"] or 0.0))
     for each in ranked[:WORST]:
         yield _picture(series, each, "worst", _errors(each))
-    for each in _spread(ranked[WORST:], TYPICAL):
+    for each in spread(ranked[WORST:], TYPICAL):
         yield _picture(series, each, "typical", _errors(each))
 
 
@@ -221,7 +221,8 @@ def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
             path.unlink()
 
 
-def _spread(items: list[Any], count: int) -> list[Any]:
+def spread(items: list[Any], count: int) -> list[Any]:
+    """Return at most `count` of the items, evenly spaced."""
     return items if len(items) <= count else [items[(2 * i + 1) * len(items) // (2 * count)] for i in range(count)]
 
 

@@ -1,6 +1,6 @@
 """Check one file against marker.json."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -69,8 +69,8 @@ class Check:
     largest : float
         Largest distance in m between a dot and its position in marker.json, after the best rigid motion (no scale); nan
         if the dots are not the marker's.
-    worst : int or None
-        Id of that dot.
+    worst : int, str or None
+        Id of that dot; of a rig with the name of its marker, ``+x/3``.
     scale : (x, y)
         Ratio of the distances between dots in the file to those in marker.json, along the marker's axes.
     pages : tuple of (width, height) or None
@@ -90,7 +90,7 @@ class Check:
     dots: int = 0
     copies: int = 0
     largest: float = np.nan
-    worst: int | None = None
+    worst: int | str | None = None
     scale: tuple[float, float] = (np.nan, np.nan)
     pages: tuple[tuple[float, float] | None, ...] = ()
     tolerance: float = np.nan
@@ -158,10 +158,10 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     found = _solid(marker, reading, allowed)
     surface = reading.pages[0].surface
     if surface is None:
-        found = _changed(marker, reading, allowed, found)
+        found = changed(marker, reading, allowed, found)
     elif found.findings:
         found = _placed(marker, reading, surface, found, allowed) or found
-        if _is_strange(found):
+        if is_strange(found):
             found = _as_a_part(marker, reading, surface, allowed) or found
     return replace(found, path=str(path))
 
@@ -172,31 +172,33 @@ def check_tolerance(tolerance: float | None) -> None:
         raise InputError("a tolerance above 0 and below 1 m", f"{tolerance} m", "give a length such as 0.01mm")
 
 
-def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = None) -> list[Check]:
-    """`verify` every file; for one that cannot be used, `error` says why."""
+def verify_all(check: Callable[[Path], Check], paths: Sequence[Path]) -> list[Check]:
+    """Check every file; for one that cannot be used, `error` says why."""
     checks = []
     for path in paths:
         try:
-            checks.append(verify(marker, path, tolerance))
+            checks.append(check(path))
         except (InputError, MissingLibraryError) as error:
             checks.append(Check(str(path), error=str(error)))
     return checks
 
 
-def _best(marker: Marker, reading: Reading, tolerance: float) -> Check:
+def best_check(marker: Marker, reading: Reading, tolerance: float) -> Check:
+    """Check a reading as it is, as the design or as a print of it, whichever has fewer findings."""
     checks = [_against(each, reading, tolerance) for each in _wanted(marker, reading)]
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
 def _solid(marker: Marker, reading: Reading, tolerance: float) -> Check:
     """Check a solid as a marker and, if it has none of its dots, as a plate for a printed sheet."""
-    check, surface = _best(marker, reading, tolerance), reading.pages[0].surface
-    if surface is None or not _is_strange(check):
+    check, surface = best_check(marker, reading, tolerance), reading.pages[0].surface
+    if surface is None or not is_strange(check):
         return check
     return _for_a_sheet(marker, reading, surface, tolerance) or check
 
 
-def _is_strange(check: Check) -> bool:
+def is_strange(check: Check) -> bool:
+    """Tell whether a file does not have the marker's dots."""
     return any(finding.kind in STRANGE for finding in check.findings)
 
 
@@ -215,10 +217,10 @@ def _sorted_out(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], tuple
     return errors, tuple(each.sentence for each in findings if each.kind == REMARK)
 
 
-def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
+def changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
     """Check a page that was scaled, stretched or sheared as a whole, if that explains more than `found` does."""
     apart = sum(finding.kind == "shifted" for finding in found.findings)
-    if not _is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
+    if not is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
         return found
     expected = expected_dots(marker)
     if any(page.of_any_size for page in reading.pages):
@@ -226,8 +228,8 @@ def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -
         reading = replace(reading, pages=tuple(pages))
     page = max(reading.pages, key=lambda page: len(page.circles))
     for undo, change in changes(page, expected):
-        check = _best(marker, moved(reading, undo), tolerance)
-        if _is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
+        check = best_check(marker, moved(reading, undo), tolerance)
+        if is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
             continue
         said = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
         # Lines and edges at the wrong scale mean nothing.
@@ -251,7 +253,7 @@ def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: fl
 
 def _placed(marker: Marker, reading: Reading, surface: Surface, found: Check, tolerance: float) -> Check | None:
     """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
-    strange, mirrored = _is_strange(found), any(finding.kind == "mirrored" for finding in found.findings)
+    strange, mirrored = is_strange(found), any(finding.kind == "mirrored" for finding in found.findings)
     ways = [turned(marker, reading, surface)] if strange or mirrored else []
     ways += [in_other_units(marker, reading)] if strange else []
     for way in [*ways, stretched(marker, reading, surface)]:
@@ -315,7 +317,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         count += len(found)
         room = room_of(page.surface, found, expected) if page.surface is not None else 0.0
         cored = bool(room and found.rings.any())
-        here = _copies(recesses(expected, room, cored) if room else expected, ids, found, tolerance, reading, page)
+        here = copies(recesses(expected, room, cored) if room else expected, ids, found, tolerance, reading, page)
         if page.surface is not None and page.surface.loose:
             notes.append(DARK)
         if page.surface is not None and not room and is_light_alone(page.surface, found):
@@ -325,7 +327,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         elif room:
             notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
         elif marker.tag is not None and reading.tagged:
-            here = _tagged(here, marker.tag, factor, page, tolerance)
+            here = with_tag(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
             here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
         elif reading.drawn:
@@ -368,7 +370,7 @@ def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | No
     return replace(verdict, findings=(*verdict.findings, *said))
 
 
-def _copies(
+def copies(
     expected: DotSet, ids: list[int], found: DotSet, tolerance: float, reading: Reading, page: Page
 ) -> list[Verdict]:
     """Verdicts on all copies of the marker; at least one."""
@@ -389,7 +391,7 @@ def _copies(
     return verdicts or [verdict]
 
 
-def _tagged(
+def with_tag(
     verdicts: list[Verdict], tag: Tag, factor: tuple[float, float], page: Page, tolerance: float
 ) -> list[Verdict]:
     """Add findings about the tag to the verdicts of one page."""

@@ -10,6 +10,7 @@ from markergen.errors import InputError
 from markergen.guard import MOST_TRIANGLES, Content, in_child, start_child
 from markergen.model.marker import Marker
 from markergen.read.meshes import MeshObject
+from markergen.solid.step_parser import MOST_SIDES, SMALLEST_SIDE
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import (
@@ -44,6 +45,12 @@ SLANT = 0.8
 
 FLATTEST_BALL = 0.02
 """Minimum ratio of the height of a squashed ball to its width."""
+
+RELATIVE = 4e-6
+"""As `LEVEL`, relative to the largest coordinate, for views from the side."""
+
+COARSE, SNAP = 1e-3, 2e-4
+"""Width in rad of the groups of parallel triangles, and angle below which a direction is one that is expected."""
 
 MOST_PARTS, MOST_LEVEL, MOST_SHARED = 20_000, 100_000, 200_000
 """Maximum numbers of shells, of level faces, and of triangles' sides at edges where more than two triangles meet."""
@@ -89,8 +96,8 @@ def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:
     return objects
 
 
-def surface_of(objects: Sequence[MeshObject], name: str) -> Surface:
-    """Surface of the objects of a file, with each shell as a separate part.
+def surface_of(objects: Sequence[MeshObject], name: str, level: float = LEVEL) -> Surface:
+    """Surface of the objects of a file, with each shell as a separate part; level to within `level` mm.
 
     Raises
     ------
@@ -108,7 +115,7 @@ def surface_of(objects: Sequence[MeshObject], name: str) -> Surface:
         raise InputError(f"corners within 10 km in {name}", "numbers beyond that or not finite", "export it again")
 
     def mapped(matrix: Array) -> Surface:
-        return surface_of([each.mapped(matrix) for each in objects], name)
+        return surface_of([each.mapped(matrix) for each in objects], name, level)
 
     def views() -> list[View]:
         turns = [upright(way) for way in _widest(objects)]
@@ -117,7 +124,7 @@ def surface_of(objects: Sequence[MeshObject], name: str) -> Surface:
     left = MOST_PARTS
     parts: list[SolidPart] = []
     for each in objects:
-        parts += _parts(each, left, name)
+        parts += _parts(each, left, name, level)
         left = MOST_PARTS - len(parts)
     return Surface(tuple(parts), views, mapped)
 
@@ -140,7 +147,44 @@ def _widest(objects: Sequence[MeshObject]) -> list[Array]:
     return [way, -way]
 
 
-def _parts(each: MeshObject, most: int, name: str) -> list[SolidPart]:
+def sides_of(objects: Sequence[MeshObject], ways: Array, name: str) -> list[View]:
+    """Views with each of the larger level areas up, which may be one of the unit vectors (k, 3) that are expected."""
+    corners = np.concatenate([each.corners for each in objects])
+    if not len(corners):
+        return []
+    # Rotated, coordinates in single precision are off a plane by up to 4e-7 of the largest one.
+    level = max(LEVEL, RELATIVE * float(np.abs(corners).max()))
+    views = []
+    for way in _sides(corners, ways):
+        turn = upright(way)
+        views.append((turn, surface_of([each.mapped(turn) for each in objects], name, level)))
+    return views
+
+
+def _sides(corners: Array, ways: Array) -> list[Array]:
+    """Unit normals of the larger areas of parallel triangles, the largest first; expected ones (k, 3) as they are."""
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(areas, axis=1)
+    areas, size = areas[size > 0], size[size > 0]
+    if not len(size):
+        return []
+    _, group = np.unique(np.round(areas / size[:, None] / COARSE), axis=0, return_inverse=True)
+    sums = np.stack([np.bincount(group.ravel(), weights=each) for each in areas.T], axis=1)
+    total = np.linalg.norm(sums, axis=1)
+    sums, total = (each[np.argsort(-total, kind="stable")] for each in (sums, total))
+    found: list[Array] = []
+    for sum_, one in zip(sums, total, strict=True):
+        if one < SMALLEST_SIDE * total[0] or len(found) == 2 * MOST_SIDES:
+            break
+        way = sum_ / one
+        near = ways[np.linalg.norm(ways - way, axis=1) < SNAP] if len(ways) else ways
+        way = near[0] if len(near) else way
+        if all(np.linalg.norm(way - other) > SNAP for other in found):
+            found.append(way)
+    return found
+
+
+def _parts(each: MeshObject, most: int, name: str, flat: float) -> list[SolidPart]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -166,7 +210,7 @@ def _parts(each: MeshObject, most: int, name: str) -> list[SolidPart]:
     if total > most:
         raise InputError(f"at most {MOST_PARTS} separate bodies in {name}", "more", "export the marker alone")
     faces, backs = (_faces(places, triangles, neighbors, level, paints, each.palette, name)
-                    for level in _level(places, triangles))  # fmt: skip
+                    for level in _level(places, triangles, flat))  # fmt: skip
     fronts_of: list[list[LevelFace]] = [[] for _ in range(total)]
     backs_of: list[list[LevelFace]] = [[] for _ in range(total)]
     for found, of in ((faces, fronts_of), (backs, backs_of)):
@@ -203,6 +247,14 @@ def _welded(corners: Array) -> tuple[Array, Indices]:
     key = bits @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     return points[first], index
+
+
+def is_closed(corners: Array) -> bool:
+    """Tell whether every edge of triangles (m, 3, 3) is passed as often one way as the other."""
+    triangles = _welded(corners)[1].reshape(-1, 3)
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    count = int(triangles.max(initial=0)) + 1
+    return np.array_equal(np.sort(starts * count + ends), np.sort(ends * count + starts))
 
 
 def _grouped(label: Indices, total: int) -> list[Indices]:
@@ -279,12 +331,12 @@ def _from(begins: NDArray[np.bool_]) -> int:
     return int(starts[0]) if len(starts) else 0
 
 
-def _level(places: Array, triangles: Indices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell which triangles are level and face up, and which are level and face down."""
+def _level(places: Array, triangles: Indices, within: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell which triangles are level to within a distance in mm and face up, and which are and face down."""
     p, q, r = np.moveaxis(places[triangles], 1, 0)
     z = places[triangles, 2]
     u, v = (q - p)[:, :2], (r - p)[:, :2]
-    flat, area = np.ptp(z, axis=1) < LEVEL, u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    flat, area = np.ptp(z, axis=1) < within, u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     return flat & (area > 0), flat & (area < 0)
 
 

@@ -3,7 +3,7 @@
 Unlike in other files, place and orientation count: the link's frame has to be the marker frame.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser
@@ -16,7 +16,7 @@ from markergen.guard import Content, check_size
 from markergen.guard import read as read_content
 from markergen.model.marker import Marker
 from markergen.read.meshes import MeshObject
-from markergen.verification.mesh import surface_of, triangles_of
+from markergen.verification.mesh import is_closed, surface_of, triangles_of
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import reading_of
 from markergen.verification.surface import Color
@@ -47,49 +47,71 @@ class _Tree(TreeBuilder):
         raise ValueError("a document type")
 
 
+@dataclass(frozen=True)
+class Model:
+    """Meshes that a model shows, mm, in the frame of its link, and what is wrong with it; sites (3,) by name, m."""
+
+    shown: tuple[MeshObject, ...]
+    flaws: tuple[str, ...]
+    sites: dict[str | None, Array] | None
+
+    @property
+    def whole(self) -> MeshObject:
+        """All meshes as one: a plate may be put together from two; its color is that of the widest."""
+        corners, colors = [each.corners for each in self.shown], [each.color or (0.5, 0.5, 0.5) for each in self.shown]
+        paints = np.repeat(np.arange(len(corners)), [len(each) for each in corners])
+        widths = [float(np.ptp(each[..., 0])) if len(each) else 0.0 for each in corners]
+        return MeshObject(np.concatenate(corners), color=colors[int(np.argmax(widths))], paints=paints, palette=colors)
+
+    @property
+    def pieces(self) -> tuple[MeshObject, ...]:
+        """The meshes one by one if each is closed, which spares the work on edges that they share; else as one."""
+        return self.shown if all(is_closed(each.corners) for each in self.shown) else (self.whole,)
+
+
 @READERS.register(".urdf")
 def read_urdf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the visuals of a URDF's link."""
-    return _read("URDF", data, name, marker, _of_urdf)
+    return _read("URDF", data, name, marker)
 
 
 @READERS.register(".sdf")
 def read_sdf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the visuals of an SDF's link."""
-    return _read("SDF", data, name, marker, _of_sdf)
+    return _read("SDF", data, name, marker)
 
 
 @READERS.register(".mjcf.xml")
 def read_mjcf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the meshes of an MJCF's body, and the sites on its dots."""
-    return _read("MJCF", data, name, marker, _of_mjcf, lambda root: _site_flaws(root, marker))
+    return _read("MJCF", data, name, marker)
 
 
-def _read(
-    kind: str, data: bytes, name: str, marker: Marker, shown_in: Callable[[Element], list[ShownMesh]],
-    more: Callable[[Element], list[str]] = lambda _: [],
-) -> Reading:  # fmt: skip
+def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
+    model = model_of(kind, data, name)
+    read = reading_of(kind, surface_of([model.whole], name), marker)
+    points = marker.as_designed.control_points
+    wanted = {f"dot-{point.id}": np.array([point.x, point.y, point.z]) for point in points}
+    return replace(read, placed=True, flaws=(*model.flaws, *site_flaws(model, wanted), *read.flaws))
+
+
+def model_of(kind: str, data: bytes, name: str) -> Model:
+    """Read a ``URDF``, ``SDF`` or ``MJCF`` of one link; raises InputError if it is none that can be read."""
     check_size(Content(name, data), "list")
+    shown_in = {"URDF": _of_urdf, "SDF": _of_sdf, "MJCF": _of_mjcf}[kind]
     parser = XMLParser(target=_Tree())
     try:
         parser.feed(data)
         root = parser.close()
-        shown, flaws = shown_in(root), more(root)
+        shown, sites = shown_in(root), _sites(root) if kind == "MJCF" else None
     except (ParseError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         found = brief(str(error)) if isinstance(error, ParseError) else "something else"
         raise InputError(f"a {kind} of one link with meshes in {name}", found, "export it again") from None
     numbers = np.array([[*each.turn.flat, *each.shift, *each.scale] for each in shown])
     if not len(shown) or not np.isfinite(numbers).all():
         raise InputError(f"meshes at finite places in {name}", "none" if not shown else "others", "export it again")
-    corners = [_corners(each, Path(name)) for each in shown]
-    paints = np.repeat(np.arange(len(shown)), [len(each) for each in corners])
-    # A plate may be put together from two meshes; its color is that of the widest.
-    colors = [each.color for each in shown]
-    widths = [float(np.ptp(each[..., 0])) if len(each) else 0.0 for each in corners]
-    color = colors[int(np.argmax(widths))]
-    whole = MeshObject(np.concatenate(corners), color=color, paints=paints, palette=colors)
-    read = reading_of(kind, surface_of([whole], name), marker)
-    return replace(read, placed=True, flaws=(*_pose_flaws(shown), *flaws, *read.flaws))
+    meshes = tuple(MeshObject(_corners(each, Path(name)), color=each.color) for each in shown)
+    return Model(meshes, tuple(_pose_flaws(shown)), sites)
 
 
 def _corners(shown: ShownMesh, path: Path) -> Array:
@@ -121,18 +143,23 @@ def _pose_flaws(shown: Sequence[ShownMesh]) -> list[str]:
     return flaws
 
 
-def _site_flaws(root: Element, marker: Marker) -> list[str]:
-    sites = {site.get("name"): site for site in _link(root, "body").iter("site")}
-    flaws = []
-    for point in marker.as_designed.control_points:
-        site = sites.get(f"dot-{point.id}")
-        if site is None:
-            flaws.append(f"there is no site dot-{point.id}")
+def _sites(root: Element) -> dict[str | None, Array]:
+    return {site.get("name"): _numbers(site.get("pos"), 3) for site in _link(root, "body").iter("site")}
+
+
+def site_flaws(model: Model, wanted: Mapping[str, Array]) -> list[str]:
+    """Sites that a model lacks or has elsewhere, of those that it should have, by name with their places (3,) in m."""
+    flaws, sites = [], model.sites
+    if sites is None:
+        return []
+    for name, place in wanted.items():
+        if name not in sites:
+            flaws.append(f"there is no site {name}")
             continue
-        off = float(np.linalg.norm(_numbers(site.get("pos"), 3) - [point.x, point.y, point.z]))
+        off = float(np.linalg.norm(sites[name] - place))
         # Negated, so that nan fails too.
         if not off <= DISTANCE:
-            flaws.append(f"the site dot-{point.id} is {1e3 * off:.4g} mm off")
+            flaws.append(f"the site {name} is {1e3 * off:.4g} mm off")
     return flaws
 
 

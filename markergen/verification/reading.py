@@ -149,14 +149,16 @@ READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification
 """Readers by suffix, dot included."""
 
 
+def suffix_of(path: Path) -> str:
+    """Longest suffix of a path that `READERS` knows, or its last one."""
+    parts = path.name.lower().split(".")[1:]
+    known = ("." + ".".join(parts[start:]) for start in range(len(parts)))
+    return next((suffix for suffix in known if suffix in READERS.names()), "." + parts[-1] if parts else path.name)
+
+
 def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
-    parts = path.name.lower().split(".")[1:]
-    for start in range(len(parts)):
-        suffix = "." + ".".join(parts[start:])
-        if suffix in READERS.names():
-            return READERS[suffix]
-    return READERS["." + parts[-1] if parts else path.name]
+    return READERS[suffix_of(path)]
 
 
 def round_shape(points: Array) -> tuple[float, float, float] | None:

@@ -47,19 +47,27 @@ def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]
     MissingLibraryError
         If the CAD kernel or a system library that it needs is missing.
     """
+    _check_step(data, name)
+    return _parts(_asked("STEP", "step", data, name)["parts"], name)
+
+
+def _check_step(data: bytes, name: str) -> None:
     # Blanks may follow the end; Open CASCADE would read a truncated file as far as it goes.
     if not data.lstrip().startswith(b"ISO-10303-21") or b"END-ISO-10303-21" not in data[-1000:]:
         raise InputError(f"a complete STEP file in {name}", "no header or no end", "export it again")
     if any(match[1] for match in HUGE.finditer(data)):
         raise InputError(f"lengths below 10 000 km in {name}", "numbers beyond 1e10", "export it again")
-    return _parts(_asked("STEP", "step", data, name)["parts"], name)
 
 
 def read_brep(data: bytes, name: str = "the BREP file") -> tuple[SolidPart, ...]:
     """Read the parts of an Open CASCADE BREP file, in mm, without names or colors. Raises as `read_step` does."""
+    _check_brep(data, name)
+    return _parts(_asked("BREP", "brep", data, name)["parts"], name)
+
+
+def _check_brep(data: bytes, name: str) -> None:
     if b"CASCADE Topology" not in data[:1000]:
         raise InputError(f"a BREP file of Open CASCADE in {name}", "something else", "export it again")
-    return _parts(_asked("BREP", "brep", data, name)["parts"], name)
 
 
 def _turned(called: str, data: bytes, name: str) -> Callable[[], list[View]]:
@@ -70,6 +78,14 @@ def _turned(called: str, data: bytes, name: str) -> Callable[[], list[View]]:
         return [(np.array(each["turn"]), Surface(_parts(each["parts"], name))) for each in found]
 
     return views
+
+
+def sides_of(called: str, data: bytes, name: str) -> list[View]:
+    """Views of a ``STEP`` or ``BREP`` with each of its larger level areas up; raises as `read_step` does."""
+    check = {"STEP": _check_step, "BREP": _check_brep}[called]
+    check(data, name)
+    found = _asked(called, f"{called.lower()}_sides", data, name)["views"]
+    return [(np.array(each["turn"]), Surface(_parts(each["parts"], name))) for each in found]
 
 
 def _asked(called: str, function: str, data: bytes, name: str) -> dict[str, Any]:

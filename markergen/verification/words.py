@@ -41,7 +41,7 @@ class Finding:
         ``scaled``, ``sheared``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``,
         ``kind``, ``height``, ``twice``, ``marks``, ``tag``, ``no dots``; of lines to cut ``outline``, ``hole``; of what
         shows ``inverted``, ``pale``, ``covered``, ``quiet``, ``hidden``, ``layer``; of solids ``turned``, ``part``,
-        ``color`` or ``solid``; of lists of points ``ids``, of these and models for
+        ``color`` or ``solid``; of rigs ``relation``; of lists of points ``ids``, of these and models for
         simulators ``frame``.
     sentence : str
         What is wrong.

@@ -19,7 +19,7 @@ from markergen.model.marker_json import to_json
 from markergen.model.poses import named_poses
 from markergen.options import declared
 from markergen.options.declarations import ValidateKeywords
-from markergen.validation import validation as results_module
+from markergen.validation import result as results_module
 from markergen.validation.report.plots import errors_over
 from markergen.validation.validation import Validation
 

@@ -26,12 +26,20 @@ OPTIONS = ExportOptions(fabrication=Fabrication(tolerance=5e-5), stem="cube")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("cube")
-    save(CUBE, [where / f"cube{suffix}" for suffix in (".step", ".stl", ".3mf", ".glb", ".urdf", ".mjcf.xml")], OPTIONS)
+    save(CUBE, [where / f"cube{suffix}" for suffix in (".stl", ".glb", ".3mf", ".urdf", ".mjcf.xml")], OPTIONS)
     return where
 
 
-def test_the_parts_of_a_step_keep_names_colors_and_places(folder):
-    parts = {part.name: part for part in read_step((folder / "cube.step").read_bytes())}
+@pytest.fixture(scope="module")
+def step(tmp_path_factory):
+    where = tmp_path_factory.mktemp("step") / "cube.step"
+    save(CUBE, [where], OPTIONS)
+    return where
+
+
+@pytest.mark.long
+def test_the_parts_of_a_step_keep_names_colors_and_places(step):
+    parts = {part.name: part for part in read_step(step.read_bytes())}
     assert len(parts) == COUNT
     assert sum(part.volume for part in parts.values()) == pytest.approx(80**3, rel=1e-6)
     assert parts["body"].color == pytest.approx((1, 1, 1))
@@ -46,21 +54,21 @@ def test_the_parts_of_a_step_keep_names_colors_and_places(folder):
         np.testing.assert_allclose(np.add(part.low, part.high) / 2, xyz - 0.3 * normal, atol=1e-4)
 
 
-def test_a_step_of_a_rig_has_the_same_bytes_every_time(folder):
+def test_a_step_of_a_rig_has_the_same_bytes_every_time(step):
     solids_of_rig.cache_clear()
     parts_of_rig.cache_clear()
-    assert RIG_EXPORTERS[".step"](CUBE, OPTIONS).data == (folder / "cube.step").read_bytes()
+    assert RIG_EXPORTERS[".step"](CUBE, OPTIONS).data == step.read_bytes()
 
 
 @pytest.mark.long
-def test_in_another_kernel_body_and_inlays_touch_and_fill_the_cube(folder):
+def test_in_another_kernel_body_and_inlays_touch_and_fill_the_cube(step):
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         occ = gmsh.model.occ
         for operation in (occ.fuse, occ.intersect):
             gmsh.clear()
-            occ.importShapes(str(folder / "cube.step"))
+            occ.importShapes(str(step))
             occ.synchronize()
             solids = sorted(gmsh.model.getEntities(3), key=lambda each: -occ.getMass(*each))
             assert len(solids) == COUNT
@@ -72,7 +80,9 @@ def test_in_another_kernel_body_and_inlays_touch_and_fill_the_cube(folder):
         gmsh.finalize()
 
 
-@pytest.mark.parametrize(("name", "size"), [("cube.stl", 80), ("cube.glb", 0.08), ("cube.3mf", 80)])
+@pytest.mark.parametrize(
+    ("name", "size"), [("cube.stl", 80), ("cube.glb", 0.08), pytest.param("cube.3mf", 80, marks=pytest.mark.long)]
+)
 def test_meshes_of_a_cube_are_closed_and_as_large_as_it_is(name, size, folder):
     mesh = trimesh.load(folder / name, force="mesh")
     assert mesh.is_watertight

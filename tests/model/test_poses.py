@@ -36,6 +36,7 @@ cones = st.builds(
     count=st.integers(1, 50),
     seed=st.integers(0, 2**63 - 1),
     sampling=st.sampled_from(["even", "random"]),
+    weight=st.sampled_from(["1", "1/distance", "1/distance^2"]),
 )
 
 
@@ -168,8 +169,12 @@ def test_texts_that_mean_the_same_are_one():
         ("cone:count=" + "9" * 5000, "a whole number for count"),
         ("cone:seed=9999999999999999999", "a seed from 0 to below 2^63"),
         ("cone:sampling=sobol", "known: even, random"),
+        ("cone:weight=distance", "known: 1, 1/distance, 1/distance^2"),
         ("cone:tilt=1,tilt=2", "tilt once in a cone"),
-        ("cone:angle=1", "a key of cone: distance, tilt, azimuth, roll, count, seed, sampling, found 'angle=1'"),
+        (
+            "cone:angle=1",
+            "a key of cone: distance, tilt, azimuth, roll, count, seed, sampling, weight, found 'angle=1'",
+        ),
         ("cone:tilt", "a key of cone"),
         ("cone:tilt=1,", "a key of cone"),
         ("papr", "did you mean 'paper'?"),
@@ -380,3 +385,12 @@ def test_a_spec_is_told_apart_by_what_is_in_the_file():
     assert spec != Spec()
     assert len({spec, renamed, changed}) == 2
     assert spec.as_dict()["poses"]["file"] == "poses.csv"
+
+
+def test_poses_count_by_their_distance():
+    poses = named_poses("cone:distance=0.5..8,count=50,weight=1/distance^2")
+    np.testing.assert_allclose(poses.weight * poses.distance**2, 1.0)
+    some = poses.taken(np.array([3, 7]), 0)
+    np.testing.assert_array_equal(some.weight, poses.weight[[3, 7]])
+    assert named_poses(poses.name).name == poses.name
+    assert named_poses("cone:weight=1").weight is None

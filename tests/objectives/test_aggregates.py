@@ -90,3 +90,15 @@ def test_unknown_aggregates_are_told():
         aggregate_of("cvr:0.9")
     with pytest.raises(InputError, match="only cvar has a level"):
         aggregate_of("max:0.9")
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.1])
+@pytest.mark.parametrize("name", ["rms", "mean", "logmean", "cvar:0", "cvar:0.5"])
+def test_a_pose_of_twice_the_weight_counts_like_two(name, softness):
+    v, weight = np.random.default_rng(0).uniform(1, 2, (3, 7)), np.array([1.0, 2, 1, 1, 3, 1, 1])
+    total, derivative = aggregate_of(name, weight)(v, softness)
+    copies = np.repeat(np.arange(7), weight.astype(int))
+    plain, each = aggregate_of(name)(v[:, copies], softness)
+    np.testing.assert_allclose(total, plain, rtol=1e-12)
+    together = np.stack([each[:, copies == i].sum(-1) for i in range(7)], axis=-1)
+    np.testing.assert_allclose(derivative, together, rtol=1e-9)

@@ -236,7 +236,7 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_parser):
     with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install 'markergen\[solids\]'"):
         verify(marker, tmp_path / "a.step")
     # Other files are verified all the same.
-    step, mesh = verify_all(marker, [tmp_path / "a.step", tmp_path / "a.stl"])
+    step, mesh = verify_all(lambda path: verify(marker, path), [tmp_path / "a.step", tmp_path / "a.stl"])
     assert "libGL" in step.error
     assert mesh.passed
 

@@ -1,6 +1,6 @@
 """``cone``: poses from ranges of distance, tilt, azimuth and roll, whose camera looks at the marker's origin."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any
 
@@ -15,11 +15,14 @@ from markergen.units import parse_length
 Array = NDArray[np.float64]
 Range = tuple[float, float]
 
-FORM = "cone:distance=A..B,tilt=A..B,azimuth=A..B,roll=A..B,count=N,seed=S,sampling=even|random"
+FORM = "cone:distance=A..B,tilt=A..B,azimuth=A..B,roll=A..B,count=N,seed=S,sampling=even|random,weight=1/distance"
 MOST_POSES = 10_000
 """Largest count; time and memory of a design grow with it."""
 
 SAMPLINGS = ("even", "random")
+WEIGHTS = {"1": 0, "1/distance": 1, "1/distance^2": 2}
+"""Powers of the distance by whose inverse a pose counts."""
+
 _LARGEST_DISTANCE = 1e6
 _LIMITS = {"tilt": (0.0, 90.0), "azimuth": (-360.0, 720.0), "roll": (-360.0, 720.0)}
 
@@ -48,6 +51,9 @@ class Cone:
     sampling : str
         ``even``: the additive recurrence u_k = u_0 + k (1/g, 1/g^2, ...) mod 1, g the root of g^(D+1) = g + 1 for D
         ranges that have a width (Roberts' R sequence, of low discrepancy for any count). ``random``: independent.
+    weight : str
+        How much a pose counts in what is minimized: ``1``, ``1/distance``, as much as if the logarithm of the distance
+        were uniform, or ``1/distance^2``.
 
     Raises
     ------
@@ -62,6 +68,7 @@ class Cone:
     count: int = 400
     seed: int = 0
     sampling: str = "even"
+    weight: str = "1"
 
     def __post_init__(self) -> None:
         for name in ("distance", *_LIMITS):
@@ -89,8 +96,9 @@ class Cone:
             raise InputError(f"a count of 1 to {MOST_POSES} poses", f"count={brief(self.count)}", "correct the count")
         if not 0 <= self.seed < 2**63:
             raise InputError("a seed from 0 to below 2^63", f"seed={brief(self.seed)}", "give such a whole number")
-        if self.sampling not in SAMPLINGS:
-            raise InputError("a known sampling", brief(self.sampling), f"known: {', '.join(SAMPLINGS)}")
+        for name, known in (("sampling", SAMPLINGS), ("weight", WEIGHTS)):
+            if getattr(self, name) not in known:
+                raise InputError(f"a known {name}", brief(getattr(self, name)), f"known: {', '.join(known)}")
 
     @staticmethod
     def parse(text: str) -> "Cone":
@@ -113,9 +121,10 @@ class Cone:
         return Cone(**given)
 
     def __str__(self) -> str:
-        """Text that `parse` reads back, the same for equal cones; all values stand there, even those not given."""
+        """Text that `parse` reads back, the same for equal cones; all values stand there but a weight of 1."""
         ranges = (f"{name}={_range(getattr(self, name))}" for name in ("distance", *_LIMITS))
-        return f"cone:{','.join(ranges)},count={self.count},seed={self.seed},sampling={self.sampling}"
+        weight = f",weight={self.weight}" if self.weight != "1" else ""
+        return f"cone:{','.join(ranges)},count={self.count},seed={self.seed},sampling={self.sampling}{weight}"
 
     def sample(self) -> tuple[Array, Array]:
         """Rotation (count, 3, 3) and translation (count, 3) in m of the poses T_camera_marker."""
@@ -145,7 +154,7 @@ class Cone:
 
 
 def _value(key: str, text: str) -> Any:
-    if key == "sampling":
+    if key in ("sampling", "weight"):
         return text
     if key in ("count", "seed"):
         if not (text.isascii() and text.isdigit() and len(text) < 20):
@@ -186,7 +195,9 @@ def _range(ends: Range) -> str:
 
 def _poses(text: str) -> PoseDistribution:
     cone = Cone.parse(text)
-    return PoseDistribution(str(cone), *cone.sample())
+    poses = PoseDistribution(str(cone), *cone.sample())
+    power = WEIGHTS[cone.weight]
+    return replace(poses, weight=poses.distance**-power) if power else poses
 
 
 POSES.register("cone")(PoseSource(_poses, FORM))

@@ -1,0 +1,96 @@
+"""``markergen.rig``: from a shape to a rig and its files."""
+
+import logging
+from dataclasses import replace
+from typing import Any, Unpack
+
+from markergen.api.arguments import files_among
+from markergen.api.export import choices_of
+from markergen.errors import InputError
+from markergen.exporters import RIG_EXPORTERS
+from markergen.exporters.saving import check_outputs, save, with_record
+from markergen.files import check_outputs as check_files
+from markergen.model.rig_shapes import rig_shape
+from markergen.model.tag import parse_tag
+from markergen.optimize.rig_design import RigDesign, design_rig
+from markergen.options import Progress, check_progress, given, signature_of
+from markergen.options.rig import RigKeywords
+from markergen.read.spec_file import spec_from_mapping
+
+log = logging.getLogger(__name__)
+
+MEASURES = ("edge", "height", "pitch", "plate", "angle")
+SHARED = ("n", "camera", "poses", "print_sigma", "dot", "clearance", "objective", "aggregate", "seed", "restarts")
+"""Options of a rig that are also those of a design, with the same meaning."""
+
+
+def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKeywords]) -> RigDesign:
+    """Design a body with a marker on every face, for the pose from all dots in view.
+
+    Each plate's layout minimizes the error of the joint pose T_camera_rig, given the dots of the others in view. Where
+    the plates have no tags, their layouts differ so that no pose of the camera confuses them.
+
+    Parameters
+    ----------
+    shape : str
+        ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``; see `markergen.model.rig_shapes.rig_shape` for their frames.
+    progress : callable, optional
+        Called with a stage, the amount done, and the total.
+    **options
+        As on the command line, ``markergen rig --help``, with underscores: ``edge="80mm"``.
+
+    Returns
+    -------
+    RigDesign
+        ``found.rig`` is the rig; printing the design shows what the command shows. Warnings are also logged.
+
+    Raises
+    ------
+    InputError
+        If the shape or an option is unknown or invalid, the dots do not fit, no pose sees one of the plates, or a file
+        cannot be used.
+    OutputError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> found = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
+    >>> [(each.name, str(each.marker.tag)) for each in found.rig.markers]
+    [('left', 'aruco:DICT_4X4_50:0'), ('right', 'aruco:DICT_4X4_50:1')]
+    """
+    check_progress(progress)
+    if not isinstance(shape, str):
+        raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
+    asked = given(options, RigKeywords)
+    measures: dict[str, Any] = {name: asked[name] for name in MEASURES if name in asked}
+    made = rig_shape(shape, asked.get("without", ()), **measures)
+    values = {"poses": made.poses, "noise_model": "image", "print_sigma": 1e-4, "n": 6}
+    values |= {name: asked[name] for name in SHARED if name in asked}
+    spec = spec_from_mapping(values, "the options")
+    tags = _tags(asked, len(made.faces))
+    spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
+    choices = choices_of(asked)
+    paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
+    inputs = files_among(asked.get("camera"), asked.get("poses"))
+    check_outputs(paths, choices, table=RIG_EXPORTERS)
+    check_files(paths, inputs)
+    log.info("designing a rig of %d plates", len(made.faces))
+    found = design_rig(made, spec, tags, progress=progress)
+    for warning in found.warnings:
+        log.warning("%s", warning)
+    return replace(found, written=tuple(save(found.rig, paths, choices, inputs))) if paths else found
+
+
+rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
+
+
+def _tags(asked: dict[str, Any], count: int) -> list[str]:
+    """Tags of the plates, with consecutive ids."""
+    if "tag" not in asked:
+        if "tag_size" in asked:
+            raise InputError("a tag with a tag size", "--tag-size alone", "add --tag, or leave it out")
+        return []
+    first = parse_tag(asked["tag"], 1.0)
+    return [str(replace(first, id=first.id + k)) for k in range(count)]

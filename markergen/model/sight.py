@@ -1,0 +1,213 @@
+"""Sight: which dots of a marker each pose shows, and which poses a marker serves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.projection import perspective, to_camera
+from markergen.model.camera import Camera
+from markergen.model.feature import RELIABLE_PIXELS
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MARGIN_PX = 3.0
+"""Distance in px that the image of a dot keeps from the edge of the sensor to be detected."""
+
+FEWEST = 4
+"""Number of dots of one diameter, not all on a line, from which a pose is found."""
+
+RIM = 16
+"""Number of points on the rim of a dot that represent its image."""
+
+FLAT = 0.02
+"""Ratio of the spreads across and along a line below which points count as on it."""
+
+BANDS, FINE_BANDS = 8, 32
+"""Numbers of ranges of distance, of equal ratio, in tables and in sentences."""
+
+
+def dots_in_view(
+    points: Array, diameters: Array, camera: Camera, poses: PoseDistribution, least_px: Array | float = RELIABLE_PIXELS
+) -> Mask:
+    """Mask (P, n) of the dots that each pose shows: whole, from the front, and large enough.
+
+    The whole image of a dot lies `MARGIN_PX` or more inside the sensor, and its mean diameter, the root of long times
+    short axis, is at least `least_px`. What hides dots from each other does not count.
+
+    Parameters
+    ----------
+    points : array (n, 2 or 3), m
+    diameters : array (n,), m
+    least_px : float or array (n,)
+    """
+    angle = 2 * np.pi * np.arange(RIM) / RIM
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    rims = np.repeat(points[:, None], RIM, axis=1)
+    rims[..., :2] += diameters[:, None, None] / 2 * circle
+    seen = to_camera(rims.reshape(-1, rims.shape[-1]), poses.rotation, poses.translation)
+    height = -np.sum(poses.rotation[:, :, 2] * poses.translation, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        pixels = camera.to_pixels(perspective(seen)).reshape(len(poses), len(points), RIM, 2)
+        x, y = pixels[..., 0], pixels[..., 1]
+        area = np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1) / 2
+        # The rim is a polygon of slightly less area.
+        mean = np.sqrt(np.abs(area) / (RIM / 2 * np.sin(2 * np.pi / RIM)) * 4)
+        low = pixels >= MARGIN_PX - 0.5
+        high = pixels <= np.array([camera.width, camera.height]) - 0.5 - MARGIN_PX
+        whole = np.all(low & high, axis=(-2, -1)) & (mean >= least_px)
+    ahead = np.all(seen.reshape(len(poses), len(points), RIM, 3)[..., 2] > 0, axis=-1)
+    heights = points[:, 2] if points.shape[-1] == 3 else 0.0
+    return np.asarray(whole & ahead & (height[:, None] > heights))
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """What each of P poses sees of a marker whose dots have one or several diameters.
+
+    Attributes
+    ----------
+    points : array (n, 2 or 3), m
+    diameters : array (n,), m
+    poses : PoseDistribution
+    seen : array (P, n) of bool
+        See `dots_in_view`.
+    """
+
+    points: Array
+    diameters: Array
+    poses: PoseDistribution
+    seen: Mask
+
+    @cached_property
+    def scales(self) -> tuple[NDArray[np.intp], ...]:
+        """Indices of the dots of each diameter, the largest first."""
+        return scales_of(self.diameters)
+
+    @cached_property
+    def serving(self) -> Mask:
+        """Mask (P, k): whether each of k scales shows four dots that are not on a line."""
+        return np.stack([_enough(self.points[scale], self.seen[:, scale]) for scale in self.scales], axis=-1)
+
+    @property
+    def served(self) -> Mask:
+        """Mask (P,) of the poses in which the marker can be found."""
+        return np.asarray(self.serving.any(axis=-1))
+
+    @property
+    def count(self) -> NDArray[np.intp]:
+        """Number (P,) of dots in view."""
+        return np.asarray(self.seen.sum(axis=-1))
+
+    def bands(self, most: int = BANDS) -> list[tuple[float, float, Mask]]:
+        """Ranges of distance in m of equal ratio, nearest first, with masks (P,) of their poses; none is empty."""
+        distance = self.poses.distance
+        low, high = float(distance.min()), float(distance.max())
+        if high < low * 1.001:
+            return [(low, high, np.ones(len(distance), dtype=bool))]
+        ends = np.geomspace(low, high, most + 1)
+        at = np.clip(np.searchsorted(ends, distance, side="right") - 1, 0, most - 1)
+        return [(float(ends[i]), float(ends[i + 1]), at == i) for i in range(most) if np.any(at == i)]
+
+    @property
+    def gaps(self) -> list[str]:
+        """Distances at which no four dots are in view, in words: ``0.3 to 0.55 m: 2 dots in view``."""
+        merged: list[tuple[float, float, Mask]] = []
+        missed = False
+        for low, high, mask in self.bands(FINE_BANDS):
+            short = mask & ~self.served
+            if not short.any():
+                missed = False
+                continue
+            if missed:
+                low, _, before = merged.pop()
+                mask = mask | before
+            merged.append((low, high, mask))
+            missed = True
+        return [self._gap(*each) for each in merged]
+
+    def _gap(self, low: float, high: float, mask: Mask) -> str:
+        short = mask & ~self.served
+        least, most = int(self.count[short].min()), int(self.count[short].max())
+        dots = f"{most} dot{'s' * (most != 1)}" if least == most else f"{least} to {most} dots"
+        if len(self.scales) > 1:
+            dots += f", no {FEWEST} of one size,"
+        share = short.sum() / mask.sum()
+        often = f" in {100 * share:.0f} % of the poses" if share < 1 else ""
+        return f"{low:.3g} to {high:.3g} m: {dots} in view{often}"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """By range of distance: poses, how many of them are served, dots in view, and diameters that serve, in m."""
+        return [
+            {
+                "from_m": low,
+                "to_m": high,
+                "poses": int(mask.sum()),
+                "served": int(self.served[mask].sum()),
+                "dots": [int(self.count[mask].min()), float(np.median(self.count[mask])), int(self.count[mask].max())],
+                "serving": [int(each) for each in self.serving[mask].sum(axis=0)],
+            }
+            for low, high, mask in self.bands()
+        ]
+
+
+def coverage(marker: Marker, camera: Camera, poses: PoseDistribution) -> Coverage:
+    """What each pose sees of a marker; dots are large enough from `Feature.least_pixels` on."""
+    diameters = diameters_of(marker)
+    least = np.array([point.feature.least_pixels for point in marker.control_points])
+    return Coverage(marker.xyz, diameters, poses, dots_in_view(marker.xyz, diameters, camera, poses, least))
+
+
+def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) -> PoseDistribution:
+    """Poses that see the whole marker, or of one with dots of several sizes, four of one size.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if len(scales_of(diameters_of(marker))) < 2:
+        return poses.seen_whole(marker.boundary, camera, marker.height)
+    kept = np.flatnonzero(coverage(marker, camera, poses).served)
+    if not kept.size:
+        raise InputError(
+            f"a pose that sees {FEWEST} dots of one size", f"none of {len(poses)} ({poses.name})", "use other poses"
+        )
+    return poses.taken(kept, poses.dropped + len(poses) - kept.size)
+
+
+def partly_seen(marker: Marker, camera: Camera, poses: PoseDistribution) -> Mask | None:
+    """Mask (P, n) of the dots that count, of a marker with dots of several sizes; None if all count."""
+    several = len(scales_of(diameters_of(marker))) > 1
+    return coverage(marker, camera, poses).seen if several else None
+
+
+def diameters_of(marker: Marker) -> Array:
+    """Diameters (n,) in m of a marker's dots."""
+    return np.array([point.feature.diameter for point in marker.control_points])
+
+
+def scales_of(diameters: Array | Sequence[float]) -> tuple[NDArray[np.intp], ...]:
+    """Indices of the dots of each diameter in m, to a micrometer, the largest first."""
+    rounded = np.round(np.asarray(diameters), 6)
+    return tuple(np.flatnonzero(rounded == size) for size in np.unique(rounded)[::-1])
+
+
+def _enough(points: Array, seen: Mask) -> Mask:
+    """Mask (P,) of the poses that see four points (n, 2 or 3) that are not on a line."""
+    masks, which = np.unique(seen, axis=0, return_inverse=True)
+    found = [each.sum() >= FEWEST and _spread(points[each]) for each in masks]
+    return np.array(found, dtype=bool)[which.ravel()]
+
+
+def _spread(points: Array) -> bool:
+    """Whether points (m, 2 or 3) are not on a line."""
+    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(size[1] > FLAT * size[0])

@@ -1,0 +1,211 @@
+"""Layouts that no view confuses with others: found with a smallest affine distance from each of them.
+
+A camera far away takes a plate to its image by an affine map that does not mirror, and any such map is one for some
+pose. Two plates look alike as far as one of these maps takes the dots of one to those of the other, whichever dot goes
+to whichever: at a large tilt, key rings are not told from disks. Their distance is the RMS of what is left,
+
+    D(A, B) = min over labelings s and affine maps M of sqrt(mean |A_j - M(B_s(j))|^2),
+
+in m on plate A: A minus its projection on the coordinates of B_s. `foreign_safety` checks the same with poses and
+perspective, in px.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.objectives import Objective, Setting
+from markergen.optimize.label_ambiguity import (
+    MANY,
+    REPRESENTATIVE,
+    REPRESENTATIVE_OF_MANY,
+    find_rivals,
+    representative,
+)
+from markergen.optimize.polish import polish
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.rival_labelings import seen_layout
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+ENUMERATED, RINGS_TOLD = 8, 7
+"""Number of dots up to which all labelings are tried, beyond it those of `ANGLES` rotations, to the nearest dots; and
+from which on labelings keep the key ring, as there would be too many others."""
+
+ANGLES = 360
+
+FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
+"""Numbers of layouts tried at first and in each generation, of those that are varied, and of generations."""
+
+LARGEST, SMALLEST = 0.4, 0.003
+"""Steps of the first and the last generation, in radii of the boundary."""
+
+FITTED = 8
+"""Number of labelings per pose that are fitted with perspective: those that an affine map fits best."""
+
+AT_ONCE = 4_000_000
+"""Numbers in one batch of labelings."""
+
+
+def affine_distance(layouts: Array, other: Array) -> Array:
+    """D (B,) in m from layouts (B, n, 2) to another one (n, 2).
+
+    inf for another number of dots.
+    """
+    n = layouts.shape[1]
+    if n != len(other):
+        return np.full(len(layouts), np.inf)
+    if n > ENUMERATED:
+        return _nearest_distance(layouts, other)
+    return _least(layouts, np.broadcast_to(_round(other), layouts.shape), _labelings(n, n >= RINGS_TOLD))
+
+
+def self_distance(layouts: Array) -> Array:
+    """D (B,) in m of layouts (B, n, 2) to themselves with disks exchanged; inf for more than `ENUMERATED` dots."""
+    if layouts.shape[1] > ENUMERATED:
+        return np.full(len(layouts), np.inf)
+    return _least(layouts, np.stack([_round(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
+
+
+def _least(layouts: Array, basis: Array, labelings: Indices) -> Array:
+    """Smallest D (B,) over labelings (S, n), given orthonormal coordinates (B, n, 2) of the others' dots."""
+    n = layouts.shape[1]
+    size = max(1, AT_ONCE // (2 * labelings.size))
+    found = []
+    for start in range(0, len(layouts), size):
+        part = layouts[start : start + size]
+        found.append(_left(part, basis[start : start + size], labelings).min(axis=-1))
+    return np.sqrt(np.maximum(np.concatenate(found), 0) / n)
+
+
+def _left(layouts: Array, basis: Array, labelings: Indices) -> Array:
+    """Sum of squares (B, S) that no affine map explains; inf for a map that mirrors."""
+    centered = layouts - layouts.mean(axis=1, keepdims=True)
+    share = np.einsum("bsnk,bnd->bskd", basis[:, labelings], centered)
+    left = np.sum(centered**2, axis=(1, 2))[:, None] - np.sum(share**2, axis=(-2, -1))
+    mirrored = share[..., 0, 0] * share[..., 1, 1] <= share[..., 0, 1] * share[..., 1, 0]
+    return np.where(mirrored, np.inf, left)
+
+
+def _nearest_distance(layouts: Array, other: Array) -> Array:
+    """Lower estimate of D (B,) for many dots: whitened sets at every rotation, each dot to the nearest of the other."""
+    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    turns = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
+    turned = _round(other) @ turns
+    found = []
+    for layout in layouts:
+        gaps = np.sum((_round(layout)[None, :, None] - turned[:, None]) ** 2, axis=-1).min(axis=-1)
+        spread = np.sqrt(np.mean((layout - layout.mean(axis=0)) ** 2))
+        found.append(spread * np.sqrt(gaps.sum(axis=-1).min() / 2))
+    return np.array(found)
+
+
+def _round(points: Array) -> Array:
+    """Coordinates (n, 2) of points in their own axes, orthonormal as columns, not mirrored."""
+    centered = points - points.mean(axis=0)
+    values, vectors = np.linalg.eigh(centered.T @ centered)
+    scale = 1 / np.sqrt(np.maximum(values, 1e-12 * values[1] + 1e-300))
+    return np.asarray(centered @ (vectors * scale) @ vectors.T)
+
+
+@cache
+def _labelings(n: int, keyed: bool) -> Indices:
+    """All labelings (S, n), or those that keep dot 0, the key ring; the identity is the first."""
+    every = ((0, *each) for each in permutations(range(1, n))) if keyed else permutations(range(n))
+    return np.array(list(every), dtype=np.intp)
+
+
+def distinct_layout(
+    objective: Objective,
+    rough: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    others: list[Array],
+    distance: float,
+    rng: np.random.Generator,
+) -> Array:
+    """Find a layout (n, 2) that minimizes an objective, at least a distance from others and from itself relabeled.
+
+    Random variations of the start and of the best ones found, with steps that become smaller; then a polish, if that
+    keeps the distances.
+
+    Parameters
+    ----------
+    rough : Objective
+        The same criterion for fewer poses.
+    others : list of array (m, 2)
+    distance : float
+        Smallest `affine_distance` in m.
+
+        If no layout has it, the one that lacks least is returned.
+    """
+    scale, n = region.boundary.radius, len(start)
+
+    def apart(layouts: Array) -> Array:
+        every = [affine_distance(layouts, other) for other in others] + [self_distance(layouts)]
+        return np.min(every, axis=0)
+
+    steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
+    mirrored = np.where(rng.random(FIRST)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
+    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
+    pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
+    # The ring at each of the dots.
+    pool = np.concatenate([pool, [np.roll(start, turn, axis=0) for turn in range(1, n)]])
+    best, rank = _ranked(pool, region, rough, apart, distance)
+    sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
+    for size in sizes:
+        parents = best[np.arange(CHILDREN) % len(best)]
+        # Half of the children move one dot only.
+        moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
+        children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
+        fresh, fresh_rank = _ranked(children, region, rough, apart, distance)
+        both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
+        order = np.lexsort(ranks.T[::-1])[:PARENTS]
+        best, rank = both[order], ranks[order]
+    found = best[0]
+    polished, _ = polish(objective, region, found)
+    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(found[None])[0])
+    return polished if kept else found
+
+
+def _ranked(
+    layouts: Array, region: FeasibleRegion, rough: Objective, apart: Callable[[Array], Array], distance: float
+) -> tuple[Array, Array]:
+    """Feasible layouts among some, the best `PARENTS`, with their ranks (k, 2): lack of distance, then the value."""
+    layouts = region.project(layouts)
+    layouts = layouts[region.holds(layouts)]
+    lack = np.maximum(distance - apart(layouts), 0.0)
+    near = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
+    rank = np.stack([lack[near], rough(layouts[near])], axis=-1)
+    order = np.lexsort(rank.T[::-1])[:PARENTS]
+    return layouts[near[order]], rank[order]
+
+
+def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
+    """Safety in px against taking a plate with dots `points` (n, 2) for one with `other` (n, 2), from any pose.
+
+    As long as the images of the dots are displaced by less than that, RMS over the dots, the plate itself fits better.
+    inf for another number of dots. See `markergen.optimize.label_ambiguity`, whose search this is.
+    """
+    n = len(points)
+    if n != len(other):
+        return float("inf")
+    kinds = np.zeros(n, dtype=np.intp)
+    kinds[0] = n >= RINGS_TOLD
+    seen = seen_layout(points, kinds, setting.camera, setting.poses)
+    scene = replace(seen, points=np.column_stack([other, np.zeros(n)]))
+    at = representative(setting.poses, REPRESENTATIVE if n <= MANY else REPRESENTATIVE_OF_MANY)
+    if n > ENUMERATED:
+        return float(find_rivals(scene, at).px.min(initial=np.inf))
+    labelings, basis = _labelings(n, n >= RINGS_TOLD), _round(other)
+    images = scene.images[at] * [1, -1]
+    left = _left(images, np.broadcast_to(basis, images.shape), labelings)
+    best = np.argsort(left, axis=-1, kind="stable")[:, :FITTED]
+    # The image of dot j is that of the other plate's dot s(j).
+    taken = np.argsort(labelings, axis=-1)[best].reshape(-1, n)
+    return float(scene.fit(taken, np.repeat(at, best.shape[1])).px.min(initial=np.inf))

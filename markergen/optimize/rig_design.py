@@ -1,0 +1,299 @@
+"""Design of a rig: dots and tags of all its plates, for poses of the whole body."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen import __version__
+from markergen.errors import InputError
+from markergen.files import Written
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.rig import Rig
+from markergen.model.rig_shapes import RigShape
+from markergen.model.spec import Spec
+from markergen.objectives.criteria import Criteria, criteria
+from markergen.optimize.design import dress, number
+from markergen.optimize.dot_size import (
+    PERCENTILE,
+    PIXELS,
+    ROOM,
+    DotSize,
+    choose_dots,
+    largest_that_leaves_room,
+    wanted_diameter,
+)
+from markergen.optimize.label_ambiguity import layout_safety
+from markergen.optimize.problem import check, check_objective, check_parts
+from markergen.optimize.rig_layouts import APART_PX, RigLayouts, Seen, best_views, seen_plates
+from markergen.options import Progress
+from markergen.presentation.results import Result
+from markergen.presentation.tables import Table
+from markergen.read.poses import poses_from
+from markergen.units import format_length
+
+log = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+CLEARANCE = 0.3
+"""Default clearance as a fraction of the dot diameter: beyond an edge of the body, the background begins."""
+
+CROWDED = 0.5
+"""Maximum fraction of the diameter that just fits: the dots of several plates must also differ in place."""
+
+MOST_STORED = 400
+"""Maximum number of poses stored in each marker."""
+
+
+@dataclass(frozen=True, repr=False)
+class RigDesign(Result):
+    """A designed rig with its expected errors and warnings; printing it gives the command's output.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> found = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
+    >>> found
+    RigDesign(Rig(2 markers, 8 control points within 112 mm of its origin))
+    >>> found.told_apart
+    'the plates are told apart by their tags, aruco:DICT_4X4_50:0 to 1'
+
+    Attributes
+    ----------
+    rig : Rig
+    poses : PoseDistribution
+        T_camera_rig.
+    joint, single : array (2, P)
+        Expected error of the joint pose, and of that of the best single plate, in each pose: rotation in degrees, and
+        translation of the rig's origin in m; inf where no plate is seen.
+    in_view : array (2, P)
+        Numbers of plates and of dots in view.
+    safety : float
+        Smallest RMS displacement in px of a plate's dots with which another plate fits as well; inf with tags.
+    seconds : float
+    written : tuple of Written
+        Files written, if any.
+    """
+
+    rig: Rig
+    poses: PoseDistribution
+    joint: Array
+    single: Array
+    in_view: Array
+    dots: str
+    told_apart: str
+    safety: float
+    warnings: tuple[str, ...] = ()
+    seconds: float = field(default=0.0, compare=False)
+    written: tuple[Written, ...] = field(default=(), compare=False)
+
+    def parts(self) -> list[str | Table]:
+        """See `Result.parts`: summary and table of expected errors."""
+        return [self.summary, self._table, f"found in {self.seconds:.1f} s"]
+
+    @property
+    def summary(self) -> str:
+        """Plates, dots and what the poses see of them, in a few lines."""
+        stored, plates = self.rig.provenance, self.in_view[0]
+        blind = int((plates == 0).sum())
+        none = f"; {blind} see none" if blind else ""
+        names = ", ".join(each.name for each in self.rig.markers)
+        joint = "of the joint pose" if stored["joint"] else "of each plate alone"
+        return (
+            f"{stored['shape']}: {len(self.rig.markers)} plates ({names}) with {len(self.rig)} dots\n"
+            f"objective {stored['objective']} {joint}, seed {stored['seed']}, {len(self.poses)} poses "
+            f"({self.poses.name})\n"
+            f"dots of {self.dots}\n"
+            f"a pose sees {plates.mean():.2g} plates whole, with {self.in_view[1].mean():.3g} dots, on average{none}\n"
+            f"{self.told_apart}"
+        )
+
+    @property
+    def _table(self) -> Table:
+        seen = self.in_view[0] > 0
+        rows = []
+        for name, errors in (("joint pose", self.joint), ("best single plate", self.single)):
+            turn, shift = errors[0][seen], errors[1][seen] * 1e3
+            values = [np.median(turn), np.sqrt(np.mean(turn**2)), np.median(shift), np.sqrt(np.mean(shift**2))]
+            rows.append([name, *(f"{value:.3g}" for value in values)])
+        header = ["", "rotation deg, median", "RMS", "translation mm, median", "RMS"]
+        return Table(f"Expected error for {self.rig.provenance['noise']}", header, rows)
+
+    def __str__(self) -> str:
+        return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
+
+    def __repr__(self) -> str:
+        return f"RigDesign({self.rig!r})"
+
+
+def design_rig(
+    shape: RigShape,
+    spec: Spec,
+    tags: Sequence[str] = (),
+    given: Mapping[int, Marker] | None = None,
+    progress: Progress | None = None,
+) -> RigDesign:
+    """Find the layouts of a rig's plates, for the joint pose from the poses of a spec, and make it a rig.
+
+    Equal arguments give equal rigs.
+
+    Parameters
+    ----------
+    shape : RigShape
+    spec : Spec
+        Of all plates: number of dots, camera, poses T_camera_rig and so on; its boundary and tag are ignored.
+    tags : sequence of str
+        Tags of the plates; without them, their layouts tell them apart.
+    given : mapping of int to Marker
+        Markers of plates that are not designed.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If no pose sees a plate, the dots do not fit, or a name in the spec is unknown.
+    """
+    begin = perf_counter()
+    given = given or {}
+    check_objective(spec, True)
+    poses = poses_from(spec.poses)
+    plates = seen_plates(shape.faces, poses, spec)
+    specs, dots = _sized(shape, spec, tags, plates, len(poses), given, progress)
+    fixed = {k: marker.xyz[:, :2] for k, marker in given.items()}
+    layouts = RigLayouts(plates, specs, dots, fixed, len(poses))
+    for k in range(len(plates)):
+        check_parts(specs[k], layouts.setting(k))
+    layouts.find(np.random.default_rng(spec.seed), progress)
+    markers = []
+    for k, face in enumerate(shape.faces):
+        marker = given.get(k) or _dressed(layouts, k)
+        markers.append(face.mounted(marker))
+    sentence, safety = _told_apart(layouts, tags)
+    words = layouts.setting(0).noise_words
+    stored: dict[str, Any] = {
+        "shape": shape.text,
+        "measures": shape.measures,
+        "n": spec.n,
+        "objective": spec.objective,
+        "joint": layouts.joint,
+        "seed": spec.seed,
+        "camera": spec.camera.as_dict(),
+        "poses": spec.poses if isinstance(spec.poses, str) else spec.poses.as_dict(),
+        "versions": {"markergen": __version__, "numpy": np.__version__},
+        "noise": words,
+        "told_apart": sentence,
+    }
+    joint, single = layouts.bounds(poses.translation)
+    seen = np.zeros((len(plates), len(poses)), dtype=bool)
+    for row, plate in zip(seen, plates, strict=True):
+        row[plate.index] = True
+    counts = np.array([len(each) for each in layouts.layouts])
+    warnings = []
+    if safety < APART_PX:
+        warnings.append(f"{sentence}: use fewer dots, more room, smaller --dot, or --tag")
+    found = RigDesign(
+        Rig(tuple(markers), provenance=stored),
+        poses,
+        joint,
+        single,
+        np.stack([seen.sum(axis=0), counts @ seen]),
+        "; ".join(dict.fromkeys(each.reason for k, each in enumerate(dots) if k not in given)),
+        sentence,
+        safety,
+        tuple(warnings),
+        perf_counter() - begin,
+    )
+    log.info("designed %r in %.1f s", found.rig, found.seconds)
+    return found
+
+
+def _sized(
+    shape: RigShape,
+    spec: Spec,
+    tags: Sequence[str],
+    plates: Sequence[Seen],
+    count: int,
+    given: Mapping[int, Marker],
+    progress: Progress | None,
+) -> tuple[list[Spec], list[DotSize]]:
+    """Spec and dots of each plate; plates of the same boundary have dots of the same size."""
+    best = best_views(plates, count)
+    own = []
+    for k, plate in enumerate(plates):
+        kept = np.unique(np.linspace(0, len(plate.index) - 1, min(len(plate.index), MOST_STORED)).round().astype(int))
+        recorded = RecordedPoses.from_distribution(plate.poses.taken(kept, 0), f"poses of {shape.faces[k].name}")
+        tag = {"tag": tags[k], "tag_side": spec.tag_side} if tags else {}
+        own.append(replace(spec, boundary=shape.faces[k].boundary, poses=recorded, **tag))  # type: ignore[arg-type]
+    needs: dict[Any, float] = {}
+    for each, plate, views in zip(own, plates, best, strict=True):
+        need = wanted_diameter(spec.camera, plate.poses.taken(views, 0))
+        needs[each.boundary] = max(needs.get(each.boundary, 0.0), need)
+    sizes: dict[Any, DotSize] = {}
+    for k, each in enumerate(own):
+        if k not in given and each.boundary not in sizes:
+            sizes[each.boundary] = _dots(each, needs[each.boundary], plates[k].poses, progress)
+    dots = []
+    for k, each in enumerate(own):
+        if k in given:
+            dots.append(DotSize(given[k].dot_diameter, given[k].clearance, ""))
+        else:
+            dots.append(sizes[each.boundary])
+            own[k] = replace(each, dot=dots[-1].diameter, clearance=dots[-1].clearance)
+    return own, dots
+
+
+def _dots(spec: Spec, wanted: float, poses: PoseDistribution, progress: Progress | None) -> DotSize:
+    """Dots of a plate: as asked, or large enough where the plate is the one that is seen best."""
+    if spec.dot is not None:
+        return choose_dots(spec, poses, progress)
+    room = float(np.floor(largest_that_leaves_room(spec) * CROWDED / ROOM * 1e4) / 1e4)
+    diameter = min(wanted, room)
+    if not diameter:
+        raise InputError("room for dots of 0.1 mm and more", f"{spec.n} dots in a {spec.boundary}", "use fewer")
+    best = f"in {PERCENTILE:g} % of the poses in which a plate is the one seen best"
+    reason = f"{format_length(diameter)}: {PIXELS:g} px across {best}"
+    if wanted > room:
+        reason = (
+            f"{format_length(diameter)}, {100 * CROWDED:g} % of the largest at which {spec.n} dots fit; "
+            f"{PIXELS:g} px across {best} would need {format_length(wanted)}"
+        )
+    clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
+    return DotSize(diameter, clearance, reason)
+
+
+def _dressed(layouts: RigLayouts, k: int) -> Marker:
+    spec, dots, setting = layouts.specs[k], layouts.dots[k], layouts.setting(k)
+    ring, others = layouts.layouts[k][:1], layouts.layouts[k][1:]
+    points = np.concatenate([ring, number(others)])
+    table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
+    marker = dress(points, dots, spec, setting, table, layout_safety(points, setting, True))
+    check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
+    return marker
+
+
+def _told_apart(layouts: RigLayouts, tags: Sequence[str]) -> tuple[str, float]:
+    """How the plates are told apart, in words, and the least safety in px."""
+    names = [plate.face.name for plate in layouts.plates]
+    if tags:
+        ids = [tag.rpartition(":")[2] for tag in tags]
+        return f"the plates are told apart by their tags, {tags[0].rpartition(':')[0]}:{ids[0]} to {ids[-1]}", np.inf
+    if len(names) == 1:
+        return "there is one plate", np.inf
+    safety = {(names[a], names[b]): layouts.safety(a, b) for a, b in permutations(range(len(names)), 2)}
+    (one, other), least = min(safety.items(), key=lambda item: item[1])
+    if not np.isfinite(least):
+        return "the plates are told apart by their numbers of dots", least
+    return (
+        f"the plates are told apart by their layouts while dots move by less than {least:.2g} px RMS; "
+        f"then {one} fits as well as {other}",
+        least,
+    )

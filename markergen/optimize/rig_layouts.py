@@ -1,0 +1,256 @@
+"""Layouts of the plates of a rig, for the joint pose: block coordinate descent over the plates.
+
+In each pose T_camera_rig some plates are seen; the information of their dots on the joint pose adds up. While one
+plate's layout is optimized, that of all others in view is constant (`Sight.known`). Plates without tags are kept apart
+(`markergen.optimize.distinct`), each from all others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.information import covariance, moved_information, rotation_bound, translation_bound
+from markergen.model.goal import parse_goal
+from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
+from markergen.model.rig_shapes import Face
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.base import Body, Sight
+from markergen.objectives.observation import DotNoise
+from markergen.objectives.pose import PoseObjective
+from markergen.optimize.comparisons import reference
+from markergen.optimize.distinct import distinct_layout, foreign_safety
+from markergen.optimize.dot_size import PIXELS, DotSize
+from markergen.optimize.polish import polish
+from markergen.optimize.problem import FEW_POSES, FeasibleRegion, objective_of, room_of
+from markergen.optimize.search import search
+from markergen.options import Progress
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+FLATTEST = 0.2
+"""Minimum cosine of the tilt at which a plate counts."""
+
+STEEPEST = 0.5
+"""Cosine of the tilt of the face of a cube that is seen best, from nearby; from far away it is 0.58."""
+
+SWEEPS = 2
+"""Rounds over all plates."""
+
+APART_PX = 1.0
+"""Demanded safety in px against taking a plate for another, RMS over its dots, from every pose that sees it."""
+
+ATTEMPTS, FARTHER = 4, 1.5
+"""Number of layouts tried for a plate that is not safe enough, and factor of the affine distance from one to the next:
+from close up, perspective makes up for differences that no affine map does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A plate as the poses of a rig see it.
+
+    Attributes
+    ----------
+    face : Face
+    index : array (p,) of int
+        Poses that see the whole plate from its front.
+    poses : PoseDistribution
+        T_camera_marker of these.
+    offset : array (p, 3)
+        Vector in m from the rig's origin to the plate's, camera frame.
+    """
+
+    face: Face
+    index: Indices
+    poses: PoseDistribution
+    offset: Array
+
+    @staticmethod
+    def of(face: Face, boundary_points: Array, poses: PoseDistribution, spec: Spec) -> "Seen":
+        """See the class."""
+        turn, shift = np.array(face.rotation), np.array(face.translation)
+        rotation, offset = poses.rotation @ turn, poses.rotation @ shift
+        own = PoseDistribution(poses.name, rotation, offset + poses.translation)
+        seen = visibility(boundary_points, own.rotation, own.translation, spec.camera) == SEEN
+        index = np.flatnonzero(seen & (own.cos_tilt >= FLATTEST))
+        return Seen(face, index, own.taken(index, len(poses) - len(index)), offset[index])
+
+
+def seen_plates(faces: Sequence[Face], poses: PoseDistribution, spec: Spec) -> list[Seen]:
+    """Return each plate as the poses see it.
+
+    Raises
+    ------
+    InputError
+        If there is a plate that no pose sees.
+    """
+    found = [Seen.of(face, silhouette(face.boundary), poses, spec) for face in faces]
+    for each in found:
+        if not len(each.index):
+            raise InputError(
+                "a pose that sees each plate, whole and from its front",
+                f"none of {len(poses)} ({poses.name}) for {each.face.name}",
+                "use other --poses, farther away or from all around, or leave the plate out",
+            )
+    return found
+
+
+def best_views(plates: Sequence[Seen], count: int) -> list[Indices]:
+    """Indices of each plate's poses in which it is seen at the least tilt of all plates; all if there are none.
+
+    Of those, only the ones at a tilt that the nearest face of a cube has, if there are any: below a body without a
+    bottom, all plates are seen badly.
+    """
+    tilt = np.full((len(plates), count), -1.0)
+    for row, plate in zip(tilt, plates, strict=True):
+        row[plate.index] = plate.poses.cos_tilt
+    best = tilt >= tilt.max(axis=0) - 1e-9
+    best &= (tilt >= STEEPEST) | ~(best & (tilt >= STEEPEST)).any(axis=1, keepdims=True)
+    chosen = [np.flatnonzero(row[plate.index]) for row, plate in zip(best, plates, strict=True)]
+    return [each if len(each) else np.arange(len(plate.index)) for each, plate in zip(chosen, plates, strict=True)]
+
+
+class RigLayouts:
+    """Layouts of all plates, improved one by one.
+
+    Parameters
+    ----------
+    plates : sequence of Seen
+    specs : sequence of Spec
+        Of each plate; equal in everything but boundary, poses, dots and tag.
+    dots : sequence of DotSize
+    fixed : mapping of int to array (n, 2)
+        Layouts of plates whose markers are given.
+    count : int
+        Number of the rig's poses.
+    """
+
+    def __init__(
+        self,
+        plates: Sequence[Seen],
+        specs: Sequence[Spec],
+        dots: Sequence[DotSize],
+        fixed: dict[int, Array],
+        count: int,
+    ) -> None:
+        self.plates, self.specs, self.dots, self.fixed, self.count = plates, specs, dots, fixed, count
+        self.joint = not any(OBJECTIVES[name].planar_only for name in parse_goal(specs[0].objective).names)
+        self.tagged = bool(specs[0].tag)
+        self.layouts: list[Array] = []
+        faces = [plate.face for plate in plates]
+        self._body = np.concatenate([_in_rig(face, silhouette(face.boundary)) for face in faces])
+
+    def find(self, rng: np.random.Generator, progress: Progress | None = None) -> None:
+        """Find the layouts, first of each plate alone, then together."""
+        known: dict[object, Array] = {}
+        for k, (plate, spec, dots) in enumerate(zip(self.plates, self.specs, self.dots, strict=True)):
+            key = (plate.face.boundary, dots.diameter)
+            if k not in self.fixed and key not in known:
+                setting, region = self.setting(k), self.region(k)
+                ngon = reference(spec, region, setting)
+                few = replace(setting, poses=setting.poses.taken(_few(len(plate.index)), 0))
+                objective, rough = objective_of(spec, setting, ngon), objective_of(spec, few, ngon)
+                known[key] = search(objective, region, spec.n, rng, spec.restarts, progress, rough).points
+            self.layouts.append(self.fixed[k] if k in self.fixed else known[key])
+        for sweep in range(SWEEPS):
+            for k in range(len(self.plates)):
+                if k not in self.fixed:
+                    others = range(k) if sweep == 0 else (j for j in range(len(self.plates)) if j != k)
+                    self._improve(k, list(others), rng, progress, sweep)
+
+    def _improve(
+        self, k: int, others: list[int], rng: np.random.Generator, progress: Progress | None, sweep: int
+    ) -> None:
+        spec, region = self.specs[k], self.region(k)
+        setting = self.joint_setting(k) if self.joint else self.setting(k)
+        ngon = reference(spec, region, self.setting(k))
+        few = _few(len(self.plates[k].index))
+        sight = setting.sight and Sight(setting.sight.seen[few], setting.sight.known[few])
+        rough = replace(setting, poses=setting.poses.taken(few, 0), sight=sight)
+        if progress:
+            progress("plates", sweep * len(self.plates) + k, SWEEPS * len(self.plates))
+        if self.tagged:
+            self.layouts[k] = polish(objective_of(spec, setting, ngon), region, self.layouts[k])[0]
+            return
+        apart = [self.layouts[j] for j in others]
+        # Half a displacement makes the other plate fit as well; at this scale a dot has `PIXELS`.
+        distance = 2 * APART_PX / PIXELS * self.dots[k].diameter
+        objectives = objective_of(spec, setting, ngon), objective_of(spec, rough, ngon)
+        best, most = self.layouts[k], -1.0
+        for attempt in range(ATTEMPTS):
+            found = distinct_layout(*objectives, region, self.layouts[k], apart, distance * FARTHER**attempt, rng)
+            self.layouts[k], before = found, self.layouts[k]
+            safety = min((min(self.safety(k, j), self.safety(j, k)) for j in others), default=np.inf)
+            self.layouts[k] = before
+            if safety > most:
+                best, most = found, safety
+            if safety >= APART_PX:
+                break
+        self.layouts[k] = best
+
+    def safety(self, k: int, other: int) -> float:
+        """Safety in px against taking a plate for another one, see `foreign_safety`."""
+        return foreign_safety(self.layouts[k], self.layouts[other], self.setting(k))
+
+    def region(self, k: int) -> FeasibleRegion:
+        """Region of a plate's dots."""
+        spec, dots = self.specs[k], self.dots[k]
+        return FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+
+    def setting(self, k: int) -> Setting:
+        """Setting of a plate alone, with image noise and print error."""
+        spec = self.specs[k]
+        noise = DotNoise(self.dots[k].diameter, spec.image_noise, spec.print_sigma)
+        return Setting(spec.boundary, spec.camera, self.plates[k].poses, noise)
+
+    def joint_setting(self, k: int) -> Setting:
+        """Setting of a plate for the pose of the rig, to which all other plates in view contribute."""
+        plate = self.plates[k]
+        rest = np.zeros((self.count, 6, 6))
+        for other in range(len(self.plates)):
+            if other != k:
+                rest += self.information(other)
+        known = moved_information(rest[plate.index], plate.offset)
+        turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
+        body = Body((self._body - shift) @ turn, -shift @ turn)
+        seen = np.ones((len(plate.index), len(self.layouts[k])), dtype=bool)
+        return replace(self.setting(k), sight=Sight(seen, known), body=body)
+
+    def information(self, k: int) -> Array:
+        """Information (P, 6, 6) of a plate's dots on the rig's pose; 0 where it is not seen."""
+        found = np.zeros((self.count, 6, 6))
+        plate, objective = self.plates[k], PoseObjective(self.setting(k))
+        own = objective.information(self.layouts[k][None])[0][0]
+        found[plate.index] = moved_information(own, -plate.offset)
+        return found
+
+    def bounds(self, translation: Array) -> tuple[Array, Array]:
+        """Errors (2, P) of the joint pose, and of the plate that is best in each: deg, and m at the rig's origin.
+
+        inf where no plate is seen.
+        """
+        every = np.stack([self.information(k) for k in range(len(self.plates))])
+        seen: NDArray[np.bool_] = np.any(every, axis=(-2, -1))
+
+        def errors(matrix: Array, known: NDArray[np.bool_]) -> Array:
+            found = np.full((2, *known.shape), np.inf)
+            spread = covariance(matrix[known])
+            place = np.broadcast_to(translation, (*known.shape, 3))[known]
+            found[0][known] = np.rad2deg(rotation_bound(spread))
+            found[1][known] = translation_bound(spread, place) * np.linalg.norm(place, axis=-1)
+            return found
+
+        return errors(every.sum(axis=0), np.logical_or.reduce(seen, axis=0)), errors(every, seen).min(axis=1)
+
+
+def _few(count: int) -> Indices:
+    """Indices of about `FEW_POSES` of that many poses."""
+    return np.unique(np.linspace(0, count - 1, min(count, FEW_POSES)).round().astype(int))
+
+
+def _in_rig(face: Face, points: Array) -> Array:
+    return points @ np.array(face.rotation).T[:2] + face.translation

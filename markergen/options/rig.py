@@ -1,0 +1,120 @@
+"""Options of a rig."""
+
+from typing import Annotated
+
+from markergen.options import (
+    DOTS,
+    FILES,
+    LAYOUT,
+    SEARCH,
+    VIEW,
+    CameraLike,
+    Files,
+    Length,
+    LengthOrAuto,
+    Option,
+    Poses,
+    Texts,
+)
+from markergen.options.shared import SheetKeywords
+
+
+class RigKeywords(SheetKeywords, total=False):
+    """Options of a rig, besides its shape."""
+
+    edge: Annotated[
+        Length, Option(LAYOUT, "Edge of a cube, or of a prism's polygon.", otherwise="80mm of a cube, 60mm of a prism")
+    ]
+    height: Annotated[Length, Option(LAYOUT, "Height of a prism.", otherwise="--edge")]
+    pitch: Annotated[Length, Option(LAYOUT, "Distance between the middles of a wall's plates.", otherwise="500mm")]
+    plate: Annotated[
+        Length,
+        Option(LAYOUT, "Side of the square plates of a wall or pair.", otherwise="0.4 times --pitch; 150mm of a pair"),
+    ]
+    angle: Annotated[
+        float,
+        Option(
+            LAYOUT,
+            "Angle between the normals of a pair; negative: the plates face each other.",
+            otherwise="90",
+            metavar="DEGREES",
+        ),
+    ]
+    without: Annotated[
+        Texts,
+        Option(LAYOUT, "Face to leave out, such as -z of a body on a stand; may be repeated.", metavar="FACE"),
+    ]
+    n: Annotated[int, Option(LAYOUT, "Number of control points of each plate, 4 to 200.", 6)]
+    camera: Annotated[
+        CameraLike,
+        Option(
+            VIEW,
+            "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
+            otherwise="the paper's camera",
+            metavar="FILE",
+        ),
+    ]
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "Camera poses T_camera_rig: sphere:distance=0.3..0.8m, cone:distance=0.4..1m,tilt=0..60 about the rig's z "
+            "axis, or a CSV, JSON, TUM or COLMAP file.",
+            otherwise="a sphere around a body, a cone before a wall or pair, by its size",
+            metavar="SPHERE|CONE|FILE",
+        ),
+    ]
+    print_sigma: Annotated[
+        Length, Option(VIEW, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
+    ]
+    dot: Annotated[
+        LengthOrAuto,
+        Option(
+            DOTS,
+            "Dot diameter; auto minimizes the predicted error of a plate.",
+            otherwise="8 px where a plate is the one seen best, if there is room",
+            metavar="LENGTH|auto",
+        ),
+    ]
+    clearance: Annotated[Length, Option(DOTS, "Smallest gap around dots.", otherwise="0.3 times --dot")]
+    tag: Annotated[
+        str,
+        Option(
+            DOTS,
+            "Square tags tell the plates apart, one id for each from this one on: aruco:DICT_4X4_50, or "
+            "apriltag:36h11:10.",
+            otherwise="the plates' layouts differ instead",
+            metavar="FAMILY[:ID]",
+        ),
+    ]
+    tag_size: Annotated[
+        Length, Option(DOTS, "Side of a tag's black square, without its white edge.", otherwise="a third of the radius")
+    ]
+    objective: Annotated[
+        str,
+        Option(SEARCH, "What to minimize of the joint pose: pose, rotation or translation.", "pose", metavar="NAME"),
+    ]
+    aggregate: Annotated[
+        str,
+        Option(
+            SEARCH,
+            "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
+            otherwise="depends on the objective",
+            metavar="NAME",
+        ),
+    ]
+    seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
+    restarts: Annotated[
+        int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")
+    ]
+    output: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Output file; its suffix selects the format, see markergen export; may be repeated; rig.json always comes "
+            "with it.",
+            otherwise="rig.json",
+            metavar="PATH",
+            flags="-o --output",
+        ),
+    ]

@@ -1,0 +1,1 @@
+"""Validation of rigs: bounds, noisy trials, synthetic views, and the report."""

@@ -1,0 +1,147 @@
+"""Dots of a rig that each pose shows, and the pose's first-order errors from all of them or from one plate."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.bodies import Plate
+from markergen.detect.joining import LEAST_FACING, spatial_errors
+from markergen.detect.labeling_hypotheses import LEAST_DOTS
+from markergen.estimators.budget import PoseBudget, pose_budget
+from markergen.maths.projection import to_camera
+from markergen.model.occlusion import eyes_of, hidden
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import RigMarker
+from markergen.render.view import dot_ellipses
+from markergen.validation.bounds import image_covariance
+from markergen.validation.rigs.views import RigViews
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_IN_LINE = 1e-2
+"""Spread of dots across a line, as a share of that along it, below which they tell no pose."""
+
+NARROWEST_PX = 3.0
+"""Minimum short axis in px of a dot's image; narrower ones are found in some images only."""
+
+_RIM = 16
+"""Number of points on a dot's rim that must be in the image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What P poses of a rig show.
+
+    Attributes
+    ----------
+    series : RigViews
+    seen : array (P, n) of bool
+        Dots that are not hidden, wholly in the image, not seen at a steeper angle than `detect` uses them, and large
+        enough there to be found: with a mean diameter of `Feature.least_pixels`, a short axis of `NARROWEST_PX`.
+    """
+
+    series: RigViews
+    seen: Mask
+
+    @cached_property
+    def of_plates(self) -> Indices:
+        """Number (P, k) of dots seen on each plate."""
+        owner, count = self.series.rig.owner, len(self.series.rig.markers)
+        return np.stack([self.seen[:, owner == k].sum(axis=1) for k in range(count)], axis=1)
+
+    @property
+    def plates(self) -> Indices:
+        """Number (P,) of plates of which dots are seen."""
+        return np.count_nonzero(self.of_plates, axis=1)
+
+    @cached_property
+    def found(self) -> Mask:
+        """True (P, k) where a plate shows as many dots as it takes to find it alone, not all in a line."""
+        known = self.of_plates >= LEAST_DOTS
+        for pose, plate in np.argwhere(known):
+            points = self.series.rig.xyz[self.dots(pose, plate)]
+            sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+            known[pose, plate] = sizes[1] > _IN_LINE * sizes[0]
+        return known
+
+    @property
+    def served(self) -> Mask:
+        """True (P,) where at least one plate can be found alone."""
+        return np.asarray(self.found.any(axis=1))
+
+    def groups(self) -> dict[str, Mask]:
+        """Masks (P,) of the served poses by the number of plates of which dots are seen."""
+        return {str(k): mask for k in np.unique(self.plates) if (mask := self.served & (self.plates == k)).any()}
+
+    def enough(self, pose: int) -> list[int]:
+        """Indices of the plates that a pose shows well enough to find them alone."""
+        return [int(k) for k in np.flatnonzero(self.found[pose])]
+
+    def dots(self, pose: int, plate: int | None = None) -> Indices:
+        """Numbers of the dots that a pose shows, of all plates or of one."""
+        seen = self.seen[pose] if plate is None else self.seen[pose] & (self.series.rig.owner == plate)
+        return np.flatnonzero(seen)
+
+
+def sight(series: RigViews) -> Sight:
+    """Compute which dots each pose of a series shows."""
+    rig, camera, poses = series.rig, series.camera, series.poses
+    angle = 2 * np.pi * np.arange(_RIM) / _RIM
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    large, inside = [], []
+    for k, each in enumerate(rig.markers):
+        radii = rig.radii[rig.owner == k]
+        turn, shift = each.camera_pose(poses.rotation, poses.translation)
+        rims = (each.marker.xyz[:, None] + radii[:, None, None] * circle).reshape(-1, 3)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            sees = camera.sees(camera.project(rims, turn, shift)) & (to_camera(rims, turn, shift)[..., 2] > 0)
+        inside.append(sees.reshape(len(poses), len(radii), _RIM).all(axis=-1))
+        semi = np.stack(
+            [dot_ellipses(each.marker, camera.ideal, *at, 2 * radii)[1] for at in zip(turn, shift, strict=True)]
+        )
+        least = np.array([point.feature.least_pixels for point in each.marker.control_points])
+        large.append((2 * np.sqrt(semi.prod(axis=-1)) >= least) & (2 * semi.min(axis=-1) >= NARROWEST_PX))
+    way = eyes_of(poses)[:, None] - rig.xyz
+    facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
+    return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(inside, axis=1) & np.concatenate(large, axis=1))
+
+
+def dot_noise(series: RigViews) -> Array:
+    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise; see `image_covariance`."""
+    parts = []
+    for each in series.rig.markers:
+        turn, shift = each.camera_pose(series.poses.rotation, series.poses.translation)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            here = PoseDistribution("here", turn, shift)
+            parts.append(image_covariance(each.marker, series.camera, here, series.optics))
+    return np.concatenate(parts, axis=1)
+
+
+def budget_of(shown: Sight, alone: bool = False) -> PoseBudget:
+    """Error budget (P, 6, 6) of T_camera_rig: from all dots seen, or from the plate whose own dots tell it best.
+
+    The weights are those of `detect`: each dot's own noise, from the image, its print and the plates' relation. What
+    the plates' relation does to all dots of a plate at once is exact. Infinite where no plate shows enough dots.
+    """
+    noise, poses = dot_noise(shown.series), shown.series.poses
+    parts = {name: np.full((len(poses), 6, 6), np.inf) for name in ("image", "print", "camera", "total")}
+    for pose in map(int, np.flatnonzero(shown.served)):
+        choices = [shown.dots(pose, k) for k in shown.enough(pose)] if alone else [shown.dots(pose)]
+        found = [_budget_at(shown.series, pose, dots, noise[pose, dots]) for dots in choices]
+        best = min(found, key=lambda each: float(each.rotation_deg["total"][0]))
+        for name, values in parts.items():
+            values[pose] = getattr(best, name)[0]
+    return PoseBudget(**parts)
+
+
+def _budget_at(series: RigViews, pose: int, dots: Indices, noise: Array) -> PoseBudget:
+    rig, poses = series.rig, series.poses
+    whole = Plate(RigMarker("rig", rig.markers[0].marker, tuple(map(tuple, np.eye(3))), (0.0, 0.0, 0.0)), 0)
+    return pose_budget(
+        rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, noise[None],
+        spatial_errors(series.body, dots, whole, series.errors),
+    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""Shapes of rigs: where the faces are, and which way is up on them."""
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.rig_shapes import rig_shape
+
+TEXTS = ["cube", "prism:3", "prism:6", "prism 4", "wall 3x2", "wall:1x4", "pair"]
+
+
+def corners(face):
+    return face.boundary.outlines()[0] @ np.array(face.rotation).T[:2] + face.translation
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_frames_are_rotations_out_of_the_body(text):
+    for face in rig_shape(text).faces:
+        turn = np.array(face.rotation)
+        assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1)
+        if text.startswith(("cube", "prism")):
+            assert turn[:, 2] @ face.translation == pytest.approx(np.linalg.norm(face.translation))
+            if abs(turn[2, 2]) < 0.5:
+                # Text on a side face stands upright.
+                assert turn[:, 1] == pytest.approx([0, 0, 1])
+
+
+@pytest.mark.parametrize(("text", "count"), [("cube", 8), ("prism:3", 6), ("prism:6", 12)])
+def test_the_faces_of_a_body_close_it(text, count):
+    faces = rig_shape(text, edge=0.06).faces
+    points = np.round(np.concatenate([corners(face) for face in faces]), 9)
+    distinct, times = np.unique(points, axis=0, return_counts=True)
+    assert len(distinct) == count
+    assert (times == 3).all()
+
+
+def test_names_and_measures():
+    cube = rig_shape("cube", edge=0.08, without=["-z"])
+    assert [face.name for face in cube.faces] == ["+x", "-x", "+y", "-y", "+z"]
+    for face in cube.faces:
+        axis = np.zeros(3)
+        axis["xyz".index(face.name[1])] = 0.04 if face.name[0] == "+" else -0.04
+        assert face.translation == tuple(axis)
+    wall = rig_shape("wall 3x2", pitch=0.5)
+    assert wall.faces[0].name == "row 1 column 1"
+    assert wall.faces[0].translation == (-0.5, 0.25, 0)
+    assert wall.faces[5].translation == (0.5, -0.25, 0)
+    left, right = (np.array(face.rotation)[:, 2] for face in rig_shape("pair", angle=60.0).faces)
+    assert left @ right == pytest.approx(0.5)
+    assert left[0] < 0 < right[0]
+    assert {tuple(point) for point in np.round(corners(rig_shape("pair").faces[0]), 9)} & {
+        tuple(point) for point in np.round(corners(rig_shape("pair").faces[1]), 9)
+    } == {(0.0, -0.075, 0.0), (0.0, 0.075, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("text", "measures", "words"),
+    [
+        ("dodecahedron", {}, "known shape"),
+        ("cube 3", {}, "nothing behind cube"),
+        ("prism", {}, "prism:6"),
+        ("prism:2", {}, "3 to 98 sides"),
+        ("wall 3", {}, "wall 3x2"),
+        ("wall 20x20", {}, "1 to 100 plates"),
+        ("wall 3x2", {"pitch": 0.1, "plate": 0.2}, "do not overlap"),
+        ("wall 3x2", {"edge": 0.1}, "--edge"),
+        ("wall 3x2", {"without": ["-z"]}, "--without"),
+        ("cube", {"edge": 0.0}, "edge above 0"),
+        ("cube", {"without": ["z"]}, "a face of a cube"),
+        ("pair", {"angle": 180.0}, "-170 to 170"),
+    ],
+)
+def test_others_are_refused(text, measures, words):
+    with pytest.raises(InputError, match=words):
+        rig_shape(text, **measures)

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+
+from markergen.api.design import design
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.poses import named_poses
+from markergen.model.sight import coverage
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.base import Sight
+from markergen.objectives.observation import DotNoise
+from markergen.optimize import ranges
+from markergen.optimize.pad_design import likeness
+from markergen.optimize.problem import breach
+
+WIDE = "cone:distance=0.3..10m,tilt=0..45"
+
+
+def setting(count=12, sight=None):
+    poses = named_poses(f"cone:distance=0.5..4m,tilt=0..45,count={count}")
+    return Setting(Circle(0.3), Spec().camera, poses, DotNoise(0.03, print_sigma=1e-4), sight)
+
+
+def sight(n=6, count=12):
+    rng = np.random.default_rng(0)
+    known = rng.normal(size=(count, 6, 6))
+    return Sight(rng.random((count, n)) < 0.6, 1e6 * known @ known.swapaxes(-1, -2))
+
+
+def test_gradients_of_dots_partly_in_view_agree_with_differences():
+    rng = np.random.default_rng(1)
+    points, along, step = rng.uniform(-0.25, 0.25, (2, 6, 2)), rng.normal(size=(2, 6, 2)), 1e-7
+    objective = OBJECTIVES["pose"](setting(sight=sight()), "logmean")
+    numeric = (objective(points + step * along) - objective(points - step * along)) / (2 * step)
+    gradient = objective.value_and_gradient(points)[1]
+    np.testing.assert_allclose(np.sum(gradient * along, axis=(1, 2)), numeric, rtol=1e-5)
+
+
+def test_dots_out_of_view_add_nothing_wherever_they_are():
+    mine, here = sight(), setting()
+    points = np.random.default_rng(1).uniform(-0.25, 0.25, (6, 2))
+    covered = OBJECTIVES["pose"](setting(sight=mine)).covariance(points[None])[0]
+    for pose in range(12):
+        own = here.poses.taken(np.array([pose]), 0)
+        some = points[mine.seen[pose]]
+        alone = OBJECTIVES["pose"](Setting(here.boundary, here.camera, own, here.noise)).information(some[None])[0]
+        np.testing.assert_allclose(np.linalg.inv(covered[pose]), alone[0, 0] + mine.known[pose], rtol=1e-6, atol=1.0)
+
+
+def test_information_of_dots_of_several_sizes_is_the_sum_of_theirs():
+    spec = Spec(n=0, boundary=Circle(0.5), poses=WIDE)
+    poses, points = named_poses("cone:distance=2..4m,tilt=0..45,count=5"), np.eye(4, 2) * 0.2 + 0.01
+    diameters = np.array([0.03, 0.03, 0.08, 0.08])
+    seen = ranges.Coverage(points, diameters, poses, np.ones((5, 4), dtype=bool))
+    found = ranges.dot_information(seen, spec.camera, spec.image_noise, 1e-4)
+    for diameter in (0.03, 0.08):
+        own = np.flatnonzero(diameters == diameter)
+        noise = DotNoise(diameter, spec.image_noise, 1e-4)
+        alone = OBJECTIVES["pose"](Setting(spec.boundary, spec.camera, poses, noise)).information(points[None, own])[0]
+        np.testing.assert_allclose(found[:, own].sum(axis=1), alone[0], rtol=1e-3, atol=1e-3 * np.abs(alone).max())
+
+
+def test_several_scales_are_for_open_sizes_and_wide_ranges():
+    wide = named_poses(WIDE)
+    assert ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE), wide)
+    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE, dot=0.1), wide)
+    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.05), poses=WIDE), wide)
+    near = "cone:distance=0.3..1m"
+    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=near), named_poses(near))
+
+
+def test_forecasts_of_scales_serve_all_poses_and_fit():
+    spec = Spec(n=0, boundary=Circle(0.5), poses=WIDE)
+    poses = named_poses(spec.poses)
+    scales = ranges._forecasts(spec, poses, 2)
+    seen = ranges.seen_by(scales, spec.camera, poses)
+    assert seen.served.all()
+    assert scales[0].diameter >= 2 * scales[1].diameter
+    assert breach(seen.points, spec.boundary, (), seen.diameters, scales[1].region.clearance) <= 0
+    with pytest.raises(InputError, match="room for"):
+        ranges._forecasts(spec, poses, 4)
+
+
+def test_figures_are_compared_up_to_affine_maps():
+    rng = np.random.default_rng(0)
+    one = rng.normal(size=(6, 2))
+    moved = one @ np.array([[0.3, 0.1], [-0.05, 0.2]]) + 0.4
+    assert likeness(one, moved[[0, 3, 5, 1, 2, 4]]) < 1e-9
+    assert likeness(one, rng.normal(size=(6, 2))) > 0.05
+    assert likeness(one, one[:5]) == np.inf
+
+
+@pytest.mark.long
+def test_a_pad_serves_its_range():
+    found = design(n="auto", radius="0.5m", poses=WIDE)
+    marker = found.marker
+    assert not found.warnings
+    assert found.covered.served.all()
+    counts = [len(scale) for scale in found.covered.scales]
+    assert len(counts) >= 2
+    assert len(set(counts)) == len(counts)
+    assert sum(point.feature.kind == "ring" for point in marker.control_points) == len(counts)
+    dense = coverage(marker, found.spec.camera, named_poses(f"{WIDE},count=4000,seed=5"))
+    assert dense.served.all()
+    assert "mm" in str(found)
+    with pytest.raises(InputError, match="trace"):
+        design(n="auto", radius="0.5m", poses=WIDE, trace="way.gif")

@@ -1,0 +1,176 @@
+"""Files of rigs, right and damaged: what is wrong is named."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import markergen as mg
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
+from markergen.maths.rotation import exponential
+from markergen.model.fabrication import Fabrication
+from markergen.model.rig import Rig
+from tests.support.rigs import cube, mounted, wall
+
+CUBE = cube(0.08)
+WALL = wall(columns=2, rows=1)
+COARSE = ExportOptions(fabrication=Fabrication(tolerance=5e-5, engrave=False))
+
+
+def written(rig, folder, *suffixes, options=COARSE):
+    save(rig, [folder / f"rig{suffix}" for suffix in suffixes], options)
+    return [folder / f"rig{suffix}" for suffix in suffixes]
+
+
+def said_of(rig, path):
+    [check] = mg.verify(rig, path)
+    assert not check.error, check.error
+    return [finding.sentence for finding in check.findings]
+
+
+def moved(rig, k, about=(0, 0, 0), shift=(0, 0, 0)):
+    """The rig with one marker turned by a rotation vector and shifted, in its own frame."""
+    each, turn = rig.markers[k], exponential(np.array(about, float))
+    place = replace(each, rotation=(each.turn @ turn).tolist(), translation=tuple(each.to_rig(np.array(shift, float))))
+    return replace(rig, markers=tuple(place if j == k else other for j, other in enumerate(rig.markers)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("process", ["fdm", "laser"])
+def test_what_is_written_is_right(process, tmp_path):
+    options = ExportOptions(fabrication=Fabrication(process=process, tolerance=5e-5, engrave=False))
+    suffixes = (".step", ".brep", ".stl", ".3mf", ".glb", ".urdf", ".sdf", ".mjcf.xml")
+    found = mg.verify(CUBE, *written(CUBE, tmp_path, *suffixes, options=options))
+    for check in found:
+        assert check.passed, (check.path, check.findings, check.error)
+        assert check.dots == len(CUBE)
+        assert check.largest < 1e-7
+        assert re.fullmatch(r"plate \d/\d", check.worst)
+
+
+def test_one_body_is_right(tmp_path):
+    [check] = mg.verify(CUBE, *written(CUBE, tmp_path, ".glb"))
+    assert check.passed, check.findings
+    assert check.dots == len(CUBE)
+
+
+@pytest.mark.long
+def test_a_wall_is_right_too(tmp_path):
+    for check in mg.verify(WALL, *written(WALL, tmp_path, ".stl", ".glb")):
+        assert check.passed, check.findings
+        assert check.dots == len(WALL)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("process", ["cnc", "dome"])
+def test_other_processes_are_right(process, tmp_path):
+    options = ExportOptions(fabrication=Fabrication(process=process))
+    for check in mg.verify(CUBE, *written(CUBE, tmp_path, ".step", ".glb", options=options)):
+        assert check.passed, (check.path, check.findings)
+
+
+def test_a_moved_plate_is_named(tmp_path):
+    [path] = written(WALL, tmp_path, ".stl")
+    [said] = said_of(moved(WALL, 1, shift=[0.001, 0, 0.002]), path)
+    # One of two plates: either may be the one that moved.
+    assert re.search(r"plate [01] is 2\.236 mm off \(x [+-]1 mm and z [+-]2 mm\), in its own frame", said)
+
+
+@pytest.mark.long
+def test_a_turned_face_is_named(tmp_path):
+    [path] = written(CUBE, tmp_path, ".stl")
+    assert said_of(moved(CUBE, 3, [0, 0, np.pi / 2]), path) == [
+        "plate 3 is turned by 90 degrees about -z, in its own frame"
+    ]
+
+
+@pytest.mark.long
+def test_a_tilted_plate_is_named(tmp_path):
+    three = wall(columns=3, rows=1)
+    [path] = written(moved(three, 1, [np.radians(3), 0, 0]), tmp_path, ".stl")
+    [said] = said_of(three, path)
+    assert re.fullmatch(r"plate 1 is turned by (2\.99\d|3) degrees about x, in its own frame", said)
+
+
+@pytest.mark.long
+def test_two_swapped_faces_are_named(tmp_path):
+    [path] = written(CUBE, tmp_path, ".stl")
+    markers = [each.marker for each in CUBE.markers]
+    markers[0], markers[5] = markers[5], markers[0]
+    places = [(each.turn, each.shift) for each in CUBE.markers]
+    assert said_of(mounted(markers, *zip(*places, strict=True)), path) == ["plate 0 and plate 5 are swapped"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1 / 25.4, "mm are taken for inches"), (1000, "m are taken for mm"), (0.97, "scaled by 0.97 along x and y")],
+)
+def test_a_wrong_scale_is_named(factor, words, tmp_path):
+    [path] = written(CUBE, tmp_path, ".stl")
+    mesh = trimesh.load(path)
+    mesh.apply_scale(factor)
+    mesh.export(path)
+    [said] = said_of(CUBE, path)
+    assert words in said
+
+
+@pytest.mark.long
+def test_a_mirrored_rig_is_named(tmp_path):
+    [path] = written(CUBE, tmp_path, ".stl")
+    mesh = trimesh.load(path)
+    mesh.apply_transform(np.diag([-1, 1, 1, 1]))
+    mesh.export(path)
+    assert said_of(CUBE, path) == ["mirrored"]
+
+
+@pytest.mark.long
+def test_a_turned_file_is_told_and_in_a_model_an_error(tmp_path):
+    path, model = written(CUBE, tmp_path, ".stl", ".mjcf.xml")
+    turn = np.eye(4)
+    turn[:3, :3] = exponential(np.array([0.3, -0.4, 0.5]))
+    for each in (path, *(tmp_path / "meshes").iterdir()):
+        mesh = trimesh.load(each)
+        mesh.apply_transform(turn)
+        mesh.export(each)
+    [check] = mg.verify(CUBE, path)
+    assert check.passed, check.findings
+    assert "turned by 40.51 degrees" in check.notes[0]
+    assert any("its frame is not the rig's" in said for said in said_of(CUBE, model))
+
+
+@pytest.mark.long
+def test_a_missing_face_is_named(tmp_path):
+    three = Rig(wall(columns=3, rows=1).markers[:2])
+    [path] = written(three, tmp_path, ".stl")
+    assert said_of(wall(columns=3, rows=1), path) == ["plate 2 is missing: its 6 dots are not there"]
+
+
+@pytest.mark.long
+def test_another_rig_is_named(tmp_path):
+    [path] = written(cube(0.08, seed=20), tmp_path, ".glb")
+    assert said_of(CUBE, path) == ["no marker of the rig is in it"]
+
+
+def test_a_table_is_no_file_of_a_rig(tmp_path):
+    (tmp_path / "a.csv").write_text("id,x_m,y_m\n0,0,0\n")
+    [check] = mg.verify(CUBE, tmp_path / "a.csv")
+    assert "expected a sheet or a solid of a rig" in check.error
+
+
+@pytest.mark.long
+def test_every_marker_is_found_on_its_page(tmp_path):
+    markers = [each.marker for each in CUBE.markers]
+    save(markers, [tmp_path / "all.pdf"])
+    [check] = mg.verify(CUBE, tmp_path / "all.pdf")
+    assert check.passed, check.findings
+    assert check.dots == len(CUBE)
+    save(markers[:-1], [tmp_path / "some.pdf"])
+    assert said_of(CUBE, tmp_path / "some.pdf") == ["plate 5 is missing: it is on no page"]
+    [path] = [tmp_path / "all.json"]
+    assert mg.verify(CUBE, tmp_path / "all.pdf", json=path).written
+    assert re.fullmatch(r"plate \d/\d", json.loads(path.read_text())[0]["worst_dot"])
