@@ -289,6 +289,15 @@ OUTSIDE_FILES = ("template", "output", "trace", "coverage")
 class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of an export."""
 
+    net: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Of a rig's body, a paper net with flaps, to fold and glue, on one page.",
+            False,
+            flags="--net",
+        ),
+    ]
     compensate: Annotated[
         bool,
         Option(
