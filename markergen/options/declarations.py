@@ -273,12 +273,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     coverage: Annotated[
-        Files,
-        Option(
-            FILES,
-            "Draw what each pose sees, dots in view over distance and tilt, as .svg or .png; may be repeated.",
-            metavar="FILE",
-        ),
+        Files, Option(FILES, "Draw how many dots each pose sees, as .svg or .png; may be repeated.", metavar="FILE")
     ]
 
 
