@@ -20,6 +20,7 @@ from markergen.model.rig import Rig, RigMarker
 from markergen.solid.bodies import OFF, Body, Part, Prism, mm
 from markergen.solid.mesh import Mesh, failed, grid_of, shell_of, welded
 from markergen.solid.processes import Made, parts_of
+from markergen.solid.processes.fdm import FACE_DOWN
 
 Array = NDArray[np.float64]
 
@@ -262,7 +263,8 @@ def _face(name: str, ring: Array, each: RigMarker | None = None) -> Face:
         along = ring[1] - ring[0]
         z, x = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
         rotation = np.column_stack([x, np.cross(z, x), z])
-    flat = ((ring - shift) @ rotation)[:, :2]
+    # Sizes on drawings are 60 mm and not 59.99999999999999.
+    flat = np.round(((ring - shift) @ rotation)[:, :2], 9) + 0.0
     return Face(name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist()))
 
 
@@ -321,7 +323,7 @@ def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
         raise
     if fabrication.through or not (made.parts or made.marked):
         raise InputError("dots inlaid, standing or engraved", "none", "use another --process: the rig is one block")
-    return made
+    return replace(made, lines=tuple(line for line in made.lines if line != FACE_DOWN))
 
 
 def _lowered(block: Sequence[Face], heights: Sequence[float]) -> tuple[Face, ...]:
