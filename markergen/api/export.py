@@ -79,6 +79,8 @@ def export(
         raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
     inputs = files_among(*every, asked.get("outline"))
     what = _loaded(every, asked)
+    if choices.net and not isinstance(what, Rig):
+        raise InputError("a rig.json for --net", "markers", "give what markergen rig wrote, or leave out --net")
     table = table_for(what)
     check_outputs(outputs, choices, table=table)
     check_files(outputs, inputs)
@@ -131,7 +133,7 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     if "draft" in making:
         making["draft"] = radians(making["draft"])
     dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}
-    return ExportOptions(SheetOptions(**laid), fabrication=Fabrication(**making), **dpi)
+    return ExportOptions(SheetOptions(**laid), asked.get("net", False), fabrication=Fabrication(**making), **dpi)
 
 
 def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:

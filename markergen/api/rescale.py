@@ -1,27 +1,33 @@
 """``markergen.rescale``: the marker as printed."""
 
+from collections.abc import Sequence
 from os import PathLike
-from typing import Unpack
+from typing import Any, Generic, TypeVar, Unpack, overload
 
-from markergen.api.arguments import marker_of, path_of
-from markergen.errors import InputError
+from markergen.api.arguments import path_of
+from markergen.errors import InputError, brief
 from markergen.files import check_folder, write_atomic
 from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
-from markergen.model.rescale import Rulers, remeasure
+from markergen.model.rescale import Rulers, remeasure, rescale_rig
 from markergen.model.rescale import rescale as by_rulers
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig, rig_to_json
 from markergen.options import MarkerLike, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
 from markergen.presentation.results import Result
 from markergen.read.measured import read_measured
+from markergen.units import parse_length
+
+T = TypeVar("T", Marker, Rig)
 
 
-class Rescaled(Result):
-    """A marker with its dots where they are in the print, and notes on the differences.
+class Rescaled(Result, Generic[T]):
+    """A marker or rig with its dots where they are in the print, and notes on the differences.
 
     Attributes
     ----------
-    marker : Marker
+    marker : Marker or Rig
     notes : tuple of str
         Sentences: the scale error of the print, and how far it moves the dots.
 
@@ -33,8 +39,9 @@ class Rescaled(Result):
     (0.99, 0.99)
     """
 
-    def __init__(self, marker: Marker, notes: tuple[str, ...]) -> None:
-        self.marker, self.notes = marker, notes
+    def __init__(self, marker: T, notes: tuple[str, ...]) -> None:
+        self.marker: T = marker
+        self.notes = notes
 
     def parts(self) -> list[str]:
         """See `Result.parts`."""
@@ -44,17 +51,29 @@ class Rescaled(Result):
         return f"Rescaled({self.marker!r})"
 
 
+@overload
 def rescale(
     marker: MarkerLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
-) -> Rescaled:
+) -> Rescaled[Marker]: ...
+
+
+@overload
+def rescale(
+    marker: Rig, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+) -> Rescaled[Rig]: ...
+
+
+def rescale(
+    marker: MarkerLike | Rig, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+) -> Rescaled[Any]:
     """Correct a marker for a print that came out at another size, from measurements of its rulers or of its dots.
 
     Parameters
     ----------
-    marker : Marker, path or dict
-        As designed, or rescaled before.
+    marker : Marker, Rig, path or dict
+        As designed, or rescaled before. The markers of a rig are rescaled each about its own origin.
     output : str or path, optional
-        The marker.json for this print; may be the file that the marker was read from.
+        The marker.json or rig.json for this print; may be the file that the marker was read from.
     **options
         As on the command line, ``markergen rescale --help``, with underscores: ``measured_x="198.6mm"``.
 
@@ -86,14 +105,33 @@ def rescale(
         raise InputError("an output that ends in .json", str(target), "a sheet of it is made by markergen export")
     if target is not None:
         check_folder(target)
-    before = marker_of(marker)
-    if asked["measured_points"] is None:
-        rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
+    before = load_marker_or_rig(marker)
+    rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
+    found: Rescaled[Any]
+    if isinstance(before, Rig):
+        if asked["measured_points"] is not None:
+            raise InputError("rulers of a rig", "--measured-points", "measure its dots with markergen calibrate")
+        found = Rescaled(*rescale_rig(before, rulers, _others(asked["also"] or (), rulers), asked["force"]))
+    elif asked["also"]:
+        raise InputError("rulers of one marker", "--also", "it is for the markers of a rig")
+    elif asked["measured_points"] is None:
         found = Rescaled(*by_rulers(before, rulers, asked["force"]))
     else:
         found = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
     if target is not None:
-        write_atomic(target, to_json(found.marker))
+        write_atomic(target, (rig_to_json if isinstance(before, Rig) else to_json)(found.marker))
+    return found
+
+
+def _others(texts: Sequence[str], rulers: Rulers) -> dict[str, Rulers]:
+    """Return rulers of single markers from texts such as ``+x=198.6mm,199.1mm``."""
+    found = dict[str, Rulers]()
+    for text in texts:
+        name, equals, lengths = text.rpartition("=")
+        measured = [parse_length(each, "also") for each in lengths.split(",")]
+        if not (name and equals and len(measured) <= 2) or name in found:
+            raise InputError("a marker once, with one or two lengths", brief(text), "write '+x=198.6mm,199.1mm'")
+        found[name] = Rulers(measured[0], measured[1] if measured[1:] else None, rulers.nominal_x, rulers.nominal_y)
     return found
 
 

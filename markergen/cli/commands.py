@@ -348,7 +348,9 @@ def verify(
 @app.command(cls=GroupedCommand)
 @with_options(RescaleKeywords)
 def rescale(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
@@ -363,6 +365,7 @@ def rescale(
     Example:
       markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json
       markergen rescale marker.json --measured-points dots.csv -o corrected.json
+      markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o corrected.json
     """
     from markergen.api.rescale import rescale as correct
     from markergen.files import Written

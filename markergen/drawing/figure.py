@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, union
+from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, union
 from markergen.errors import InputError
 from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
@@ -30,11 +30,14 @@ class Figure:
         Ratio of drawn to nominal lengths: (1, 1), or the inverse of the printer's scale.
     ink : str
         Color of dots and tag.
+    beside : tuple of Shape
+        Labels around the outline, mm, marker frame.
     """
 
     marker: Marker
     factor: Point = (1.0, 1.0)
     ink: str = "#000000"
+    beside: tuple[Shape, ...] = ()
 
     @cached_property
     def dots(self) -> tuple[Disk, ...]:

@@ -123,7 +123,8 @@ def draw_artwork(
     ]
     height = NUMBER_HEIGHT * scale
     names = [str(point.id) for point in marker.control_points]
-    taken = ink_points([*cut, *free, *cross, *on_boundary])
+    labels = [Line(_around(bounds(shape)), FINE) for shape in figure.beside]
+    taken = ink_points([*cut, *free, *cross, *on_boundary, *labels])
     if ink is not None:
         taken = np.concatenate([taken, ink])
     each = [overlap(room, own) for own in rooms] if rooms else [room] * len(dots)
@@ -143,11 +144,17 @@ def draw_artwork(
             "tag": figure.tag,
             "cut": tuple(cut),
             "marks": (*free, *cross, *ticks),
-            "text": numbers,
+            "text": (*numbers, *figure.beside),
         },
         tuple(name for name, place in zip(names, places, strict=True) if place is None),
         _notes(figure, cut, free),
     )
+
+
+def _around(box: Box) -> tuple[tuple[float, float], ...]:
+    """Closed line around a box."""
+    left, bottom, right, top = box
+    return (left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)
 
 
 def axis_ticks(

@@ -25,7 +25,7 @@ from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
 from markergen.drawing.page_grid import grid_pages
 from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
 from markergen.drawing.print_measurements import AIR, BAND, ruler_words
-from markergen.drawing.scene import Box, Point, Sheet, around_origin, moved_layers, scene_of
+from markergen.drawing.scene import Box, Point, Shape, Sheet, around_origin, moved_layers, scene_of
 from markergen.drawing.sheet_footer import draw_footer
 from markergen.drawing.tile_layout import Tiling, best_tiling
 from markergen.drawing.tile_sheets import tile_sheets
@@ -48,7 +48,9 @@ def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
     return pages_for([marker], SheetOptions(paper, tile=False))[0]
 
 
-def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, ...]:
+def pages_for(
+    markers: Sequence[Marker], options: SheetOptions, beside: Sequence[tuple[Shape, ...]] = ()
+) -> tuple[Sheet, ...]:
     """Lay out markers on pages at true size, never smaller.
 
     One marker gets one page or, if it is larger than the paper, an assembly plan and a page for each tile. Several
@@ -60,6 +62,8 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     markers : sequence of Marker
         At least one.
     options : SheetOptions
+    beside : sequence of tuple of Shape
+        Labels around the outline of each marker, mm, marker frame; not on tiles.
 
     Raises
     ------
@@ -68,6 +72,8 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
         marker does not fit on it and may not be tiled.
     """
     figures = [_figure(marker, options) for marker in markers]
+    if beside:
+        figures = [replace(figure, beside=labels) for figure, labels in zip(figures, beside, strict=True)]
     if len(figures) == 1:
         return _pages(figures, [_place(figures[0], options, options.candidates())], options)
     candidates = options.candidates(ISO[ISO.index(USUAL) :])
@@ -80,7 +86,9 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     return _pages(figures, [_place(figure, options, candidates) for figure in figures], options)
 
 
-def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> Sheet:
+def one_page(
+    markers: Sequence[Marker], options: SheetOptions, suffix: str, beside: Sequence[tuple[Shape, ...]] = ()
+) -> Sheet:
     """Lay out markers on one page, for a format without multiple pages.
 
     If no paper is named, several markers go on the smallest ISO size that holds them all.
@@ -93,7 +101,7 @@ def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> S
     named = options.paper is not None or len(markers) == 1
     for each in [options] if named else [replace(options, paper=paper.name, tile=False) for paper in ISO]:
         try:
-            pages = pages_for(markers, each)
+            pages = pages_for(markers, each, beside)
         except InputError:
             if named or each.paper == ISO[-1].name:
                 raise
@@ -212,7 +220,7 @@ def _pages(figures: Sequence[Figure], places: Sequence[_Place], options: SheetOp
         start, total = len(pages), sum(counts)
         if isinstance(place, Tiling):
             smaller = _fitting(figure, options) if options.paper else ""
-            pages += tile_sheets(figure, options, place, (start + 1, total), smaller)
+            pages += tile_sheets(replace(figure, beside=()), options, place, (start + 1, total), smaller)
         else:
             pages.append(_single_page(figure, options, *place, (start + 1, total)))
     if len(figures) > 1:

@@ -24,6 +24,8 @@ class ExportOptions:
     ----------
     sheet : SheetOptions
         Paper, margin, tiles and colors of printable formats.
+    net : bool
+        True to draw the paper net of a rig's body instead of its faces one by one.
     dpi : int
         Resolution of pixel formats.
     fabrication : Fabrication
@@ -33,6 +35,7 @@ class ExportOptions:
     """
 
     sheet: SheetOptions = field(default_factory=SheetOptions)
+    net: bool = False
     dpi: int = 600
     fabrication: Fabrication = field(default_factory=Fabrication)
     stem: str = "marker"

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, check_supported
+from markergen.model.rig import Rig
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -65,6 +66,11 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
         by one; or if the nominal length is not the one that the marker states for its ruler. Also as `check_supported`
         does.
     """
+    changed, said = _rescaled(marker, rulers, force)
+    return changed, (*said, *_reach([changed]))
+
+
+def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tuple[str, ...]]:
     check_supported(marker, "to rescale")
     if any(point.designed or point.designed_z is not None for point in marker.control_points):
         raise InputError(
@@ -111,12 +117,50 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
     if marker.print_scale != (1.0, 1.0):
         x, y = (100 * value for value in marker.print_scale)
         said.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
-    moved = float(np.linalg.norm(np.array(scale) - 1))
-    reach = float(np.linalg.norm(nominal.xyz[:, :2] * (np.array(scale) - 1), axis=-1).max())
-    if moved:
-        said.append(f"Dots are up to {_short(reach)} from where they were designed.")
     changed = replace(nominal, control_points=points, print_scale=scale)
     return _recorded(changed, "rulers", record), tuple(said)
+
+
+def _reach(markers: Sequence[Marker]) -> list[str]:
+    """Say how far rescaled dots are from where they were designed."""
+    scales = [np.array(marker.print_scale) - 1 for marker in markers]
+    moved = [m.as_designed.xyz[:, :2] * off for m, off in zip(markers, scales, strict=True) if off.any()]
+    if not moved:
+        return []
+    reach = max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
+    return [f"Dots are up to {_short(reach)} from where they were designed."]
+
+
+def rescale_rig(
+    rig: Rig, rulers: Rulers, others: Mapping[str, Rulers], force: bool = False
+) -> tuple[Rig, tuple[str, ...]]:
+    """Rescale the markers of a rig for a print whose rulers are off, each about its own origin; see `rescale`.
+
+    The plates stay where they are: their markers were printed at another size, not the body.
+
+    Parameters
+    ----------
+    others : mapping
+        Rulers of single markers, by name, instead of those of all.
+
+    Raises
+    ------
+    InputError
+        As `rescale` does, or if a name is none of the rig's.
+    """
+    names = [each.name for each in rig.markers]
+    unknown = [name for name in others if name not in names]
+    if unknown:
+        raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
+    found = {each.name: _rescaled(each.marker, others.get(each.name, rulers), force) for each in rig.markers}
+    said = dict[tuple[str, ...], list[str]]()
+    for name, (_, sentences) in found.items():
+        said.setdefault(sentences, []).append(name)
+    told = [
+        " ".join(each) if len(said) == 1 else f"{', '.join(which)}: {' '.join(each)}" for each, which in said.items()
+    ]
+    changed = tuple(replace(each, marker=found[each.name][0]) for each in rig.markers)
+    return replace(rig, markers=changed), (*told, *_reach([each.marker for each in changed]))
 
 
 def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:

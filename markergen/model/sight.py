@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.feature import RELIABLE_PIXELS
@@ -159,10 +160,38 @@ class Coverage:
 
 def coverage(marker: Marker, camera: Camera, poses: PoseDistribution) -> Coverage:
     """What each pose sees of a marker; dots are large enough from `Feature.least_pixels` on."""
-    features = [point.feature for point in marker.control_points]
-    diameters = np.array([feature.diameter for feature in features])
-    least = np.array([feature.least_pixels for feature in features])
+    diameters = diameters_of(marker)
+    least = np.array([point.feature.least_pixels for point in marker.control_points])
     return Coverage(marker.xyz, diameters, poses, dots_in_view(marker.xyz, diameters, camera, poses, least))
+
+
+def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) -> PoseDistribution:
+    """Poses that see the whole marker, or of one with dots of several sizes, four of one size.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if len(scales_of(diameters_of(marker))) < 2:
+        return poses.seen_whole(marker.boundary, camera, marker.height)
+    kept = np.flatnonzero(coverage(marker, camera, poses).served)
+    if not kept.size:
+        raise InputError(
+            f"a pose that sees {FEWEST} dots of one size", f"none of {len(poses)} ({poses.name})", "use other poses"
+        )
+    return poses.taken(kept, poses.dropped + len(poses) - kept.size)
+
+
+def partly_seen(marker: Marker, camera: Camera, poses: PoseDistribution) -> Mask | None:
+    """Mask (P, n) of the dots that count, of a marker with dots of several sizes; None if all count."""
+    several = len(scales_of(diameters_of(marker))) > 1
+    return coverage(marker, camera, poses).seen if several else None
+
+
+def diameters_of(marker: Marker) -> Array:
+    """Diameters (n,) in m of a marker's dots."""
+    return np.array([point.feature.diameter for point in marker.control_points])
 
 
 def scales_of(diameters: Array | Sequence[float]) -> tuple[NDArray[np.intp], ...]:

@@ -32,7 +32,7 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
     have no homography, so its two keys are omitted.
     """
     points = without_height(points)
-    known = criteria_for(points)
+    known = criteria_for(points, setting.sight is None)
     found = {each.key: OBJECTIVES[name](setting)(points) for name, each in known.items() if not each.bound}
     covariance = PoseObjective(setting).covariance(points)
     aggregated = aggregate_of("rms", setting.poses.weight)
@@ -48,9 +48,9 @@ def without_height(points: Array) -> Array:
     return points[..., :2] if points.shape[-1] == 3 and not points[..., 2].any() else points
 
 
-def criteria_for(points: Array) -> dict[str, Criterion]:
-    """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography."""
-    planar = points.shape[-1] == 2
+def criteria_for(points: Array, whole: bool = True) -> dict[str, Criterion]:
+    """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography, nor has what is not whole."""
+    planar = whole and points.shape[-1] == 2
     return {name: each for name, each in columns().items() if planar or not OBJECTIVES[name].planar_only}
 
 

@@ -39,6 +39,8 @@ def compare(
     """
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
     table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
+    if setting.sight:  # Others have dots of one size, which other poses see.
+        return table
     for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
         table[name] = median_criteria(criteria(layouts, setting))
     return table

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import diameters_of, scales_of
 from markergen.objectives import Setting
 from markergen.optimize.rival_labelings import RivalFit, Rivals, SeenLayout, seen_layout
 
@@ -193,10 +194,31 @@ def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
 
     Rings differ from disks by appearance; dots of equal appearance differ only by position. All dots are assumed
     visible. Sizes of dots and shapes of their images, which would help, are ignored. Heights of control points count.
+
+    Dots of several sizes are told apart by their size: the safety of each is that among those of its own, at the poses
+    that see all of these.
     """
+    if setting.sight:
+        return _by_size(marker, setting)
     kinds = np.array([point.feature.kind == "ring" for point in marker.control_points], dtype=np.intp)
     scene = seen_layout(marker.xyz, kinds, setting.camera, setting.poses)
     return safety_of(scene, tuple(point.id for point in marker.control_points))
+
+
+def _by_size(marker: Marker, setting: Setting) -> LabelSafety:
+    assert setting.sight is not None
+    n = len(marker)
+    px, labels, at = np.full(n, np.inf), np.tile(np.arange(n), (n, 1)), np.zeros(n, dtype=np.intp)
+    for scale in scales_of(diameters_of(marker)):
+        whole = np.flatnonzero(setting.sight.seen[:, scale].all(axis=1))
+        if not whole.size:
+            continue
+        kinds = np.array([marker.control_points[i].feature.kind == "ring" for i in scale], dtype=np.intp)
+        poses = setting.poses.taken(whole, setting.poses.dropped)
+        own = safety_of(seen_layout(marker.xyz[scale], kinds, setting.camera, poses))
+        px[scale], at[scale] = own.px, whole[own.pose]
+        labels[np.ix_(scale, scale)] = scale[own.labels]
+    return LabelSafety(px, labels, at, setting.poses, tuple(point.id for point in marker.control_points))
 
 
 def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:

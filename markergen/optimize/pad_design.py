@@ -1,10 +1,12 @@
 """Design of a marker with dots of several sizes, for a wide range of distances (see `markergen.optimize.ranges`)."""
 
 import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import check
 from markergen.optimize.ranges import Scale, aggregated, dot_information, nested, values_of
 from markergen.options import Progress
-from markergen.presentation.tables import Table
+from markergen.presentation.tables import Table, percent
 from markergen.presentation.tables import number as written
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -38,10 +40,6 @@ Array = NDArray[np.float64]
 ALIKE = 0.05
 """Deviation of one scale's layout from an affine image of another's, as a fraction of its size, below which the two
 could be taken for each other."""
-
-
-ERRORS = ("deg", "% of distance")
-"""Columns of the table of distances, after those of what is in view."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,37 +110,44 @@ class PadDesign(Design):
 
 def coverage_table(design: PadDesign) -> Table:
     """Ranges of distance with the poses that are served, the dots in view, and the expected errors."""
-    covered, errors = design.covered, design.errors
+    covered = design.covered
     assert covered is not None
-    assert errors is not None
-    sizes = [format_length(float(covered.diameters[scale[0]])) for scale in covered.scales]
     pose = _covariance(covered, design.spec)
-    rotation = np.rad2deg(rotation_bound(pose))
-    translation = 100 * translation_bound(pose, covered.poses.translation)
-    rows = []
-    for row, (_, _, mask) in zip(covered.rows(), covered.bands(), strict=True):
+    errors = np.rad2deg(rotation_bound(pose)), 100 * translation_bound(pose, covered.poses.translation)
+    cells = []
+    for _, _, mask in covered.bands():
         served = mask & covered.served
-        means = [np.sqrt(np.mean(each[served] ** 2)) if served.any() else np.inf for each in (rotation, translation)]
+        cells.append([written(np.sqrt(np.mean(e[served] ** 2)) if served.any() else None, 3) for e in errors])
+    sizes = [float(covered.diameters[scale[0]]) for scale in covered.scales]
+    return distance_table(covered.rows(), sizes, ("least deg", "least %"), cells)
+
+
+def distance_table(
+    rows: Sequence[Mapping[str, Any]], diameters: Sequence[float], titles: Sequence[str], cells: Sequence[Sequence[str]]
+) -> Table:
+    """Dots in view by distance, the share of the poses that four dots of each size serve, and more cells of each row.
+
+    Parameters
+    ----------
+    rows : sequence
+        Of `markergen.model.sight.Coverage.rows`.
+    diameters : sequence of float
+        Of the sizes, m.
+    """
+    body = []
+    for row, more in zip(rows, cells, strict=True):
         least, _, most = row["dots"]
-        poses = row["poses"]
-        rows.append([
-            f"{row['from_m']:.2g} to {row['to_m']:.2g}", str(poses), f"{100 * row['served'] / poses:.0f} %",
+        body.append([
+            f"{row['from_m']:.2g}..{row['to_m']:.2g}", str(row["poses"]), percent(row["served"] / row["poses"]),
             f"{least} to {most}" if least < most else str(least),
-            *(f"{100 * each / poses:.0f} %" for each in row["serving"]), *(written(mean, 3) for mean in means),
+            *(percent(each / row["poses"]) for each in row["serving"]), *more,
         ])  # fmt: skip
     return Table(
-        "Poses served, dots in view, share of the poses served by each size, and least errors of image and print",
-        [
-            "distance",
-            "poses",
-            "served",
-            "dots in view",
-            *(f"by {size}" for size in sizes),
-            "rotation deg",
-            "translation %",
-        ],
-        rows,
-        "Served: by four or more dots of one size that are whole in the image and large enough; errors are RMS.",
+        "What each distance is served by",
+        ["m", "poses", "served", "dots", *map(format_length, diameters), *titles],
+        body,
+        "Dots in view: whole in the image and large enough. A pose is served by four or more of one size, whose share "
+        "of the poses stands under it. Errors are RMS.",
     )
 
 
@@ -193,7 +198,8 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> PadDesign:
     sizes = ", ".join(f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales)
     dots = DotSize(scales[0].diameter, clearance, said)
     row = _criteria(covered, spec)
-    marker = replace(marker, provenance=provenance_of(spec, setting, f"{sizes}, for {said}", {"design": row}))
+    settled = replace(spec, n=len(marker), dot=scales[0].diameter)
+    marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {said}", {"design": row}))
     return PadDesign(
         marker, setting, dots, {"design": row}, spec, None, value, perf_counter() - begin,
         scales=scales, safety=tuple(safety), covered=covered, errors=errors,

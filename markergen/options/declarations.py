@@ -30,6 +30,7 @@ from markergen.options import (
     Poses,
     Shape,
     Shapes,
+    Texts,
 )
 from markergen.options.shared import (
     Calibrated,
@@ -280,6 +281,15 @@ OUTSIDE_FILES = ("template", "output", "trace")
 class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of an export."""
 
+    net: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Of a rig's body, a paper net with flaps, to fold and glue, on one page.",
+            False,
+            flags="--net",
+        ),
+    ]
     compensate: Annotated[
         bool,
         Option(
@@ -446,6 +456,10 @@ class RescaleKeywords(TypedDict, total=False):
     measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
     nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", otherwise=NEAR)]
     nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", otherwise=NEAR)]
+    also: Annotated[
+        Texts,
+        Option(ERRORS, "Rulers of one marker of a rig, such as '+x=198.6mm,199.1mm'.", metavar="NAME=X[,Y]"),
+    ]
     measured_points: Annotated[
         File,
         Option(

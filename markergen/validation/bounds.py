@@ -22,6 +22,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import diameters_of, partly_seen, scales_of
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import Setting
 from markergen.objectives.observation import lens_blocks, through_lens
@@ -33,6 +34,10 @@ from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+UNSEEN_PX2 = 1e12
+"""Variance in px^2 of the image of a dot that a pose does not see."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +60,16 @@ class PoseBounds:
     separation: Array
 
 
-def pose_bounds(points: Array, camera: Camera, poses: PoseDistribution, noise_px: float) -> PoseBounds:
+def pose_bounds(
+    points: Array, camera: Camera, poses: PoseDistribution, noise_px: float, seen: Mask | None = None
+) -> PoseBounds:
     """Bounds of the pose for control points (n, 3) in m and Gaussian noise of `noise_px` on every image coordinate.
 
-    The noise applies to distorted pixels.
+    The noise applies to distorted pixels. Of the points only those `seen` (P, n) count, if given.
     """
     ideal = pose_jacobian(points, poses.rotation, poses.translation, camera.focal)
-    matrix = information(through_lens(ideal, points, camera, poses))
+    rows = through_lens(ideal, points, camera, poses)
+    matrix = information(rows if seen is None else np.where(np.repeat(seen, 2, axis=-1)[..., None], rows, 0.0))
     unit = covariance(matrix)
     # Without noise the bound is 0, and any two poses are infinitely many bounds apart.
     separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
@@ -160,10 +168,17 @@ def image_covariance(
     return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
 
 
+def counted_covariance(series: SyntheticViews, bare_px: float = 0.0) -> Array:
+    """`image_covariance` (P, n, 2, 2) at every pose of a series; of dots that do not count, `UNSEEN_PX2`."""
+    image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
+    seen = partly_seen(series.marker, series.camera, series.poses)
+    return image if seen is None else np.where(seen[..., None, None], image, UNSEEN_PX2 * np.eye(2))
+
+
 def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
     """Error budget (P, 6, 6) for every pose of a series, with its optics, print and calibration."""
     poses = series.poses
-    image = image_covariance(series.marker, series.camera, poses, series.optics, bare_px)
+    image = counted_covariance(series, bare_px)
     errors = series.errors.of(series.marker)
     return pose_budget(series.marker.xyz, poses.rotation, poses.translation, series.camera, image, errors)
 
@@ -171,22 +186,24 @@ def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
 def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]:
     """Return pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent."""
     budget = budget_of(series, bare_px)
-    image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
+    image = counted_covariance(series, bare_px)
+    variance = np.trace(image, axis1=-2, axis2=-1)
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "print_measured": series.marker.places_measured,
         "camera_exact": series.errors.camera_covariance is None,
         "outlook": _outlook(series),
-        "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
+        "image_px": float(np.sqrt(np.mean(variance[variance < UNSEEN_PX2]))),
         "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
         "translation_pct": {name: rms(part) for name, part in budget.translation_pct(series.poses.translation).items()},
     }
 
 
 def _outlook(series: SyntheticViews) -> str | None:
-    """What more dots would bring (see `outlook`); None for a relief, bare points and measured prints."""
+    """What more dots would bring (see `outlook`); None for a relief, bare points, several sizes and measured prints."""
     marker, errors = series.marker, series.errors
-    if marker.height or marker.places_measured or not marker.dot_diameter or not len(series.poses):
+    several = len(scales_of(diameters_of(marker))) > 1
+    if several or marker.height or marker.places_measured or not marker.dot_diameter or not len(series.poses):
         return None
     optics = series.optics
     spec = Spec(

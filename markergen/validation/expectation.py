@@ -31,7 +31,7 @@ from markergen.maths.information import apply_pose_step, flip_separation, mirror
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import angle_between
 from markergen.model.poses import PoseDistribution
-from markergen.validation.bounds import budget_of, image_covariance
+from markergen.validation.bounds import budget_of, counted_covariance
 from markergen.validation.metrics import FLIP_SEPARATION, pose_failed
 from markergen.validation.print_error import displacement
 from markergen.validation.views import SyntheticViews
@@ -167,9 +167,7 @@ def _draws(poses: int, dots: int) -> int:
 
 def _images(series: SyntheticViews, bare_px: float) -> _Images:
     marker, camera, poses = series.marker, series.camera, series.poses
-    pixels = np.broadcast_to(
-        image_covariance(marker, camera, poses, series.optics, bare_px), (len(poses), len(marker), 2, 2)
-    )
+    pixels = np.broadcast_to(counted_covariance(series, bare_px), (len(poses), len(marker), 2, 2))
     exact = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
     lens = np.linalg.inv(camera.pixel_jacobian(exact))
     values, vectors = np.linalg.eigh(pixels)

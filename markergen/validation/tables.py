@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from markergen.optimize.comparisons import LAYOUTS
+from markergen.optimize.pad_design import distance_table
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS, mean_nees_interval
 from markergen.validation.view_records import DETECTOR
@@ -232,10 +233,17 @@ def heading(results: Mapping[str, Any]) -> str:
     )
 
 
+def coverage_table(results: Mapping[str, Any]) -> Table:
+    """Dots in view by distance, with the rotation errors to expect and those of the views."""
+    rows, keys = results["coverage"]["by_distance"], ("expected_deg", "views_deg")
+    cells = [[number(row[key], 3) for key in keys] for row in rows]
+    return distance_table(rows, results["coverage"]["diameters"], ("expected deg", "views deg"), cells)
+
+
 def trial_sentences(results: Mapping[str, Any]) -> list[str]:
     """Comment on skipped estimators, label margins, and the calibration of the covariance."""
     found = []
-    if "condition" not in (results.get("criteria") or {"condition": None}):
+    if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
         found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
     found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {

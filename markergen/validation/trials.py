@@ -14,6 +14,7 @@ from markergen.maths.projection import project, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import partly_seen, poses_that_serve
 from markergen.objectives.homography import validation_grid
 from markergen.pool import map_counted, ranges, workers_for
 from markergen.presentation.results import plain
@@ -100,6 +101,8 @@ class Experiment:
         Trials per pose.
     seed : int
     estimators : tuple of str
+    seen : array (P, n) of bool or None
+        Points that each pose sees; None if all.
     """
 
     points: Array
@@ -111,6 +114,11 @@ class Experiment:
     runs: int
     seed: int
     estimators: tuple[str, ...]
+    seen: Mask | None = None
+
+    def points_of(self, index: int) -> Array:
+        """Points (m, 3) in m that a pose sees."""
+        return self.points if self.seen is None else self.points[self.seen[index]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +151,14 @@ class TrialResults:
         dots: Any = None,
         headline: Any = None,
         expected: Any = None,
+        coverage: Any = None,
     ) -> dict[str, Any]:
         """Return the results as plain JSON values, with None for undefined numbers.
 
         Parameters
         ----------
-        criteria, comparisons, views, budget, labels, dots, headline, expected
-            JSON values computed elsewhere, to be included.
+        criteria, comparisons, views, budget, labels, dots, headline, expected, coverage
+            JSON values computed elsewhere, to be included; coverage only if there is one.
         """
         experiment = self.experiment
         poses = experiment.poses
@@ -163,6 +172,7 @@ class TrialResults:
             },
             "headline": headline,
             "criteria": criteria,
+            **({} if coverage is None else {"coverage": coverage}),
             "comparisons": comparisons,
             "nees": self._nees(by_polar_angle),
             "camera": experiment.camera.as_dict(),
@@ -260,18 +270,24 @@ def run_experiment(
         If a number is out of range, an estimator is unknown or unfit for a relief, or no pose sees the entire marker.
     """
     check_trials(noise_px, runs, seed)
-    poses = poses.seen_whole(marker.boundary, camera, marker.height)
-    points = marker.xyz
+    poses = poses_that_serve(marker, camera, poses)
+    points, seen = marker.xyz, partly_seen(marker, camera, poses)
     experiment = Experiment(
         points=points,
         radius=marker.boundary.radius,
         camera=camera,
         poses=poses,
-        bounds=pose_bounds(points, camera, poses, noise_px),
+        bounds=pose_bounds(points, camera, poses, noise_px, seen),
         noise_px=noise_px,
         runs=runs,
         seed=seed,
-        estimators=_fitting(points, estimators),
+        estimators=tuple(
+            # A homography is compared on all of the marker.
+            name
+            for name in _fitting(points, estimators)
+            if seen is None or isinstance(ESTIMATORS[name], PoseEstimator)
+        ),
+        seen=seen,
     )
     if condition is not None and len(condition) != len(poses):
         raise ValueError(f"{len(condition)} condition numbers for {len(poses)} poses")
@@ -295,7 +311,7 @@ def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
     """
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed, spawn_key=(index,)))
     rotation, translation = experiment.poses.rotation[[index]], experiment.poses.translation[[index]]
-    exact = experiment.camera.project(experiment.points, rotation, translation)
+    exact = experiment.camera.project(experiment.points_of(index), rotation, translation)
     for start in range(0, experiment.runs, BLOCK):
         count = min(BLOCK, experiment.runs - start)
         yield exact + experiment.noise_px * rng.standard_normal((count, *exact.shape[1:]))
@@ -313,7 +329,7 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
 def _run_pose(experiment: Experiment, index: int) -> dict[str, Errors]:
     blocks = []
     for images in noisy_images(experiment, index):
-        batch = Correspondences.from_distorted(experiment.points, images, experiment.camera)
+        batch = Correspondences.from_distorted(experiment.points_of(index), images, experiment.camera)
         blocks.append({name: _errors(experiment, index, batch, ESTIMATORS[name]) for name in experiment.estimators})
     return join(blocks, stack=False)
 

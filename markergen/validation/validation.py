@@ -16,8 +16,10 @@ from markergen.files import Written
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import coverage, partly_seen, poses_that_serve
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.base import Sight
 from markergen.objectives.criteria import Criteria, criteria, without_height
 from markergen.optimize.comparisons import compare, comparison_layouts
 from markergen.optimize.label_ambiguity import label_safety
@@ -36,7 +38,7 @@ from markergen.validation.report.plots import errors_over
 from markergen.validation.report.subject import mean_diameters
 from markergen.validation.result import ValidationResult
 from markergen.validation.trials import TrialResults, run_experiment
-from markergen.validation.view_records import stress, summarize, take_records
+from markergen.validation.view_records import DETECTOR, Record, stress, summarize, take_records
 from markergen.validation.views import Picture, SyntheticViews, pictures
 
 if TYPE_CHECKING:
@@ -61,7 +63,14 @@ def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, came
     spec = spec_of(marker) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
-    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
+    return setting_for(marker, camera, poses_that_serve(marker, camera, distribution))
+
+
+def setting_for(marker: Marker, camera: Camera, poses: PoseDistribution) -> Setting:
+    """Return the setting in which poses see all of a marker, or of one with dots of several sizes, a part."""
+    seen = partly_seen(marker, camera, poses)
+    sight = None if seen is None else Sight(seen, np.zeros((len(poses), 6, 6)))
+    return Setting(marker.boundary, camera, poses, sight=sight)
 
 
 def validate(
@@ -112,8 +121,9 @@ def validate(
 
     def trials(judged: Marker, stage: str) -> TrialResults:
         layout = without_height(judged.xyz)[None]
-        # A relief has no homography.
-        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if layout.shape[-1] == 2 else None
+        # A relief has no homography, nor have dots of which a pose sees a part one for all poses.
+        plane = layout.shape[-1] == 2 and not setting.sight
+        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if plane else None
         return run_experiment(
             judged, setting.camera, setting.poses, noise_px, runs, seed,
             workers=workers, progress=told(stage), condition=condition,
@@ -121,7 +131,8 @@ def validate(
 
     points = without_height(marker.xyz)
     region = FeasibleRegion(marker.boundary, marker.dot_diameter, marker.clearance)
-    judge, what = ("condition", "homography") if points.shape[-1] == 2 else ("pose", "pose")
+    flat = points.shape[-1] == 2 and not setting.sight
+    judge, what = ("condition", "homography") if flat else ("pose", "pose")
     if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
         raise InputError(
             f"control points that determine a {what}",
@@ -138,7 +149,8 @@ def validate(
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
     series = series or SyntheticViews(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
-    views = summarize(series, take_records(series, workers, told("views"))) if series.count else None
+    records = take_records(series, workers, told("views")) if series.count else []
+    views = summarize(series, records) if series.count else None
     if views is not None and stressed:
         views["stress"] = stress(series, workers, told("stress"))
     budget = error_budget(series, noise_px)
@@ -150,15 +162,29 @@ def validate(
         claim["views"] = headline.compare_views(of_views, series.poses, views, claim, seed)
     labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
     dots = _extent(marker, setting) if marker.dot_diameter else None
+    covered = _coverage(marker, setting, expected.rotation_deg, records) if setting.sight else None
     return own.as_dict(
         criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots,
-        headline=claim, expected=expected.as_dict(),
+        headline=claim, expected=expected.as_dict(), coverage=covered,
     )  # fmt: skip
+
+
+def _coverage(marker: Marker, setting: Setting, expected_deg: Array, records: Sequence[Record]) -> dict[str, Any]:
+    """Return what serves which distance, with RMS rotation errors to expect (P,) and of the views' records."""
+    found = coverage(marker, setting.camera, setting.poses)
+    rows = found.rows()
+    for row, (_, _, mask) in zip(rows, found.bands(), strict=True):
+        seen = [each.poses[DETECTOR][0] for each in records if mask[each.pose] and DETECTOR in each.poses]
+        row["expected_deg"] = float(np.sqrt(np.mean(expected_deg[mask] ** 2)))
+        row["views_deg"] = float(np.sqrt(np.mean(np.square(seen)))) if seen else None
+    return {"diameters": [float(found.diameters[scale[0]]) for scale in found.scales], "by_distance": rows}
 
 
 def _extent(marker: Marker, setting: Setting) -> dict[str, float]:
     """Return the least mean diameter of a dot's image, what it takes to be found, and the share of poses without."""
     seen = mean_diameters(marker, setting.camera, setting.poses)
+    if setting.sight:
+        seen = np.where(setting.sight.seen, seen, np.inf)
     needed = np.array([point.feature.least_pixels for point in marker.control_points])
     dot = np.unravel_index(np.argmin(seen / needed), seen.shape)
     too_small = float(np.mean((seen < needed).any(axis=1)))
@@ -208,7 +234,7 @@ class Validation(ValidationResult):
     @property
     def setting(self) -> Setting:
         """Camera, and the poses that see the entire marker."""
-        return Setting(self.marker.boundary, self.series.camera, self.series.poses)
+        return setting_for(self.marker, self.series.camera, self.series.poses)
 
     @property
     def nees(self) -> Mapping[str, Any] | None:
@@ -272,7 +298,11 @@ class Validation(ValidationResult):
             shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
             if results["homography"]:
                 shown.append(tables.homography_table(results))
-        shown += [tables.comparison_table(results), tables.budget_table(results)]
+        if "coverage" in results:
+            shown.append(tables.coverage_table(results))
+        if results["comparisons"] or "coverage" not in results:
+            shown.append(tables.comparison_table(results))
+        shown.append(tables.budget_table(results))
         views = results["views"]
         if views:
             shown.append(tables.group_table(views))

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+_IN_LINE = 1e-2
+"""Spread of dots across a line, as a share of that along it, below which they tell no pose."""
+
 NARROWEST_PX = 3.0
 """Minimum short axis in px of a dot's image; narrower ones are found in some images only."""
 
@@ -55,10 +58,20 @@ class Sight:
         """Number (P,) of plates of which dots are seen."""
         return np.count_nonzero(self.of_plates, axis=1)
 
+    @cached_property
+    def found(self) -> Mask:
+        """True (P, k) where a plate shows as many dots as it takes to find it alone, not all in a line."""
+        known = self.of_plates >= LEAST_DOTS
+        for pose, plate in np.argwhere(known):
+            points = self.series.rig.xyz[self.dots(pose, plate)]
+            sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+            known[pose, plate] = sizes[1] > _IN_LINE * sizes[0]
+        return known
+
     @property
     def served(self) -> Mask:
-        """True (P,) where at least one plate shows as many dots as it takes to find it."""
-        return np.asarray((self.of_plates >= LEAST_DOTS).any(axis=1))
+        """True (P,) where at least one plate can be found alone."""
+        return np.asarray(self.found.any(axis=1))
 
     def groups(self) -> dict[str, Mask]:
         """Masks (P,) of the served poses by the number of plates of which dots are seen."""
@@ -66,7 +79,7 @@ class Sight:
 
     def enough(self, pose: int) -> list[int]:
         """Indices of the plates that a pose shows well enough to find them alone."""
-        return [int(k) for k in np.flatnonzero(self.of_plates[pose] >= LEAST_DOTS)]
+        return [int(k) for k in np.flatnonzero(self.found[pose])]
 
     def dots(self, pose: int, plate: int | None = None) -> Indices:
         """Numbers of the dots that a pose shows, of all plates or of one."""

@@ -1,0 +1,411 @@
+"""Paper net of a rig's body: all faces in one piece, to be cut out, folded, and glued by flaps.
+
+The faces are unfolded one by one, each across an edge of one that is there already, from the middle of the row of side
+faces; every other edge at which two faces meet gets a flap on one of them, which is glued behind the other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+import markergen
+from markergen.drawing.annotations import paragraph
+from markergen.drawing.colors import Colors
+from markergen.drawing.figure import Figure
+from markergen.drawing.marker_artwork import draw_artwork
+from markergen.drawing.paper import ISO, PAPERS, Frame, SheetOptions, both_ways
+from markergen.drawing.plate_edges import Edge, plate_edges
+from markergen.drawing.print_measurements import ruler
+from markergen.drawing.scene import (
+    BLACK,
+    FINE,
+    GRAY,
+    HAIRLINE,
+    LIGHT,
+    Box,
+    Disk,
+    Line,
+    Shape,
+    Sheet,
+    bounds,
+    moved_layers,
+    polygon,
+    renamed,
+    scene_of,
+)
+from markergen.drawing.text import text, text_width
+from markergen.errors import InputError
+from markergen.geometry.region import Region
+from markergen.model.rescale import RULERS_MM
+from markergen.model.rig import Rig
+
+Array = NDArray[np.float64]
+
+FLAP, FLAP_SHARE = 12.0, 0.25
+"""Width of a flap in mm, at most this share of its edge."""
+
+HATCH, DASH = 3.0, 3.0
+"""Distances in mm of hatching lines, and of dashes."""
+
+TOUCHING = 1e-3
+"""Overlap in mm^2 and mm that is rounding."""
+
+PAPER_MARGIN = 7.0
+"""Distance of the net from the paper's edge in mm, unless a margin is given: most printers reach that far."""
+
+NOTE_WIDTH, NOTE_HEIGHT, GAP = 62.0, 40.0, 5.0
+"""Room for the text, mm, and its distance from the net."""
+
+TEXT = 2.0
+"""Cap height in mm."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A face on the net: y = turn x + shift, mm, from the marker frame to the net's."""
+
+    turn: Array
+    shift: Array
+
+    def __call__(self, points: Array) -> Array:
+        """Transform points (..., 2)."""
+        return points @ self.turn.T + self.shift
+
+
+@dataclass(frozen=True)
+class Flap:
+    """A flap on an edge of one face, glued behind another; corners (4, 2) in mm on the net, from the edge outward."""
+
+    face: int
+    behind: int
+    corners: Array
+
+
+@dataclass(frozen=True)
+class Net:
+    """Places of the faces on the net, folds as pairs of (face, edge), flaps, and outlines (m, 2) of the faces, mm."""
+
+    places: tuple[Placed, ...]
+    folds: frozenset[tuple[int, int]]
+    flaps: tuple[Flap, ...]
+    outlines: tuple[Array, ...]
+    edges: list[list[Edge]]
+
+    @property
+    def box(self) -> Box:
+        """Bounding box, mm."""
+        points = np.concatenate([*self.outlines, *(flap.corners for flap in self.flaps)])
+        return (*points.min(axis=0).tolist(), *points.max(axis=0).tolist())
+
+
+def unfold(rig: Rig) -> Net:
+    """Unfold the faces of a rig's body.
+
+    Raises
+    ------
+    InputError
+        If the faces are not those of a convex body that touch along their edges, or they overlap when unfolded.
+    """
+    edges = plate_edges(rig)
+    meeting = sum(edge.meets is not None for own in edges for edge in own)
+    if len(rig.markers) < 3 or not rig.is_convex or not meeting:
+        raise _no_net("plates that do not touch along their edges, as of a wall, or just two of them")
+    upright = [abs(each.turn[2, 2]) < 0.5 for each in rig.markers]
+    degree = [sum(edge.meets is not None and upright[edge.meets[0]] for edge in own) for own in edges]
+    row = [k for k in range(len(edges)) if upright[k]] or list(range(len(edges)))
+    # For a cube the face -y, whose upper neighbor has its axes.
+    root = max(row, key=lambda k: (degree[k], -rig.markers[k].turn[1, 2], -k))
+    places: dict[int, Placed] = {root: Placed(np.eye(2), np.zeros(2))}
+    folds: set[tuple[int, int]] = set()
+    waiting = [root]
+    # The row of sides first, and then the others at its middle.
+    for sides in (True, False):
+        waiting = [root] if sides else list(places)
+        while waiting:
+            k = waiting.pop(0)
+            for i, edge in enumerate(edges[k]):
+                if edge.meets is None or edge.meets[0] in places or (sides and not upright[edge.meets[0]]):
+                    continue
+                other, j = edge.meets
+                mate = edges[other][j]
+                # The other face's edge runs the other way.
+                places[other] = _matched(mate.start, mate.end, *places[k](np.array([edge.end, edge.start])))
+                folds |= {(k, i), (other, j)}
+                waiting.append(other)
+    if len(places) < len(edges):
+        raise _no_net("faces in several pieces")
+    ordered = tuple(places[k] for k in range(len(edges)))
+    outlines = tuple(ordered[k](np.array([edge.start for edge in own])) for k, own in enumerate(edges))
+    regions = [Region.polygon(outline) for outline in outlines]
+    for k, region in enumerate(regions):
+        if any((region & other).area > TOUCHING for other in regions[k + 1 :]):
+            raise _no_net("faces that overlap when unfolded")
+    return Net(ordered, frozenset(folds), _flaps(edges, ordered, folds, regions), outlines, edges)
+
+
+def _no_net(found: str) -> InputError:
+    return InputError("the faces of a body for --net, such as a cube or a prism", found, "leave out --net")
+
+
+def _matched(start: Sequence[float], end: Sequence[float], to_start: Array, to_end: Array) -> Placed:
+    """Rigid motion of the plane that takes one segment to another of the same length."""
+    one, other = complex(*np.subtract(end, start)), complex(*(to_end - to_start))
+    ratio = other / one
+    turn = np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]) / abs(ratio)
+    # Quarter turns exactly, so that faces of a cube stay upright.
+    turn = np.where(np.abs(turn - np.round(turn)) < 1e-9, np.round(turn), turn)
+    return Placed(turn, to_start - turn @ np.array(start))
+
+
+def _flaps(
+    edges: list[list[Edge]], places: Sequence[Placed], folds: set[tuple[int, int]], regions: Sequence[Region]
+) -> tuple[Flap, ...]:
+    """A flap for every pair of edges that meet and are not folded, on the face where there is room for it."""
+    taken, flaps = list(regions), list[Flap]()
+    for k, own in enumerate(edges):
+        for i, edge in enumerate(own):
+            if edge.meets is None or (k, i) in folds or edge.meets < (k, i):
+                continue
+            for face, number, behind in ((k, i, edge.meets[0]), (*edge.meets, k)):
+                flap = Flap(face, behind, _trapezoid(edges[face][number], places[face]))
+                region = Region.polygon(flap.corners)
+                if not any((region & other).area > TOUCHING for other in taken):
+                    flaps.append(flap)
+                    taken.append(region)
+                    break
+    return tuple(flaps)
+
+
+def _trapezoid(edge: Edge, place: Placed) -> Array:
+    """Corners (4, 2) of a flap, chamfered by 45 degrees."""
+    depth = min(FLAP, FLAP_SHARE * edge.length)
+    start, end = np.array(edge.start), np.array(edge.end)
+    along = (end - start) / edge.length * depth
+    out = edge.outward * depth
+    return place(np.array([start, end, end - along + out, start + along + out]))
+
+
+def net_sheet(rig: Rig, options: SheetOptions) -> Sheet:
+    """Lay out the net of a rig on one page, at true size.
+
+    Raises
+    ------
+    InputError
+        As `unfold` does, or if no paper, or not the named one, holds the net.
+    """
+    if options.compensate:
+        raise InputError("a net at its true size", "--compensate", "leave it out")
+    net = unfold(rig)
+    left, bottom, right, top = net.box
+    frames = options.candidates()
+    found = next((place for frame in frames if (place := _place(net, frame, options))), None)
+    if found is None:
+        raise _too_large(net, options)
+    frame, shift, corner = found
+    layers = [moved_layers(each, *shift) for each in _drawn(net, rig, options.colors)]
+    words, lengths = _instructions(rig, corner)
+    names = len(net.flaps)
+    return Sheet(
+        frame.paper,
+        scene_of([*layers, words]),
+        tuple((float(place.shift[0] + shift[0]), float(place.shift[1] + shift[1])) for place in net.places),
+        (lengths, 0),
+        "Paper net of a rig",
+        f"Net of {len(rig.markers)} faces with {names} flaps, at true size on {frame.paper}. Print at 100 %.",
+        (
+            f"The net, {right - left:.0f} x {top - bottom:.0f} mm with {names} flaps, needs {frame.paper}.",
+            f"Print at 100 %, then check that the ruler measures {lengths} mm; use thick paper.",
+        ),
+        (0.0, 0.0, frame.paper.width, frame.paper.height),
+    )
+
+
+_Place = tuple[Frame, tuple[float, float], Box]
+
+
+def _place(net: Net, frame: Frame, options: SheetOptions) -> _Place | None:
+    """Shift of the net on a page, and the box of the text: in a corner of the net if one is free, else below it."""
+    left, bottom, right, top = net.box
+    edge = PAPER_MARGIN if options.margin is None else options.margin * 1e3
+    width, height = frame.paper.width - 2 * edge, frame.paper.height - 2 * edge
+    if right - left > width or top - bottom > height:
+        return None
+    shift = (edge + (width - right + left) / 2 - left, edge + (height - top + bottom) / 2 - bottom)
+    pieces = [*net.outlines, *(flap.corners for flap in net.flaps)]
+    boxes = [np.array([*(p.min(axis=0) + shift), *(p.max(axis=0) + shift)]) for p in pieces]
+    best: Box | None = None
+    for y in sorted({float(box[1]) for box in boxes}):
+        below = [box for box in boxes if box[1] < y - TOUCHING]
+        x = max((float(box[2]) for box in below), default=edge)
+        room = (x + GAP, edge, edge + width, y - GAP)
+        if room[2] - room[0] >= NOTE_WIDTH and room[3] - room[1] >= NOTE_HEIGHT:
+            size = (room[2] - room[0]) * (room[3] - room[1])
+            best = room if best is None or size > (best[2] - best[0]) * (best[3] - best[1]) else best
+    if best is None and height - (top - bottom) >= NOTE_HEIGHT + GAP and width >= NOTE_WIDTH:
+        shift = (shift[0], edge + height - top)
+        best = (edge, edge, edge + width, edge + height - (top - bottom) - GAP)
+    return (frame, shift, best) if best else None
+
+
+def _too_large(net: Net, options: SheetOptions) -> InputError:
+    left, bottom, right, top = net.box
+    size = f"{ceil(right - left)} x {ceil(top - bottom)} mm"
+    fit = next(
+        (paper for paper in [*both_ways(ISO), *PAPERS.values()] if _place(net, options.frame(paper), options)), None
+    )
+    remedy = f"use --paper {fit.name}" if fit else "no known paper holds it"
+    return InputError(
+        f"paper with room for a net of {size} and its text", options.paper or "A0", f"{remedy}, or print without --net"
+    )
+
+
+def _drawn(net: Net, rig: Rig, colors: Colors) -> list[dict[str, tuple[Shape, ...]]]:
+    """Layers of the net, mm, net frame."""
+    layers: list[dict[str, tuple[Shape, ...]]] = []
+    for k, each in enumerate(rig.markers):
+        figure, place = Figure(each.marker.as_designed, ink=colors.ink), net.places[k]
+        artwork = draw_artwork(figure, replace(colors, paper="#ffffff", ink=BLACK), 0.8, figure.outline)
+        face = Region.polygon([edge.start for edge in net.edges[k]])
+        numbers = [shape for shape in artwork.layers["text"] if face.depth(_corners(bounds(shape))).min() > 0]
+        own = {
+            "ground": (polygon(_points(net.outlines[k]), "ground", colors.paper),) if colors.grounded else (),
+            "dots": tuple(_moved(shape, place) for shape in artwork.layers["dots"]),
+            "tag": tuple(_moved(shape, place) for shape in artwork.layers["tag"]),
+            "text": tuple(_moved(shape, place) for shape in (*numbers, *_name(each.name, figure, face, numbers))),
+        }
+        layers.append({name: renamed(shapes, f"marker-{k + 1}-") for name, shapes in own.items()})
+    cut, marks, words = list[Shape](), list[Shape](), list[Shape]()
+    flapped = {(flap.face, tuple(np.round(flap.corners[0], 6))) for flap in net.flaps}
+    for k, own_edges in enumerate(net.edges):
+        for i, edge in enumerate(own_edges):
+            ends = net.places[k](np.array([edge.start, edge.end]))
+            name = f"{k}-{i}"
+            if (k, i) in net.folds:
+                if edge.meets and edge.meets[0] > k:
+                    marks += _dashes(ends, f"fold-{name}")
+            elif (k, tuple(np.round(ends[0], 6))) in flapped:
+                marks += _dashes(ends, f"fold-{name}")
+            else:
+                cut.append(Line(_points(ends), FINE, f"cut-{name}", colors.cut or BLACK))
+    for number, flap in enumerate(net.flaps):
+        cut.append(Line(_points(flap.corners[[1, 2, 3, 0]]), FINE, f"flap-{number}", colors.cut or BLACK))
+        marks += _hatch(flap.corners, f"hatch-{number}")
+        words += _flap_words(flap, rig, number)
+    return [*layers, {"cut": tuple(cut), "marks": tuple(marks), "text": tuple(words)}]
+
+
+def _points(corners: Array) -> tuple[tuple[float, float], ...]:
+    return tuple((x, y) for x, y in corners.tolist())
+
+
+def _moved(shape: Shape, place: Placed) -> Shape:
+    """Shape at its place on the net."""
+    if isinstance(shape, Disk):
+        x, y = place(np.array([shape.x, shape.y]))
+        return replace(shape, x=float(x), y=float(y))
+    if isinstance(shape, Line):
+        return replace(shape, points=_points(place(np.array(shape.points))))
+    return replace(
+        shape,
+        segments=tuple(
+            (command, _points(place(np.array(points).reshape(-1, 2)))) for command, points in shape.segments
+        ),
+    )
+
+
+def _corners(box: Box) -> Array:
+    left, bottom, right, top = box
+    return np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+
+
+def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> list[Shape]:
+    """Name of a face near an edge, where dots and their numbers leave room; none if there is none."""
+    left, bottom, right, top = figure.outline
+    width = text_width(name, TEXT)
+    boxes = [np.reshape(bounds(number), (2, 2)) for number in numbers]
+    spans = np.linspace(left + 2, right - 2 - width, 13)
+    for y in (bottom + 2, top - 2 - TEXT, bottom + 6, top - 6 - TEXT):
+        # From the middle outward.
+        for x in sorted(spans, key=lambda x: abs(x + width / 2 - (left + right) / 2)):
+            low, high = np.array([x, y]), np.array([x + width, y + TEXT])
+            gaps = [np.hypot(*(np.clip((d.x, d.y), low, high) - (d.x, d.y))) - 2 * d.radius for d in figure.dots]
+            apart = all((own[0] > high + 1).any() or (own[1] < low - 1).any() for own in boxes)
+            tag = figure.tag_zone is None or not _overlap((*low, *high), figure.tag_zone)
+            if apart and tag and min(gaps) > 0 and face.depth(_corners((*low, *high))).min() > 0.5:
+                return [text(name, float(x), float(y), TEXT, color=GRAY, name="plate-name")]
+    return []
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def _dashes(ends: Array, name: str) -> list[Shape]:
+    """Dashed line from end to end, with a dash at both."""
+    count = max(2, round(float(np.hypot(*(ends[1] - ends[0]))) / DASH))
+    cuts = np.linspace(0, 1, 2 * count)
+    spots = ends[0] + cuts[:, None] * (ends[1] - ends[0])
+    return [Line(_points(spots[2 * i : 2 * i + 2]), HAIRLINE, f"{name}-{i}", GRAY) for i in range(count)]
+
+
+def _hatch(corners: Array, name: str) -> list[Shape]:
+    """Light lines across a flap, at 45 degrees to the paper."""
+    region = Region.polygon(corners)
+    low, high = corners.sum(axis=1).min(), corners.sum(axis=1).max()
+    shapes: list[Shape] = []
+    for number, level in enumerate(np.arange(low + HATCH, high, HATCH)):
+        x0, x1 = corners[:, 0].min() - 1, corners[:, 0].max() + 1
+        for part, run in enumerate(region.runs(np.array([[x0, level - x0], [x1, level - x1]]))):
+            shapes.append(Line(_points(np.asarray(run)), HAIRLINE, f"{name}-{number}-{part}", LIGHT))
+    return shapes
+
+
+def _flap_words(flap: Flap, rig: Rig, number: int) -> list[Shape]:
+    """Face that a flap is glued behind, along it."""
+    start, end = flap.corners[:2]
+    along = (end - start) / np.hypot(*(end - start))
+    depth = float(np.hypot(*(flap.corners[3] - start)) / np.sqrt(2))
+    height = min(1.6, 0.3 * depth)
+    words = rig.markers[flap.behind].name
+    if text_width(words, height) > 0.8 * (np.hypot(*(end - start)) - 2 * depth):
+        return []
+    middle = flap.corners.mean(axis=0)
+    # Upright or read from the right.
+    if along[0] < -1e-9 or (abs(along[0]) <= 1e-9 and along[1] < 0):
+        along = -along
+    place = Placed(np.array([[along[0], -along[1]], [along[1], along[0]]]), middle)
+    width, white = text_width(words, height) / 2 + 1, height / 2 + 0.6
+    blank = np.array([[-width, -white], [width, -white], [width, white], [-width, white]])
+    return [
+        polygon(_points(place(blank)), f"flap-blank-{number}", "#ffffff"),
+        _moved(text(words, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}"), place),
+    ]
+
+
+def _instructions(rig: Rig, room: Box) -> tuple[dict[str, tuple[Shape, ...]], int]:
+    """What to do, and a ruler along x, in a box; also the ruler's length."""
+    left, bottom, right, top = room
+    width = min(right - left, 110.0)
+    left = right - width
+    marks, texts = list[Shape](), list[Shape]()
+    length = next((each for each in RULERS_MM if each <= width - 8), RULERS_MM[-1])
+    ruler_marks, ruler_text = ruler((left, bottom + 2), length, 0, 1.0)
+    marks += ruler_marks
+    texts += ruler_text
+    shape = rig.provenance.get("shape")
+    title = f"{shape if isinstance(shape, str) else 'rig'}: {len(rig.markers)} faces, {len(rig)} dots"
+    lines = [
+        f"Print at 100 %: the ruler must measure {length} mm.",
+        "1  Cut along the solid lines.",
+        "2  Fold back along the dashed lines, print outside.",
+        "3  Glue each hatched flap behind the face it names.",
+        f"markergen {markergen.__version__}",
+    ]
+    y = min(top, bottom + 38) - TEXT
+    texts.append(text(title, left, y - TEXT, TEXT * 1.2, face="bold", name="net-title"))
+    for number, line in enumerate(lines):
+        texts += paragraph(line, left, y - 2.2 * TEXT - 1.9 * TEXT * number, width, TEXT * 0.9, 1, f"net-{number}")
+    return {"marks": tuple(marks), "text": tuple(texts)}, length

@@ -1,0 +1,113 @@
+"""Straight edges of a rig's plates, the plates that they meet, and labels beside them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.drawing.scene import GRAY, Point, Shape
+from markergen.drawing.text import text, text_width
+from markergen.model.rig import Rig
+
+Array = NDArray[np.float64]
+
+SAME = 1e-6
+"""Maximum distance in m of corners that are one."""
+
+LABEL, NAME, AIR = 1.5, 2.2, 1.0
+"""Cap heights of the labels of edges and of a plate's name, and their distance from its outline, mm on A4."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of a plate, counterclockwise around it.
+
+    Attributes
+    ----------
+    start, end : (x, y)
+        In mm, marker frame.
+    meets : (int, int) or None
+        Plate and edge of it that is the same line in the rig; None if there is none.
+    """
+
+    start: Point
+    end: Point
+    meets: tuple[int, int] | None
+
+    @property
+    def length(self) -> float:
+        """Length in mm."""
+        return float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
+
+    @property
+    def outward(self) -> Array:
+        """Unit vector (2,) out of the plate."""
+        along = np.subtract(self.end, self.start) / self.length
+        return np.array([along[1], -along[0]])
+
+
+def plate_edges(rig: Rig) -> list[list[Edge]]:
+    """Edges of each plate whose boundary is one outline of straight edges; none for others."""
+    corners = [_corners(rig, k) for k in range(len(rig.markers))]
+    places = [rig.markers[k].to_rig(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
+    found = []
+    for k, own in enumerate(corners):
+        edges = []
+        for i in range(len(own)):
+            ends = places[k][[i, (i + 1) % len(own)]]
+            meets = next(
+                (
+                    (other, j)
+                    for other, spots in enumerate(places)
+                    if other != k
+                    for j in range(len(spots))
+                    if np.abs(spots[[(j + 1) % len(spots), j]] - ends).max() <= SAME
+                ),
+                None,
+            )
+            start, end = (tuple((own[at % len(own)] * 1e3).tolist()) for at in (i, i + 1))
+            edges.append(Edge(start, end, meets))
+        found.append(edges)
+    return found
+
+
+def _corners(rig: Rig, k: int) -> Array:
+    boundary = rig.markers[k].marker.boundary
+    contours = boundary.contours()
+    if len(contours) != 1 or contours[0].has_arcs:
+        return np.zeros((0, 2))
+    points = np.array(contours[0].points)
+    x, y = points.T
+    area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+    return points if area > 0 else points[::-1]
+
+
+def plate_labels(rig: Rig, k: int, edges: list[Edge], scale: float) -> tuple[Shape, ...]:
+    """Name of a plate below it, and beside each edge the plate that it meets; mm, marker frame."""
+    marker = rig.markers[k].marker
+    left, bottom = (np.concatenate(marker.boundary.outlines()) * 1e3).min(axis=0)
+    right = (np.concatenate(marker.boundary.outlines()) * 1e3)[:, 0].max()
+    dots = marker.xyz[:, :2] * 1e3
+
+    def freest(middles: Array) -> Array:
+        """The one of some places (m, 2) that is farthest from all dots, the first of equal ones."""
+        gaps = np.linalg.norm(middles[:, None] - dots, axis=-1).min(axis=-1)
+        return np.asarray(middles[int(np.argmax(np.round(gaps, 6)))])
+
+    size, name = NAME * scale, rig.markers[k].name
+    half = text_width(name, size, "bold") / 2
+    low = bottom - 2 * AIR * scale - size
+    x, _ = freest(np.array([[x, low] for x in (left + half, right - half)]))
+    shapes: list[Shape] = [text(name, float(x), low, size, "center", "bold", name="plate-name")]
+    for number, edge in enumerate(edges):
+        if edge.meets is None:
+            continue
+        words, height = f"to {rig.markers[edge.meets[0]].name}", LABEL * scale
+        reach = np.array([text_width(words, height) / 2, height / 2])
+        aside = edge.outward * (2 * AIR * scale + np.abs(edge.outward) @ reach)
+        # In the middle of an edge there may be the tick of an axis, and at an end of the lower one is the name.
+        shares = np.array([0.35, 0.65, 0.25, 0.75])[:, None]
+        spot = freest(np.array(edge.start) + shares * np.subtract(edge.end, edge.start) + aside)
+        label = text(words, float(spot[0]), float(spot[1]) - height / 2, height, "center", color=GRAY)
+        shapes.append(replace(label, name=f"edge-{number}"))
+    return tuple(shapes)
