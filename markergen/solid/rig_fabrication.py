@@ -222,7 +222,9 @@ def _name(
     """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
     middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
     ends = np.concatenate([ring, (ring + np.roll(ring, 1, axis=0)) / 2])
-    places = np.concatenate([[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))])
+    places = np.concatenate(
+        [[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))]
+    )
     if each is not None:
         dots = 1e3 * each.to_rig(each.marker.xyz) @ flat
         radii = np.array([500 * point.feature.diameter for point in each.marker.control_points])
