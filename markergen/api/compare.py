@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.arguments import files_among, marker_of
+from markergen.api.arguments import files_among
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import File, Files, MarkerLike, Progress, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
 from markergen.validation.compare import compare_and_time as run
@@ -19,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def compare(
-    *contestants: MarkerLike,
+    *contestants: MarkerLike | Rig,
     save: Files = (),
     json: File | None = None,
     plot: File | None = None,
@@ -30,7 +32,7 @@ def compare(
 
     Parameters
     ----------
-    *contestants : Marker, path, dict or str
+    *contestants : Marker, Rig, path, dict or str
         Markers, common layouts such as ``ngon:N``, and patterns of others such as ``aruco:DICT[:ID]`` or
         ``checkerboard:CxR``: all forms are in ``markergen compare --help``. One alone is compared with nine of them.
         One whose library is not installed keeps its row, which says what to install.
@@ -83,14 +85,14 @@ def compare(
 compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
 
 
-def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
+def _named(contestants: Sequence[MarkerLike | Rig]) -> tuple[list[str], dict[str, Marker | Rig]]:
     """Return the texts of all contestants, and the markers that come from no path, by their texts."""
     objects = [each for each in contestants if _is_object(each)]
-    texts, given = [], dict[str, Marker]()
+    texts, given = [], dict[str, Marker | Rig]()
     for each in contestants:
         if _is_object(each):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
-            given[text] = marker_of(each)
+            given[text] = load_marker_or_rig(each)
         elif isinstance(each, str | PathLike):
             text = str(each)
         else:
@@ -100,5 +102,5 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
 
 
 def _is_object(contestant: object) -> bool:
-    """True for a marker, or anything besides paths that `Marker.load` takes."""
-    return isinstance(contestant, Marker | Mapping) or hasattr(contestant, "read")
+    """True for a marker, a rig, or anything besides paths that `Marker.load` takes."""
+    return isinstance(contestant, Marker | Rig | Mapping) or hasattr(contestant, "read")

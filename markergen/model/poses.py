@@ -85,8 +85,12 @@ class PoseDistribution:
         return np.linalg.norm(self.translation, axis=-1)
 
     def by_polar_angle(self) -> dict[str, NDArray[np.bool_]]:
-        """Return masks (P,) of the poses at each polar angle; if more than 12 are distinct, in bins of 10 degrees."""
-        return _groups(np.round(self.polar_angle_deg, 2), 10.0)
+        """Return masks (P,) of the poses at each polar angle; if more than 12 are distinct, in bins of 10 degrees.
+
+        Poses from all around, which only a rig has, come in bins of 30 degrees.
+        """
+        angle = np.round(self.polar_angle_deg, 2)
+        return _groups(angle, 10.0 if angle.max(initial=0.0) <= 90 else 30.0)
 
     def by_distance(self) -> dict[str, NDArray[np.bool_]]:
         """Return masks (P,) of the poses at each distance in m; if more than 12 are distinct, in equal bins."""

@@ -6,8 +6,9 @@ to whichever: at a large tilt, key rings are not told from disks. Their distance
 
     D(A, B) = min over labelings s and affine maps M of sqrt(mean |A_j - M(B_s(j))|^2),
 
-in m on plate A: A minus its projection on the coordinates of B_s. `foreign_safety` checks the same with poses and
-perspective, in px.
+in m on plate A: A minus its projection on the coordinates of B_s. Layouts that have all dots but one in common differ
+by a single dot, which may be hidden: the same without any one pair of dots counts twice (`PARTLY`). `foreign_safety`
+checks the first with poses and perspective, in px.
 """
 
 from collections.abc import Callable
@@ -45,6 +46,9 @@ FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
 LARGEST, SMALLEST = 0.4, 0.003
 """Steps of the first and the last generation, in radii of the boundary."""
 
+PARTLY = 2.0
+"""How much a distance counts that leaves out a dot."""
+
 FITTED = 8
 """Number of labelings per pose that are fitted with perspective: those that an affine map fits best."""
 
@@ -62,7 +66,19 @@ def affine_distance(layouts: Array, other: Array) -> Array:
         return np.full(len(layouts), np.inf)
     if n > ENUMERATED:
         return _nearest_distance(layouts, other)
-    return _least(layouts, np.broadcast_to(_round(other), layouts.shape), _labelings(n, n >= RINGS_TOLD))
+    return _least(layouts, _round(other), _labelings(n, n >= RINGS_TOLD))
+
+
+def partial_distance(layouts: Array, other: Array) -> Array:
+    """Distance (B,) as of `affine_distance`, without the dot of each layout and the one of the other that differ most.
+
+    With e the residual of a dot and h its leverage, leaving it out takes |e|^2/(1 - h) from the sum of squares. inf for
+    more than `ENUMERATED` dots, or another number of them.
+    """
+    n = layouts.shape[1]
+    if n != len(other) or n > ENUMERATED:
+        return np.full(len(layouts), np.inf)
+    return _least(layouts, _round(other), _labelings(n, n >= RINGS_TOLD), True)
 
 
 def self_distance(layouts: Array) -> Array:
@@ -72,23 +88,46 @@ def self_distance(layouts: Array) -> Array:
     return _least(layouts, np.stack([_round(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
 
 
-def _least(layouts: Array, basis: Array, labelings: Indices) -> Array:
-    """Smallest D (B,) over labelings (S, n), given orthonormal coordinates (B, n, 2) of the others' dots."""
+def _least(layouts: Array, basis: Array, labelings: Indices, partly: bool = False) -> Array:
+    """Smallest D (B,) over labelings (S, n), given orthonormal coordinates (n, 2) or (B, n, 2) of the others' dots."""
     n = layouts.shape[1]
     size = max(1, AT_ONCE // (2 * labelings.size))
     found = []
     for start in range(0, len(layouts), size):
-        part = layouts[start : start + size]
-        found.append(_left(part, basis[start : start + size], labelings).min(axis=-1))
-    return np.sqrt(np.maximum(np.concatenate(found), 0) / n)
+        part = slice(start, start + size)
+        own = basis if basis.ndim == 2 else basis[part]
+        found.append(_left(layouts[part], own[..., labelings, :], partly).min(axis=-1))
+    return np.sqrt(np.maximum(np.concatenate(found), 0) / (n - partly))
 
 
-def _left(layouts: Array, basis: Array, labelings: Indices) -> Array:
-    """Sum of squares (B, S) that no affine map explains; inf for a map that mirrors."""
+def _left(layouts: Array, coordinates: Array, partly: bool = False) -> Array:
+    """Sum of squares (B, S) that no affine map explains, of all dots or without one; inf for a map that mirrors.
+
+    Parameters
+    ----------
+    layouts : array (B, n, 2)
+    coordinates : array (S, n, 2) or (B, S, n, 2)
+        Orthonormal ones of the others' dots, by labeling.
+    """
+    n = layouts.shape[1]
     centered = layouts - layouts.mean(axis=1, keepdims=True)
-    share = np.einsum("bsnk,bnd->bskd", basis[:, labelings], centered)
+    if coordinates.ndim == 3:
+        # One product of large matrices.
+        rows, columns = coordinates.swapaxes(1, 2).reshape(-1, n), centered.swapaxes(0, 1).reshape(n, -1)
+        share = np.moveaxis((rows @ columns).reshape(-1, 2, len(layouts), 2), 2, 0)
+    else:
+        share = np.einsum("bsnk,bnd->bskd", coordinates, centered)
     left = np.sum(centered**2, axis=(1, 2))[:, None] - np.sum(share**2, axis=(-2, -1))
     mirrored = share[..., 0, 0] * share[..., 1, 1] <= share[..., 0, 1] * share[..., 1, 0]
+    if partly:
+        across, up = (
+            centered[:, None, :, d]
+            - coordinates[..., 0] * share[..., 0, d, None]
+            - coordinates[..., 1] * share[..., 1, d, None]
+            for d in (0, 1)
+        )
+        free = np.maximum(1 - 1 / n - np.sum(coordinates**2, axis=-1), 1e-9)
+        left = left - np.max((across * across + up * up) / free, axis=-1)
     return np.where(mirrored, np.inf, left)
 
 
@@ -140,7 +179,7 @@ def distinct_layout(
         The same criterion for fewer poses.
     others : list of array (m, 2)
     distance : float
-        Smallest `affine_distance` in m.
+        Smallest `affine_distance` in m, and `PARTLY` times the smallest `partial_distance`.
 
         If no layout has it, the one that lacks least is returned.
     """
@@ -148,6 +187,7 @@ def distinct_layout(
 
     def apart(layouts: Array) -> Array:
         every = [affine_distance(layouts, other) for other in others] + [self_distance(layouts)]
+        every += [PARTLY * partial_distance(layouts, other) for other in others]
         return np.min(every, axis=0)
 
     steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
@@ -204,7 +244,7 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
         return float(find_rivals(scene, at).px.min(initial=np.inf))
     labelings, basis = _labelings(n, n >= RINGS_TOLD), _round(other)
     images = scene.images[at] * [1, -1]
-    left = _left(images, np.broadcast_to(basis, images.shape), labelings)
+    left = _left(images, basis[labelings])
     best = np.argsort(left, axis=-1, kind="stable")[:, :FITTED]
     # The image of dot j is that of the other plate's dot s(j).
     taken = np.argsort(labelings, axis=-1)[best].reshape(-1, n)

@@ -1,5 +1,7 @@
 """Synthetic view of a rig: its plates with their dots, painted from the farthest to the nearest."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,23 +43,35 @@ def render_rig(
     """
     for each in rig.markers:
         check_supported(each.marker, "to render")
-    eye = -rotation.T @ translation
+    margins = rig.margins.tolist()
+
+    def patches_of(index: int, turn: Array, shift: Array) -> list[Patch]:
+        return seen_patches(rig.markers[index].marker, camera, turn, shift, margins[index])
+
+    return photograph(painted_rig(rig, patches_of, camera, rotation, translation), camera, optics, rng, scenery)
+
+
+PatchesOf = Callable[[int, Array, Array], list[Patch]]
+"""Patches of a plate, by its index and its pose T_camera_marker, the plate itself first."""
+
+
+def painted_rig(rig: Rig, patches_of: PatchesOf, camera: Camera, rotation: Array, translation: Array) -> Painted:
+    """Return what is painted for a rig seen from one pose T_camera_rig."""
     shown: Painted = []
-    for level in painting_levels(rig, eye):
+    for level in painting_levels(rig, -rotation.T @ translation):
         grounds, contents = list[tuple[float, tuple[Array, ...]]](), list[tuple[float, tuple[Array, ...]]]()
         for k in level:
-            ground, *content = _plate(rig, k, camera, rotation, translation)
+            ground, *content = _plate(rig, k, patches_of, camera, rotation, translation)
             grounds.append(ground)
             contents += content
         shown += _joined(grounds) + contents
-    return photograph(shown, camera, optics, rng, scenery)
+    return shown
 
 
-def _plate(rig: Rig, index: int, camera: Camera, rotation: Array, translation: Array) -> Painted:
+def _plate(rig: Rig, index: int, patches_of: PatchesOf, camera: Camera, rotation: Array, translation: Array) -> Painted:
     """Ground of a plate, and, if it faces the camera, what is on it."""
-    each, margin = rig.markers[index], float(rig.margins[index])
-    turn, shift = each.camera_pose(rotation, translation)
-    patches = seen_patches(each.marker, camera, turn, shift, margin)
+    turn, shift = rig.markers[index].camera_pose(rotation, translation)
+    patches = patches_of(index, turn, shift)
     if turn[:, 2] @ shift < 0:
         return painted(patches, camera, turn, shift)
     back = Patch(tuple(outline @ _OVER for outline in patches[0].outlines), SUBSTRATE)

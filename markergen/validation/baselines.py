@@ -6,14 +6,17 @@ from pathlib import Path
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported
-from markergen.model.marker_json import read_marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.read.poses import poses_from
 from markergen.units import format_length
 from markergen.validation.contestants import KINDS, Arena, Contestant, forms
 from markergen.validation.contestants.layouts import DotMarker
+from markergen.validation.contestants.rigs import RigOfDots, RigOfTags
+from markergen.validation.rigs.validation import rig_setting
 from markergen.validation.validation import setting_of
 
 DEFAULTS = (
@@ -22,16 +25,20 @@ DEFAULTS = (
 )  # fmt: skip
 """Default opponents of a single contestant: one of each that needs no further library."""
 
+RIG_DEFAULTS = ("aruco:DICT_4X4_50", "apriltag:36h11")
+"""Default opponents of a single rig."""
+
 
 def line_up(
     texts: Sequence[str],
     poses: str | PoseDistribution | None = None,
     seed: int = 0,
-    given: Mapping[str, Marker] | None = None,
+    given: Mapping[str, Marker | Rig] | None = None,
 ) -> tuple[list[Contestant], Setting]:
     """Make contestants from their texts, with the camera and poses that the first marker file was designed for.
 
-    Everything is as large as the circle of the first marker allows, with the white around it that it needs.
+    Everything is as large as the circle of the first marker allows, with the white around it that it needs. If there
+    are rigs, all are rigs, or tags on each plate of the first one.
 
     Parameters
     ----------
@@ -53,13 +60,18 @@ def line_up(
         raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
     if not texts:
         raise InputError("contestants to compare", "none", f"name some: {forms()}")
-    wanted = list(dict.fromkeys([*texts, *DEFAULTS] if len(texts) == 1 else texts))
     known = given or {}
-    markers = {
-        text: _visible(text, known[text]) if text in known else _read(text)
+    wanted = list(dict.fromkeys(texts))
+    loaded = {
+        text: known[text] if text in known else _read(text)
         for text in wanted
         if text in known or text.partition(":")[0] not in KINDS
     }
+    rigs = {text: each for text, each in loaded.items() if isinstance(each, Rig)}
+    if rigs:
+        return _rig_line_up(wanted, rigs, poses)
+    wanted = list(dict.fromkeys([*texts, *DEFAULTS])) if len(texts) == 1 else wanted
+    markers = {text: _visible(text, each) for text, each in loaded.items() if isinstance(each, Marker)}
     first = next(iter(markers.values()), None)
     judged = setting_of(first, poses) if first else _default_setting(poses)
     radius = judged.boundary.radius
@@ -82,11 +94,31 @@ def line_up(
     return list(found.values()), setting
 
 
-def _read(text: str) -> Marker:
+def _rig_line_up(
+    wanted: Sequence[str], rigs: Mapping[str, Rig], poses: str | PoseDistribution | None
+) -> tuple[list[Contestant], Setting]:
+    first = next(iter(rigs.values()))
+    camera, distribution = rig_setting(first, poses)
+    found = list[Contestant]()
+    for text in wanted if len(wanted) > 1 else [*wanted, *RIG_DEFAULTS]:
+        if text in rigs:
+            for each in rigs[text].markers:
+                _visible(f"{each.name} of {text}", each.marker)
+            found.append(RigOfDots(text, rigs[text]))
+        elif text.partition(":")[0] in ("aruco", "apriltag"):
+            found.append(RigOfTags.on(first, text))
+        else:
+            raise InputError(
+                "a rig, or a tag on each of its plates", text, "give a rig.json, aruco:DICT or apriltag:FAMILY"
+            )
+    return found, Setting(Circle(first.radius), camera, distribution)
+
+
+def _read(text: str) -> Marker | Rig:
     path = Path(text)
     if path.suffix.lower() != ".json" and not path.exists():
         raise InputError("a known contestant", repr(text), f"known: {forms()}")
-    return _visible(text, read_marker(path))
+    return load_marker_or_rig(path)
 
 
 def _visible(text: str, marker: Marker) -> Marker:

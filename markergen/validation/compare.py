@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 from markergen.options import Progress
 from markergen.pool import map_counted, ranges, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
@@ -46,7 +47,7 @@ def compare_and_time(
     optics: Optics = DEFAULT_OPTICS,
     workers: int | None = None,
     progress: Progress | None = None,
-    given: Mapping[str, Marker] | None = None,
+    given: Mapping[str, Marker | Rig] | None = None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 

@@ -15,7 +15,6 @@ from markergen.maths.rotation import turn_z
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.render import DEFAULT_OPTICS, Optics
-from markergen.validation.bounds import photometric_bounds
 from markergen.validation.contestants import Contestant, Sighting
 from markergen.validation.metrics import flipped, pose_failed, rotation_error_deg, translation_error_pct
 from markergen.validation.views import WRONG_PX
@@ -117,9 +116,7 @@ class Series:
 
     def bound(self, who: int, view: int) -> tuple[float, float]:
         """Photometric bound of one contestant's exact print in one view, deg and %."""
-        contestant, pose = self.contestants[who], self.poses.taken(self.pose[[view]], 0)
-        found = photometric_bounds(contestant.scene(self.camera), self.camera, pose, self.optics)
-        return float(found.rotation_deg[0]), float(found.translation_pct[0])
+        return self.contestants[who].bound(self.camera, self.poses.taken(self.pose[[view]], 0), self.optics)
 
 
 @dataclass(frozen=True, eq=False)

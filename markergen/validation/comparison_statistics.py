@@ -48,7 +48,7 @@ def comparison_results(
                 "name": contestant.name,
                 "size": contestant.size,
                 "absent": contestant.absent,
-                "ink": {"cm2": 1e4 * ink, "share": ink / (np.pi * radius**2)},
+                "ink": {"cm2": 1e4 * ink, "share": ink / contestant.area(radius)},
                 "setting": "",
                 "tuning": [],
                 **_summary(row, bound, everywhere, series.seed),

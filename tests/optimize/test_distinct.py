@@ -9,7 +9,7 @@ from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
 from markergen.objectives import Setting
-from markergen.optimize.distinct import affine_distance, foreign_safety, self_distance
+from markergen.optimize.distinct import affine_distance, foreign_safety, partial_distance, self_distance
 from markergen.optimize.label_ambiguity import find_rivals, representative
 from markergen.optimize.rival_labelings import seen_layout
 
@@ -31,6 +31,20 @@ def fitted(layout, other):
 def test_the_distance_is_that_of_the_best_affine_map():
     assert affine_distance(ONE[None], OTHER)[0] == pytest.approx(fitted(ONE, OTHER))
     assert affine_distance(OTHER[None], ONE)[0] == pytest.approx(fitted(OTHER, ONE))
+
+
+def test_the_partial_distance_leaves_out_one_dot_of_each():
+    least = np.inf
+    for one in range(6):
+        for labeling in permutations(range(6)):
+            rest = [j for j in range(6) if j != one]
+            rows = np.column_stack([OTHER[[labeling[j] for j in rest]], np.ones(5)])
+            if np.linalg.det(np.linalg.lstsq(np.c_[OTHER[list(labeling)], np.ones(6)], ONE, rcond=None)[0][:2]) > 0:
+                left = ONE[rest] - rows @ np.linalg.lstsq(rows, ONE[rest], rcond=None)[0]
+                least = min(least, np.sqrt(np.mean(np.sum(left**2, axis=-1))))
+    assert partial_distance(ONE[None], OTHER)[0] == pytest.approx(least)
+    changed = ONE + 0.01 * np.eye(6)[3][:, None]
+    assert partial_distance(changed[None], ONE)[0] == pytest.approx(0, abs=1e-9)
 
 
 def test_an_affine_image_is_no_other_layout():

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.registry import Registry
 from markergen.render import Optics, Patch, expected_levels, render_patches
+from markergen.validation.bounds import photometric_bounds
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -108,6 +110,15 @@ class Contestant(ABC):
         """Patches of an exact print by rotation (3, 3) and translation (3,), for `photometric_bounds`."""
         exact = self.print_error(0.0, np.random.default_rng(0))
         return lambda rotation, translation: self.patches(camera, (rotation, translation), exact)
+
+    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
+        """Photometric bound of an exact print in one pose, deg and %; nan if it is not computed."""
+        found = photometric_bounds(self.scene(camera), camera, poses, optics)
+        return float(found.rotation_deg[0]), float(found.translation_pct[0])
+
+    def area(self, radius: float) -> float:
+        """Area in m^2 that it has for its ink: that of a circle of this radius."""
+        return np.pi * radius**2
 
     def ink(self, radius: float) -> float:
         """Area in m^2 that is ink, inside a circle of this radius about the origin."""
@@ -233,7 +244,8 @@ def listed() -> list[tuple[str, str]]:
     """Return the form of every kind, and what it is and how it is detected."""
     kinds = sorted((bool(kind.requires), kind.detector != OURS, name) for name, kind in KINDS.items())
     rows = [(KINDS[name].form, f"{KINDS[name].summary}, by {KINDS[name].detector}") for *_, name in kinds]
-    return [("MARKER.json", f"a marker of dots, by {OURS}"), *rows]
+    rig = "a rig, against other rigs, and ArUco and AprilTag tags on each of its plates"
+    return [("MARKER.json", f"a marker of dots, by {OURS}"), *rows, ("RIG.json", rig)]
 
 
 def forms() -> str:
