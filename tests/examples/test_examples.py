@@ -84,6 +84,7 @@ def test_validate_and_plot(monkeypatch, capsys, tmp_path):
     assert 0.2 < bound < 0.741
 
 
+@pytest.mark.long
 def test_own_objective():
     # In a process of its own: what it registers stays registered.
     command = [sys.executable, str(EXAMPLES / "own_objective.py"), "4"]
