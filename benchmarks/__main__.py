@@ -5,8 +5,9 @@ start of an interpreter beside that of numpy; detection beside that of tags and 
 alone; the trials of `validate`, whose workers are measured together; and how reliably the search finds what is best.
 What follows `python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
 `benchmarks.shapes`, `benchmarks.trials` and `benchmarks.detection` take minutes and are run by name, as are
-`benchmarks.detection_quality`, how accurate and how often wrong detection is, `benchmarks.detection_photos`, and
-`benchmarks.headline`, the error to plan with beside that of rendered views.
+`benchmarks.detection_quality`, how accurate and how often wrong detection is, `benchmarks.detection_photos`,
+`benchmarks.headline`, the error to plan with beside that of rendered views, and `benchmarks.rigs`, a cube and a wall
+beside those of tags.
 """
 
 import subprocess

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
@@ -19,19 +19,25 @@ from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.marker import light_marker
+from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.coverage_picture import draw_coverage
 from markergen.optimize.design import Design, members
 from markergen.optimize.design import design as find
 from markergen.optimize.pad_design import design_pad
 from markergen.optimize.ranges import needs_scales
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
-from markergen.options.declarations import DesignKeywords
+from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.read.templates import read_template
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +52,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     **options
         As on the command line, ``markergen design --help``, with underscores. Lengths are in m, or text with a unit;
         ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;
-        ``output`` and ``trace`` are one path or several, checked before the search and written together after it.
+        ``output``, ``trace`` and ``coverage`` are one path or several, checked before the search and written after it.
 
     Returns
     -------
@@ -74,7 +80,9 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     check_outputs(paths, request.choices, request.spec)
     for path in request.traces:
         check_trace_path(path)
-    check_files([*targets, *request.traces], request.inputs)
+    for path in request.coverages:
+        check_figure(path)
+    check_files([*targets, *request.traces, *request.coverages], request.inputs)
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
     spec, found = request.find(lambda spec: _find(spec, progress, traced=bool(request.traces)))
     if request.choices.sheet.colors.inverted:
@@ -83,7 +91,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         log.warning("%s", warning)
     if request.ids:
         found = replace(found, family=members(found.marker, spec_of(found.marker) or spec, request.ids))
-    if progress and (paths or request.traces):
+    if progress and (paths or request.traces or request.coverages):
         progress("writing", 0, 1)
     written = []
     if paths:
@@ -91,11 +99,19 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         write = save_family if request.ids else save
         written = write(found.markers, paths, request.choices, request.inputs)
     steps = {path: trace_bytes(found.trace, path.suffix, _label(spec)) for path in request.traces}
+    steps |= {path: figure_bytes(lambda: _coverage(found), path) for path in request.coverages}
     write_all(steps)
     return replace(found, written=(*written, *map(Written, steps)))
 
 
 design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
+
+
+def _coverage(found: Design) -> "Figure":
+    """What all poses of the spec see of the marker, those that were left out as well."""
+    figure = new_figure((6.4, 3.6))
+    draw_coverage(coverage(found.marker, found.setting.camera, poses_from(found.spec.poses)), figure.add_subplot())
+    return figure
 
 
 def _find(spec: Spec, progress: Progress | None, traced: bool) -> Design:
@@ -117,6 +133,7 @@ class _Request:
     choices: ExportOptions
     paths: list[Path]
     traces: tuple[Path, ...]
+    coverages: tuple[Path, ...]
     inputs: list[Path]
 
     @property
@@ -137,7 +154,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
     if asked.get("restarts") == 0:  # In a spec, 0 stands for the objective's default.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
-    template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
+    template, output, traces, coverages = (asked.pop(name, None) for name in OUTSIDE_FILES)
     values = read_template(str(template)) if template else {}
     # Each of them defines the available room, so the one that is given replaces the template's.
     for one, other in (("radius", "boundary"), ("boundary", "radius")):
@@ -173,6 +190,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
         choices,
         with_record(output) if output else [],
         traces or (),
+        coverages or (),
         files_among(template, *_named_in(values)),
     )
 

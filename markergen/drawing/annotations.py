@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import markergen
-from markergen.drawing.figure import is_disk, size_words
+from markergen.drawing.figure import dot_sizes, is_disk, size_words
 from markergen.drawing.paper import Frame
 from markergen.drawing.scene import BLACK, FINE, GRAY, HAIRLINE, LIGHT, Line, Point, Shape, polygon
 from markergen.drawing.text import text, text_width, wrap
@@ -46,7 +46,7 @@ def title_block(
 ) -> Drawn:
     """Title block at the foot of the sheet: small gray headings above their values, from margin to margin."""
     first = markers[0]
-    same = all(other.boundary == first.boundary and other.dot_diameter == first.dot_diameter for other in markers)
+    same = all(other.boundary == first.boundary and dot_sizes(other) == dot_sizes(first) for other in markers)
     meaning = "size: diameter of the outline" if is_disk(first.boundary) else "size: width x height of the outline"
     name = marker_name(first).removeprefix("markergen-")
     if any(marker_name(marker) != marker_name(first) for marker in markers):
@@ -58,7 +58,7 @@ def title_block(
     columns.append(("dots", "dots", (" + ".join(dict.fromkeys(str(len(marker)) for marker in markers)),), "regular"))
     if same:
         columns += [
-            ("dot-diameter", "dot diameter", (f"{first.dot_diameter * 1e3:.6g} mm",), "regular"),
+            ("dot-diameter", "dot diameter", (dot_sizes(first),), "regular"),
             ("size", meaning, (size_words(first.boundary),), "regular"),
         ]
     columns.append(scale_column(factor))

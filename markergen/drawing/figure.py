@@ -152,6 +152,12 @@ def quiet_box(dots: tuple[Disk, ...]) -> Box:
     )
 
 
+def dot_sizes(marker: Marker) -> str:
+    """Diameters of a marker's dots in words, the largest first."""
+    sizes = sorted({point.feature.diameter for point in marker.control_points}, reverse=True)
+    return f"{' + '.join(dict.fromkeys(f'{size * 1e3:.6g}' for size in sizes))} mm"
+
+
 def size_words(boundary: Boundary) -> str:
     """Size in words: ``300 mm across`` for a disk, otherwise width and height, such as ``200 x 100 mm``."""
     width, height = size_mm(boundary)

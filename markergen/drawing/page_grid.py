@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from math import floor
 
 from markergen.drawing.annotations import nameless_note, paragraph
-from markergen.drawing.figure import Figure, compensated_note, size_words
+from markergen.drawing.figure import Figure, compensated_note, dot_sizes, size_words
 from markergen.drawing.marker_artwork import TICK, draw_artwork
 from markergen.drawing.paper import Frame, SheetOptions
 from markergen.drawing.print_measurements import far_pair, ruler_words
@@ -133,7 +133,7 @@ def _grid_notes(figures: Sequence[Figure], grid: PageGrid, pages: Sequence[Sheet
 def _caption(marker: Marker, room: Box, scale: float) -> list[Shape]:
     """Name, facts and lengths to measure, in lines below the room."""
     pairs = [pair for pair in (far_pair(marker.control_points, axis) for axis in (0, 1)) if pair]
-    lines = [f"{len(marker)} dots of {marker.dot_diameter * 1e3:.6g} mm, size {size_words(marker.boundary)}"]
+    lines = [f"{len(marker)} dots of {dot_sizes(marker)}, size {size_words(marker.boundary)}"]
     if pairs:
         lengths = (f"dots {pair.first} to {pair.second}: {pair.between:.1f} mm" for pair in pairs)
         lines.append(f"{', '.join(lengths)} between centers")

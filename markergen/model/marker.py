@@ -307,7 +307,7 @@ class Marker:
         return door("model.marker_json.load_marker")(source)
 
     def __repr__(self) -> str:
-        count, size = len(self), format_length(self.dot_diameter) if self else ""
+        count, size = len(self), self.dot_words if self else ""
         parts = [f"{count} control point{'s' * (count != 1)} in a {self.boundary}"]
         parts += [f"dots of {size}" if size and self.dot_diameter else "bare points"] if self else []
         parts += [f"tag {self.tag}"] if self.tag else []
@@ -402,6 +402,12 @@ class Marker:
     def dot_diameter(self) -> float:
         """Largest diameter of a feature in m."""
         return max(point.feature.diameter for point in self.control_points)
+
+    @property
+    def dot_words(self) -> str:
+        """Diameters of the dots in words, the largest first: ``100 mm, 20 mm``."""
+        sizes = sorted({point.feature.diameter for point in self.control_points}, reverse=True)
+        return ", ".join(dict.fromkeys(map(format_length, sizes)))
 
     @property
     def light(self) -> bool:

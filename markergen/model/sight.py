@@ -94,7 +94,7 @@ class Coverage:
     @cached_property
     def serving(self) -> Mask:
         """Mask (P, k): whether each of k scales shows four dots that are not on a line."""
-        return np.stack([_enough(self.points[scale], self.seen[:, scale]) for scale in self.scales], axis=-1)
+        return np.stack([enough(self.points[scale], self.seen[:, scale]) for scale in self.scales], axis=-1)
 
     @property
     def served(self) -> Mask:
@@ -200,8 +200,8 @@ def scales_of(diameters: Array | Sequence[float]) -> tuple[NDArray[np.intp], ...
     return tuple(np.flatnonzero(rounded == size) for size in np.unique(rounded)[::-1])
 
 
-def _enough(points: Array, seen: Mask) -> Mask:
-    """Mask (P,) of the poses that see four points (n, 2 or 3) that are not on a line."""
+def enough(points: Array, seen: Mask) -> Mask:
+    """Mask (P,) of the poses that see four points (n, 2 or 3) that are not on a line, of those seen (P, n)."""
     masks, which = np.unique(seen, axis=0, return_inverse=True)
     found = [each.sum() >= FEWEST and _spread(points[each]) for each in masks]
     return np.array(found, dtype=bool)[which.ravel()]

@@ -138,13 +138,13 @@ def distance_table(
     for row, more in zip(rows, cells, strict=True):
         least, _, most = row["dots"]
         body.append([
-            f"{row['from_m']:.2g}..{row['to_m']:.2g}", str(row["poses"]), percent(row["served"] / row["poses"]),
+            f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
             f"{least} to {most}" if least < most else str(least),
             *(percent(each / row["poses"]) for each in row["serving"]), *more,
         ])  # fmt: skip
     return Table(
         "What each distance is served by",
-        ["m", "poses", "served", "dots", *map(format_length, diameters), *titles],
+        ["distance m", "served", "dots", *map(format_length, diameters), *titles],
         body,
         "Dots in view: whole in the image and large enough. A pose is served by four or more of one size, whose share "
         "of the poses stands under it. Errors are RMS.",

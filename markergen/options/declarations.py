@@ -272,9 +272,12 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             metavar="FILE",
         ),
     ]
+    coverage: Annotated[
+        Files, Option(FILES, "Draw how many dots each pose sees, as .svg or .png; may be repeated.", metavar="FILE")
+    ]
 
 
-OUTSIDE_FILES = ("template", "output", "trace")
+OUTSIDE_FILES = ("template", "output", "trace", "coverage")
 """Design options that a spec file does not have."""
 
 

@@ -58,6 +58,15 @@ def test_design_and_save(monkeypatch, capsys, tmp_path):
     assert "8 control points in a polygon of 170 mm x 170 mm" in capsys.readouterr().out
 
 
+@pytest.mark.long
+def test_landing_pad(monkeypatch, capsys, tmp_path):
+    run("landing_pad.py", tmp_path / "pad", monkeypatch=monkeypatch)
+    assert (tmp_path / "pad.json").is_file()
+    assert (tmp_path / "pad.svg").read_bytes().startswith(b"<?xml")
+    seen = capsys.readouterr().out.splitlines()[-4:]
+    assert all(int(line.split()[2]) >= 4 and float(line.split()[-2]) < 0.1 for line in seen)
+
+
 def test_measure_print(monkeypatch, capsys, tmp_path, make_ngon):
     (tmp_path / "m.json").write_bytes(to_json(make_ngon(5, 0.15, 0.036)))
     run("measure_print.py", tmp_path / "m.json", tmp_path / "print", monkeypatch=monkeypatch)
@@ -75,6 +84,7 @@ def test_validate_and_plot(monkeypatch, capsys, tmp_path):
     assert 0.2 < bound < 0.741
 
 
+@pytest.mark.long
 def test_own_objective():
     # In a process of its own: what it registers stays registered.
     command = [sys.executable, str(EXAMPLES / "own_objective.py"), "4"]

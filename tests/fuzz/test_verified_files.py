@@ -45,7 +45,7 @@ def test_a_page_that_overflows(marker, seeds, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "number", ["1e400", "nan", *(pytest.param(each, marks=pytest.mark.long) for each in ("1e38", "-1e308"))]
+    "number", ["1e400", *(pytest.param(each, marks=pytest.mark.long) for each in ("nan", "1e38", "-1e308"))]
 )
 def test_numbers_that_overflow(marker, seeds, tmp_path, number):
     there = number.encode()

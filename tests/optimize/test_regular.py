@@ -6,7 +6,7 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.regular import polygons, regular_layouts
 
 
-@pytest.mark.parametrize("n", [4, 7, pytest.param(30, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (7, 30))])
 def test_every_layout_is_feasible(rooms, n):
     for room in rooms.values():
         region = FeasibleRegion(room, 0.01, 0.001)

@@ -33,7 +33,7 @@ def some_layout(room, n=6, seed=0):
     [
         (Spec(n=6, dot=0.0, clearance=0.0, relief=0.02, objective="rotation", restarts=4), 1.75),
         (Spec(n=6, dot=0.0, clearance=0.0, relief=0.05, restarts=2), 1.15),
-        (Spec(n=6, dot=0.03, relief=0.02, objective="rotation", restarts=4), 1.95),
+        pytest.param(Spec(n=6, dot=0.03, relief=0.02, objective="rotation", restarts=4), 1.95, marks=pytest.mark.long),
         (Spec(n=6, dot=0.03, relief=0.05, restarts=2), 1.55),
     ],
 )

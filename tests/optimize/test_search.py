@@ -104,6 +104,7 @@ def test_other_objectives_are_searched_as_well(rooms, criterion, name):
     assert optimum.value < 0.7 * sampled.min()
 
 
+@pytest.mark.long
 def test_the_worst_pose_and_lost_dots_are_searched_as_well(rooms, setting):
     room = rooms["rectangle"]
     poses = fewer(setting.poses.seen_whole(room, setting.camera))

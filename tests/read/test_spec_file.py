@@ -10,7 +10,7 @@ from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
 from markergen.model.recorded_poses import RecordedPoses
-from markergen.model.spec import ImageNoise, Spec
+from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
@@ -21,12 +21,12 @@ CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "c
 
 
 def test_templates_are_ready_to_use():
-    assert set(templates()) == {"desk-a4", "drone-pad", "paper-disk", "robot-flange"}
+    assert set(templates()) == {"desk-a4", "drone-pad", "landing-pad", "paper-disk", "robot-flange"}
     for name in templates():
         values = read_template(name)
         assert values["title"]
         spec = spec_from_mapping(values, name)
-        assert spec.n >= 4
+        assert spec.n >= 4 or spec.n == AUTO
 
 
 def test_the_papers_template_is_the_default():
@@ -209,7 +209,7 @@ def test_templates_from_files(tmp_path):
         read_template(str(path))
     with pytest.raises(InputError, match="No such file"):
         read_template(str(tmp_path / "none.toml"))
-    with pytest.raises(InputError, match="known: desk-a4, drone-pad, paper-disk"):
+    with pytest.raises(InputError, match="known: desk-a4, drone-pad, landing-pad, paper-disk"):
         read_template("desk")
 
 

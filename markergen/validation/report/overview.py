@@ -7,7 +7,9 @@ from functools import partial
 
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
+from markergen.model.sight import coverage
 from markergen.optimize.comparisons import LAYOUTS
+from markergen.optimize.coverage_picture import draw_coverage
 from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.presentation.plots import plot
 from markergen.presentation.tables import Table, percent
@@ -37,7 +39,7 @@ _WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
 
 def title(marker: Marker) -> str:
     """One line that identifies the marker."""
-    return f"{len(marker)} dots of {format_length(marker.dot_diameter)} in a {marker.boundary}"
+    return f"{len(marker)} dots of {marker.dot_words} in a {marker.boundary}"
 
 
 def answer(subject: Subject) -> ReportSection:
@@ -54,7 +56,20 @@ def answer(subject: Subject) -> ReportSection:
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
     )
-    return ReportSection(sentences(subject.headline), tables=[table])
+    section = ReportSection(sentences(subject.headline), tables=[table])
+    if "coverage" in subject.results:
+        covered = coverage(subject.marker, subject.setting.camera, subject.setting.poses)
+        section.tables.append(tables.coverage_table(subject.results))
+        section.plots.append(
+            plot(
+                partial(draw_coverage, covered),
+                "coverage",
+                f"Dots in view over distance and tilt: {covered.count.min()} to {covered.count.max()}.",
+                "Dots that each pose sees whole and large enough.",
+                _WIDE,
+            )
+        )
+    return section
 
 
 def limits(subject: Subject) -> ReportSection:

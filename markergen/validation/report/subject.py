@@ -183,7 +183,8 @@ def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budge
 
 def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
     """Cramer-Rao bound of the marker for Gaussian noise of `noise_px` on every image coordinate."""
-    matrix = pose_bounds(marker.xyz, setting.camera, setting.poses, noise_px).information
+    seen = setting.sight.seen if setting.sight else None
+    matrix = pose_bounds(marker.xyz, setting.camera, setting.poses, noise_px, seen).information
     return Expected(noise_px**2 * covariance(matrix), setting.poses, f"image noise of {noise_px:g} px alone")
 
 

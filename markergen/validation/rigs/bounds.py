@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from markergen.detect.bodies import Plate
 from markergen.detect.joining import LEAST_FACING, spatial_errors
-from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.estimators.budget import PoseBudget, pose_budget
-from markergen.maths.projection import to_camera
 from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import RigMarker
+from markergen.model.sight import dots_in_view, enough
 from markergen.render.view import dot_ellipses
 from markergen.validation.bounds import image_covariance
 from markergen.validation.rigs.views import RigViews
@@ -22,14 +21,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-_IN_LINE = 1e-2
-"""Spread of dots across a line, as a share of that along it, below which they tell no pose."""
-
 NARROWEST_PX = 3.0
 """Minimum short axis in px of a dot's image; narrower ones are found in some images only."""
-
-_RIM = 16
-"""Number of points on a dot's rim that must be in the image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +54,9 @@ class Sight:
     @cached_property
     def found(self) -> Mask:
         """True (P, k) where a plate shows as many dots as it takes to find it alone, not all in a line."""
-        known = self.of_plates >= LEAST_DOTS
-        for pose, plate in np.argwhere(known):
-            points = self.series.rig.xyz[self.dots(pose, plate)]
-            sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-            known[pose, plate] = sizes[1] > _IN_LINE * sizes[0]
-        return known
+        rig = self.series.rig
+        parts = (enough(each.marker.xyz, self.seen[:, rig.owner == k]) for k, each in enumerate(rig.markers))
+        return np.stack(list(parts), axis=1)
 
     @property
     def served(self) -> Mask:
@@ -90,24 +80,17 @@ class Sight:
 def sight(series: RigViews) -> Sight:
     """Compute which dots each pose of a series shows."""
     rig, camera, poses = series.rig, series.camera, series.poses
-    angle = 2 * np.pi * np.arange(_RIM) / _RIM
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    large, inside = [], []
+    parts = []
     for k, each in enumerate(rig.markers):
-        radii = rig.radii[rig.owner == k]
+        diameters = 2 * rig.radii[rig.owner == k]
         turn, shift = each.camera_pose(poses.rotation, poses.translation)
-        rims = (each.marker.xyz[:, None] + radii[:, None, None] * circle).reshape(-1, 3)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            sees = camera.sees(camera.project(rims, turn, shift)) & (to_camera(rims, turn, shift)[..., 2] > 0)
-        inside.append(sees.reshape(len(poses), len(radii), _RIM).all(axis=-1))
-        semi = np.stack(
-            [dot_ellipses(each.marker, camera.ideal, *at, 2 * radii)[1] for at in zip(turn, shift, strict=True)]
-        )
         least = np.array([point.feature.least_pixels for point in each.marker.control_points])
-        large.append((2 * np.sqrt(semi.prod(axis=-1)) >= least) & (2 * semi.min(axis=-1) >= NARROWEST_PX))
+        whole = dots_in_view(each.marker.xyz, diameters, camera, PoseDistribution("here", turn, shift), least)
+        ellipses = (dot_ellipses(each.marker, camera.ideal, *at, diameters) for at in zip(turn, shift, strict=True))
+        parts.append(whole & (2 * np.stack([semi for _, semi, _ in ellipses]).min(axis=-1) >= NARROWEST_PX))
     way = eyes_of(poses)[:, None] - rig.xyz
     facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
-    return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(inside, axis=1) & np.concatenate(large, axis=1))
+    return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(parts, axis=1))
 
 
 def dot_noise(series: RigViews) -> Array:
