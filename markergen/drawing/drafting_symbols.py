@@ -161,6 +161,11 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
     if symbol == "perpendicularity":
         foot = y - 0.8 * h
         return [Line(((x - h, foot), (x + h, foot)), THIN), Line(((x, foot), (x, y + h)), THIN)]
+    if symbol == "parallelism":
+        lean = 0.45 * h
+        return [Line(((x + d - lean, y - h), (x + d + lean, y + h)), THIN) for d in (-0.4 * h, 0.4 * h)]
+    if symbol == "angularity":
+        return [Line(((x + 0.9 * h, y + 0.7 * h), (x - h, y - 0.8 * h), (x + h, y - 0.8 * h)), THIN)]
     turns = [pi * k / 12 for k in range(13)]
     arc = tuple((x + 1.1 * h * cos(turn), y - 0.5 * h + 1.1 * h * sin(turn)) for turn in turns)
     return [Line((*arc, arc[0]), THIN)]

@@ -53,7 +53,7 @@ class Control:
 
     Attributes
     ----------
-    symbol : {"position", "flatness", "perpendicularity", "profile"}
+    symbol : {"position", "flatness", "perpendicularity", "parallelism", "angularity", "profile"}
     zone : str
         Width or diameter of the zone: ``\xd80.04``.
     datums : tuple of str
@@ -62,7 +62,7 @@ class Control:
         What it applies to, written before the frame; empty if that is clear.
     """
 
-    symbol: Literal["position", "flatness", "perpendicularity", "profile"]
+    symbol: Literal["position", "flatness", "perpendicularity", "parallelism", "angularity", "profile"]
     zone: str
     datums: tuple[str, ...] = ()
     of: str = ""

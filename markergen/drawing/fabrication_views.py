@@ -123,7 +123,7 @@ def drawing_area(frame: Frame, first: bool = True) -> Box:
 def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
     """Paper of the drawing, and its layout."""
     best: tuple[Frame, ViewPlacement] | None = None
-    papers = _papers(options)
+    papers = papers_of(options)
     for paper in papers:
         frame = options.frame(paper)
         roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
@@ -139,7 +139,8 @@ def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement
     return best
 
 
-def _papers(options: SheetOptions) -> list[Paper]:
+def papers_of(options: SheetOptions) -> list[Paper]:
+    """Papers to try, in this order: those that are usual, or the one that is asked for."""
     if options.paper is not None:
         paper = find_paper(options.paper, options.orientation)
         fixed = options.orientation or oriented(options.paper)
@@ -176,7 +177,9 @@ def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None
     """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none."""
     style = Style(frame.scale)
     left, bottom, right, top = _reach(work)
-    _, foot, _, head = around(work.side)
+    start_, foot, end_, head = around(work.side)
+    # What is under a face may be wider than it.
+    left, right = (start_ if start_ < left - SHORT else left), (end_ if end_ > right + SHORT else right)
     wide = max([callout_width(callout, style) for callout in work.callouts], default=0.0)
     column = wide + 12 * frame.scale
     tiers = CLOSE * frame.scale
@@ -348,7 +351,9 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + said(width), style)
     if not work.round:
         shapes += upright(bottom, top, aside, left, said(height), style)
-    shapes += stacked(work.heights, side, right, right + tier, tier, style)
+    end = side.box(around(work.side))[2]
+    end = end if end > right + SHORT else right
+    shapes += stacked(work.heights, side, end, end + tier, tier, style)
     words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
     return [*shapes, words]
 

@@ -34,12 +34,12 @@ def first_angle(paper: Paper) -> bool:
     return paper.name.removesuffix("-landscape") not in {each.name for each in AMERICAN}
 
 
-def title_block(block: TitleBlock, frame: Frame, scale: str, number: int, pages: int) -> list[Shape]:
-    """Border, and the title block along its lower side."""
+def title_block(block: TitleBlock, frame: Frame, scale: str, number: int, pages: int, first: bool) -> list[Shape]:
+    """Border, and the title block along its lower side: the whole one on a first sheet."""
     made_with = f"markergen {markergen.__version__}"
     paper = frame.paper.name.removesuffix("-landscape")
     sheet = f"{number} of {pages}"
-    if number > 1:
+    if not first:
         rows = [
             [("identification number", block.name), ("title", block.title), ("revision", ""), ("date of issue", ""),
              ("scale", "as given"), ("lengths in", "mm"), ("created by", made_with), ("sheet", sheet)],

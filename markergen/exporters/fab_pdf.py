@@ -4,7 +4,7 @@ The drawing is our own vector graphics; reportlab's flowables set tables and par
 columns. Words are text in embedded fonts, so that they can be searched and copied.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from math import ceil
@@ -12,18 +12,23 @@ from typing import Any
 
 from markergen.drawing.drafting import THIN, Lettering, Style, scale_words
 from markergen.drawing.fabrication_details import DetailView, back_crowded, back_view, key_view, section_view
-from markergen.drawing.fabrication_drawing import DrawingTable, Workpiece
-from markergen.drawing.fabrication_views import drawing_area, front_page
+from markergen.drawing.fabrication_drawing import DrawingTable, TitleBlock, Workpiece
+from markergen.drawing.fabrication_views import FrontPage, drawing_area, front_page
 from markergen.drawing.paper import Frame, SheetOptions
+from markergen.drawing.rig_drawing import RigWork, rig_page
 from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
 from markergen.drawing.text import FACES, font_size, text_width, written
 from markergen.drawing.title_block import title_block
 from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
-from markergen.exporters.solids import solid_notes
+from markergen.exporters.solids import rig_notes, solid_notes
 from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.model.rig_json import rig_name
 from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of
+from markergen.solid.rig_fabrication import face_works, rig_work
+from markergen.solid.rig_solids import designed, parts_of_rig
 
 COLUMN = 105.0
 """Minimum column width in mm on A4: that of a table with six columns of numbers."""
@@ -49,6 +54,21 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     return Output(data, (*notes, *solid_notes(marker, made, options)))
 
 
+def export_rig(rig: Rig, options: ExportOptions) -> Output:
+    """Drawing of a whole rig with the tolerances between its faces, then of each face; needs no CAD kernel."""
+    rig = designed(rig)
+    made = parts_of_rig(rig, options.fabrication)
+    parts = [sheets_of_rig(rig_work(rig, options.fabrication, made), options.sheet)]
+    parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]
+    name = rig_name(rig)
+    data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
+    pages = sum(each.count for each in parts)
+    first = parts[0].front
+    drawn = f"the first on {first.frame.paper}, drawn {scale_words(first.scale)}"
+    note = f"The fabrication sheets have {pages} pages, {drawn}."
+    return Output(data, (note, *rig_notes(rig, made, options)))
+
+
 def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[bytes, tuple[str, ...]]:
     """Write the drawing on one page, and sections, tables and notes on as many as needed; also return a note on them.
 
@@ -57,28 +77,78 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
     InputError
         If the paper is unknown, or too small for any scale.
     """
+    sheets = sheets_of(work, options)
+    scale, paper = scale_words(sheets.front.scale), sheets.front.frame.paper
+    about = f"Fabrication sheet: {work.block.title}, {scale} on {paper}."
+    return (
+        write_sheets([sheets], work.block.name, about),
+        (f"The fabrication sheet has {sheets.count} pages on {paper}, drawn {scale}.",),
+    )
+
+
+@dataclass(frozen=True)
+class Sheets:
+    """First page of a drawing, and the further ones with their blocks."""
+
+    block: TitleBlock
+    front: FrontPage
+    pages: "list[_Page]"
+
+    @property
+    def count(self) -> int:
+        """Number of pages."""
+        return 1 + len(self.pages)
+
+
+def sheets_of(work: Workpiece, options: SheetOptions) -> Sheets:
+    """Lay a drawing out on pages; raises as `write_fabrication_sheet` does."""
     _embed_fonts()
     front = front_page(work, options)
-    frame, scale = front.frame, scale_words(front.scale)
-    pages = _best_pages(work, frame)
-    buffer, size = BytesIO(), page_size(frame.paper)
-    about = f"Fabrication sheet: {work.block.title}, {scale} on {frame.paper}."
-    canvas = bare_canvas(buffer, pagesize=size, pageCompression=1, invariant=1)
-    for name, words in metadata(work.block.name, about).items():
-        getattr(canvas, f"set{name.capitalize()}")(words)
-    count = 1 + len(pages)
-    for number, page in enumerate(((), *pages), 1):
-        canvas.setTrimBox([0.0, 0.0, *size])
-        _draw(canvas, front.shapes if number == 1 else ())
-        _draw(canvas, title_block(work.block, frame, scale, number, count))
-        for block, left, top in page:
-            y = top
-            for part, height, space in block.parts:
-                part.drawOn(canvas, *_points(left, y - height))
-                y -= height + space
-        canvas.showPage()
+    return Sheets(work.block, front, _best_pages(lambda *room: _blocks(work, *room), front.frame))
+
+
+def sheets_of_rig(work: RigWork, options: SheetOptions) -> Sheets:
+    """Lay the drawing of a whole rig out on pages; raises as `write_fabrication_sheet` does."""
+    _embed_fonts()
+    front = rig_page(work, options)
+
+    def blocks(width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
+        # The first table, of the faces, is as wide as the page.
+        rooms = [(columns, columns * width + (columns - 1) * gap), *[(1, width)] * (len(work.tables) - 1)]
+        tables = [
+            replace(_measured(_table(piece, room, style), room), span=span)
+            for table, (span, room) in zip(work.tables, rooms, strict=True)
+            for piece in _split(table, room, height, style)
+        ]
+        return [*tables, *_notes(work.notes, width, height, style)]
+
+    return Sheets(work.block, front, _best_pages(blocks, front.frame))
+
+
+def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
+    """Write drawings one after another into one PDF, with its title and subject."""
+    buffer = BytesIO()
+    canvas = bare_canvas(buffer, pagesize=page_size(parts[0].front.frame.paper), pageCompression=1, invariant=1)
+    for key, words in metadata(name, about).items():
+        getattr(canvas, f"set{key.capitalize()}")(words)
+    number, count = 0, sum(each.count for each in parts)
+    for each in parts:
+        frame = each.front.frame
+        size, scale = page_size(frame.paper), scale_words(each.front.scale)
+        for k, page in enumerate(((), *each.pages)):
+            number += 1
+            canvas.setPageSize(size)
+            canvas.setTrimBox([0.0, 0.0, *size])
+            _draw(canvas, each.front.shapes if k == 0 else ())
+            _draw(canvas, title_block(each.block, frame, scale, number, count, k == 0))
+            for block, left, top in page:
+                y = top
+                for part, height, space in block.parts:
+                    part.drawOn(canvas, *_points(left, y - height))
+                    y -= height + space
+            canvas.showPage()
     canvas.save()
-    return buffer.getvalue(), (f"The fabrication sheet has {count} pages on {frame.paper}, drawn {scale}.",)
+    return buffer.getvalue()
 
 
 @dataclass(frozen=True)
@@ -97,12 +167,15 @@ class _Item:
 _Page = list[tuple[_Item, float, float]]
 """Blocks of a page with the left and upper ends of each, mm."""
 
+Blocks = Callable[[float, float, Style, int, float], list[_Item]]
+"""Makes blocks for columns of a width and height, in a style, of their number, and with a gap between them, in mm."""
 
-def _best_pages(work: Workpiece, frame: Frame) -> list[_Page]:
+
+def _best_pages(blocks: Blocks, frame: Frame) -> list[_Page]:
     """Pages at the largest size of text and sections at which the last one is not nearly empty."""
     best: tuple[float, list[_Page]] | None = None
     for density in DENSITIES:
-        pages, used = _pages(work, frame, density)
+        pages, used = _pages(blocks, frame, density)
         if used >= FULL or len(pages) == 1:
             return pages
         # An emptier last page is worse than more pages; fewer pages are better than a fuller one.
@@ -113,7 +186,7 @@ def _best_pages(work: Workpiece, frame: Frame) -> list[_Page]:
     return best[1]
 
 
-def _pages(work: Workpiece, frame: Frame, density: float) -> tuple[list[_Page], float]:
+def _pages(blocks: Blocks, frame: Frame, density: float) -> tuple[list[_Page], float]:
     """Pages with everything but the front page, and which part of the last one is used."""
     left, bottom, right, top = drawing_area(frame, first=False)
     style = Style(frame.scale * density)
@@ -123,7 +196,7 @@ def _pages(work: Workpiece, frame: Frame, density: float) -> tuple[list[_Page], 
     full = top - bottom
     pages: list[_Page] = []
     free: list[float] = []
-    for block in _blocks(work, width, full, style, count, gap):
+    for block in blocks(width, full, style, count, gap):
         need, wide = block.height, block.span
         # The first column, or columns side by side, with room for it.
         starts = (k for k in range(len(free)) if k % count + wide <= count)

@@ -15,7 +15,10 @@ from markergen.solid.kernel import NamedSolid, solids_of
 from markergen.solid.plate import plate_size
 from markergen.solid.processes import Made, parts_of
 from markergen.solid.rig_kernel import solids_of_rig
-from markergen.solid.rig_solids import RigMade, designed, parts_of_rig
+from markergen.solid.rig_solids import RigMade, check_apart, designed, parts_of_rig
+
+MADE = (".step", ".brep", ".stl", ".3mf")
+"""Suffixes of solids that are made, in which plates must not overlap; others are looked at."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ def designed_of(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix:
     if isinstance(subject, Rig):
         rig = designed(subject)
         made = parts_of_rig(rig, options.fabrication)
+        if suffix in MADE:
+            check_apart(made)
         return Designed(rig_name(rig), rig, made, rig_notes(rig, made, options), {})
     marker = only(subject, suffix).as_designed
     parts = parts_of(marker, options.fabrication)
@@ -92,7 +97,8 @@ def rig_notes(rig: Rig, made: RigMade, options: ExportOptions) -> tuple[str, ...
         if made.block
         else f"Made as an assembly of {count} plate{'s' * (count > 1)} {how}."
     )
-    return (said, *made.notes, *without_paper(options))
+    overlap = [f"Note that {made.overlap}."] if made.overlap else []
+    return (said, *overlap, *made.notes, *without_paper(options))
 
 
 def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:

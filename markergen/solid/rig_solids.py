@@ -20,6 +20,7 @@ from markergen.model.rig import Rig, RigMarker
 from markergen.solid.bodies import OFF, Body, Part, Prism, mm
 from markergen.solid.mesh import Mesh, failed, grid_of, shell_of, welded
 from markergen.solid.processes import Made, parts_of
+from markergen.solid.processes.fdm import FACE_DOWN
 
 Array = NDArray[np.float64]
 
@@ -124,11 +125,14 @@ class RigMade:
         What the process made for each marker.
     block : tuple of Face
         Faces of the block, those of the markers first; empty for an assembly.
+    overlap : str
+        Which plates of an assembly overlap and by how much, in words; empty if none do.
     """
 
     parts: tuple[RigPart, ...]
     made: tuple[Made, ...]
     block: tuple[Face, ...] = ()
+    overlap: str = ""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -144,7 +148,7 @@ def parts_of_rig(rig: Rig, fabrication: Fabrication) -> RigMade:
     Raises
     ------
     InputError
-        If something is too small for the process or does not fit, or plates overlap; one line.
+        If something is too small for the process or does not fit; one line.
     """
     rig = designed(rig)
     if block := block_of(rig):
@@ -155,8 +159,7 @@ def parts_of_rig(rig: Rig, fabrication: Fabrication) -> RigMade:
         for each, one in zip(rig.markers, made, strict=True)
         for part in one.parts
     ]
-    _check_apart([part for part in parts if part.pieces[0].part.is_plate])
-    return RigMade(tuple(parts), made)
+    return RigMade(tuple(parts), made, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
 
 
 def designed(rig: Rig) -> Rig:
@@ -262,7 +265,8 @@ def _face(name: str, ring: Array, each: RigMarker | None = None) -> Face:
         along = ring[1] - ring[0]
         z, x = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
         rotation = np.column_stack([x, np.cross(z, x), z])
-    flat = ((ring - shift) @ rotation)[:, :2]
+    # Sizes on drawings are 60 mm and not 59.99999999999999.
+    flat = np.round(((ring - shift) @ rotation)[:, :2], 9) + 0.0
     return Face(name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist()))
 
 
@@ -321,7 +325,7 @@ def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
         raise
     if fabrication.through or not (made.parts or made.marked):
         raise InputError("dots inlaid, standing or engraved", "none", "use another --process: the rig is one block")
-    return made
+    return replace(made, lines=tuple(line for line in made.lines if line != FACE_DOWN))
 
 
 def _lowered(block: Sequence[Face], heights: Sequence[float]) -> tuple[Face, ...]:
@@ -384,8 +388,18 @@ def _extent(body: Body) -> Array:
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
-def _check_apart(plates: Sequence[RigPart]) -> None:
-    """Refuse plates that overlap; those with concave outlines are taken for their convex hulls.
+def check_apart(made: RigMade) -> None:
+    """Refuse plates that overlap, which cannot be made."""
+    if made.overlap:
+        raise InputError(
+            "plates apart from each other, or markers that are the whole faces of one body",
+            made.overlap,
+            "use a smaller --edge or --thickness, or move them apart; models to look at are written as they are",
+        )
+
+
+def _overlap(plates: Sequence[RigPart]) -> str:
+    """Say which two plates overlap; those with concave outlines are taken for their convex hulls.
 
     By the separating axes: two convex bodies are apart along the normal of one of their faces, or along the cross
     product of two of their edges.
@@ -404,12 +418,8 @@ def _check_apart(plates: Sequence[RigPart]) -> None:
         common = np.minimum(mine.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - mine.min(axis=0)).min()
         if common > JOINED:
             first, second = (plates[k].name.rpartition("/")[0] for k in (a, b))
-            raise InputError(
-                f"plates apart from each other, or markers that are the whole faces of one body, for {first} and "
-                f"{second}",
-                f"plates that overlap by {common:.3g} mm",
-                "use a smaller --thickness or --edge, or move them apart",
-            )
+            return f"the plates of {first} and {second} overlap by {common:.3g} mm"
+    return ""
 
 
 def _hull(piece: Piece) -> tuple[Array, Array, Array]:

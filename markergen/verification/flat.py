@@ -32,6 +32,9 @@ Mask = NDArray[np.bool_]
 QUIET = 2.2
 """Radius in which the outline may be interrupted, relative to that of the dot: the quiet zone, and rounding."""
 
+SPECK = 1.6
+"""Distance in mm from a quiet zone within which the rest of an outline, as at a corner, is too short to be drawn."""
+
 CROSSED = 0.05
 """Share of a line where ticks and other lines that cross it may mislead its measurement in pixels."""
 
@@ -184,7 +187,8 @@ def _lines(
         return [], kinds[0]
 
     def free(points: Array) -> Mask:
-        away = np.linalg.norm(points[:, None] - expected.centers, axis=2) - QUIET * expected.radii
+        radii = np.maximum(QUIET * expected.radii, 2 * expected.radii + SPECK)
+        away = np.linalg.norm(points[:, None] - expected.centers, axis=2) - radii
         return np.asarray((away < 0).any(axis=1))
 
     if page.picture is not None:

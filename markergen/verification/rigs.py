@@ -92,7 +92,9 @@ def _of_sheets(rig: Rig, readings: Sequence[Reading], tolerance: float | None) -
         others = [one.dots for j, one in shown.items() if one.page == number and j != k]
         page = _without(reading.pages[number], others)
         checks[each.name] = best_check(each.marker, replace(reading, pages=(page,), papers=()), allowed)
-        findings += [replace(said, sentence=f"{each.name}: {said.sentence}") for said in checks[each.name].findings]
+        # In a net the outlines are folds, in dashes.
+        own = [said for said in checks[each.name].findings if not others or said.kind != "outline"]
+        findings += [replace(said, sentence=f"{each.name}: {said.sentence}") for said in own]
         notes += checks[each.name].notes
     worst = max(checks, key=lambda name: np.nan_to_num(checks[name].largest, nan=np.inf))
     scales = np.array([each.scale for each in checks.values()])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from markergen.errors import InputError
 from markergen.exporters import RIG_EXPORTERS, ExportOptions
 from markergen.exporters.saving import save
 from markergen.exporters.simulators import DENSITY, roll_pitch_yaw
@@ -14,7 +15,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.solid.rig_kernel import solids_of_rig
 from markergen.solid.rig_solids import parts_of_rig
 from markergen.verification.step import read_step
-from tests.support.rigs import cube, wall
+from tests.support.rigs import corner, cube, wall
 
 CUBE = cube(0.08)
 COUNT = 1 + len(CUBE) + 6
@@ -116,6 +117,14 @@ def test_every_plate_of_a_wall_has_its_own_box_to_collide_with(tmp_path):
         shape = model.geom(f"{each.name}/plate/collision")
         np.testing.assert_allclose(shape.size, [0.042, 0.042, 0.0015])
         np.testing.assert_allclose(shape.pos, each.shift - [0, 0, 0.0015], atol=1e-9)
+
+
+def test_plates_that_overlap_are_only_to_look_at(tmp_path):
+    rig = corner(inward=False)
+    [model, *_] = save(rig, [tmp_path / "corner.glb"], OPTIONS)
+    assert any("overlap by 5 mm" in note for note in model.notes)
+    with pytest.raises(InputError, match="overlap by 5 mm"):
+        save(rig, [tmp_path / "corner.stl"], OPTIONS)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -9,6 +9,8 @@ from markergen.solid.processes import Accuracy, Cutting, Made, inlaid, prepare
 DEPTH = 0.6
 """Depth of the inlays in mm: three layers of 0.2 mm, enough to be opaque."""
 
+FACE_DOWN = "Print face down on a smooth bed: all of the face is then one plane."
+
 NOZZLE = 0.4
 """Nozzle diameter in mm of most printers, and their line width."""
 
@@ -26,11 +28,7 @@ def fdm(marker: Marker, fabrication: Fabrication) -> Made:
         if gap
         else "Print plate and inlays in one go, light and dark material; they share their walls."
     )
-    face = (
-        "Print with the face up: raised dots stand on pillars."
-        if ground.pillars
-        else "Print face down on a smooth bed: all of the face is then one plane."
-    )
+    face = "Print with the face up: raised dots stand on pillars." if ground.pillars else FACE_DOWN
     return Made(
         parts,
         pockets,
