@@ -27,6 +27,7 @@ ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in ra
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
+RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
@@ -50,6 +51,11 @@ def _counted(room: str, camera: str) -> Number:
     five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
     sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
     return Number(DESIGN, f"| {room}, {camera} | {said} |", DOT_COUNT.line, sources)
+
+
+def _ranged(row: str) -> Number:
+    output = f"| {row} | 0.3 to 10 | # | # | # | @ | # | # |"
+    return Number(DESIGN, f"| {row} | # | # | # | # | # |", RANGES.line, [(RANGES, output)])
 
 
 def _table_row(n: int, command: Command) -> Number:
@@ -231,6 +237,7 @@ MEASURED: Sequence[Entry] = (
         [(EPNP, "paper a single call # @ @% paper epnp #")],
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
+    *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
     *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(

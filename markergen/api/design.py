@@ -119,7 +119,10 @@ def _find(spec: Spec, progress: Progress | None, traced: bool) -> Design:
     if spec.n == AUTO and needs_scales(spec, poses_from(spec.poses)):
         if traced:
             raise InputError("dots of one size to trace", "--trace with poses from near to far", "leave it out")
-        return design_pad(spec, progress)
+        try:
+            return design_pad(spec, progress)
+        except InputError as error:
+            log.info("dots of one size, for want of room for several: %s", error)
     return find(spec, progress, traced)
 
 

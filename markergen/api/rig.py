@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.arguments import files_among
@@ -10,11 +11,13 @@ from markergen.errors import InputError
 from markergen.exporters import RIG_EXPORTERS
 from markergen.exporters.saving import check_outputs, save, with_record
 from markergen.files import check_outputs as check_files
+from markergen.model.marker import Marker
 from markergen.model.rig_shapes import rig_shape
 from markergen.model.tag import parse_tag
 from markergen.optimize.rig_design import RigDesign, design_rig
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.rig import RigKeywords
+from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping
 
 log = logging.getLogger(__name__)
@@ -33,7 +36,8 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     Parameters
     ----------
     shape : str
-        ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``; see `markergen.model.rig_shapes.rig_shape` for their frames.
+        ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``, or a list of plates, ``plates.toml``, ``.json`` or ``.csv``;
+        see docs/rigs.md.
     progress : callable, optional
         Called with a stage, the amount done, and the total.
     **options
@@ -64,8 +68,14 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     if not isinstance(shape, str):
         raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
     asked = given(options, RigKeywords)
-    measures: dict[str, Any] = {name: asked[name] for name in MEASURES if name in asked}
-    made = rig_shape(shape, asked.get("without", ()), **measures)
+    measures: dict[str, Any] = {name: asked[name] for name in (*MEASURES, "without") if name in asked}
+    known: dict[int, Marker] = {}
+    if shape.lower().endswith(SUFFIXES):
+        if measures:
+            raise InputError("the measures of plates in their list", f"--{next(iter(measures))}", "leave it out")
+        made, known = read_plates(Path(shape))
+    else:
+        made = rig_shape(shape, **measures)
     values = {"poses": made.poses, "noise_model": "image", "print_sigma": 1e-4, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
     spec = spec_from_mapping(values, "the options")
@@ -73,11 +83,11 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
     choices = choices_of(asked)
     paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
-    inputs = files_among(asked.get("camera"), asked.get("poses"))
+    inputs = files_among(shape if known or made.text == "plates" else None, asked.get("camera"), asked.get("poses"))
     check_outputs(paths, choices, table=RIG_EXPORTERS)
     check_files(paths, inputs)
     log.info("designing a rig of %d plates", len(made.faces))
-    found = design_rig(made, spec, tags, progress=progress)
+    found = design_rig(made, spec, tags, known, progress)
     for warning in found.warnings:
         log.warning("%s", warning)
     return replace(found, written=tuple(save(found.rig, paths, choices, inputs))) if paths else found

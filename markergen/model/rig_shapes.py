@@ -17,13 +17,14 @@ from markergen.units import format_length
 Array = NDArray[np.float64]
 
 KINDS = ("cube", "prism", "wall", "pair")
-FORMS = ("cube", "prism:6", "wall 3x2", "pair")
+FORMS = ("cube", "prism:6", "wall 3x2", "pair", "plates.toml, .json or .csv")
 
 SHAPE_HELP = (
     "faces +x -x +y -y +z -z; see --edge, --without",
     "side 1 to 6 from -y on, +z, -z; see --edge, --height, --without",
     "3 columns and 2 rows of square plates, row 1 column 1 top left; see --pitch, --plate",
     "left and right plate at a common edge; see --plate, --angle",
+    "a list of plates, each with a marker or room for one, and its pose; see docs/rigs.md",
 )
 """What each of the forms is."""
 
@@ -177,7 +178,7 @@ def _body(text: str, faces: list[Face], without: Sequence[str], sizes: dict[str,
     if not kept:
         raise InputError("a face or more", "none", "leave out fewer of them")
     reach = max(float(np.linalg.norm(_corners(face), axis=-1).max()) for face in faces)
-    return RigShape(text, kept, f"sphere:distance={_span(reach, 3.5, 9)}", sizes)
+    return RigShape(text, kept, f"sphere:distance={span_of(reach)}", sizes)
 
 
 def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
@@ -201,7 +202,7 @@ def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
         for column in range(columns)
     )
     reach = max(float(np.linalg.norm(_corners(face), axis=-1).max()) for face in faces)
-    return RigShape(f"wall:{columns}x{rows}", faces, f"cone:distance={_span(reach, 1.5, 5)},tilt=0..60", sizes)
+    return RigShape(f"wall:{columns}x{rows}", faces, f"cone:distance={span_of(reach, 1.5, 5)},tilt=0..60", sizes)
 
 
 def _pair(sizes: dict[str, float]) -> RigShape:
@@ -214,7 +215,7 @@ def _pair(sizes: dict[str, float]) -> RigShape:
         turn = side * half
         rotation = np.array([[cos(turn), 0, sin(turn)], [0, 1, 0], [-sin(turn), 0, cos(turn)]])
         faces.append(_face(name, square, rotation, rotation[:, 0] * side * plate / 2))
-    return RigShape("pair", tuple(faces), f"cone:distance={_span(plate, 3.5, 9)},tilt=0..60", sizes)
+    return RigShape("pair", tuple(faces), f"cone:distance={span_of(plate)},tilt=0..60", sizes)
 
 
 def rectangle(width: float, height: float) -> Polygon:
@@ -228,7 +229,8 @@ def _corners(face: Face) -> Array:
     return points @ np.array(face.rotation).T[:2] + face.translation
 
 
-def _span(reach: float, near: float, far: float) -> str:
+def span_of(reach: float, near: float = 3.5, far: float = 9.0) -> str:
+    """Distances from the origin of a rig of that size, as in the text of a pose source: ``0.24..0.62m``."""
     return "..".join(f"{float(f'{reach * factor:.2g}'):g}" for factor in (near, far)) + "m"
 
 

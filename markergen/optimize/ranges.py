@@ -10,6 +10,7 @@ scale move, while those of the others that a pose sees add their information. Wh
 turn, and looked up again after it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, inf, log
@@ -47,7 +48,8 @@ WIDE = 4.0
 MOST_SCALES = 4
 
 DOTS, FEWEST_DOTS = 8, 5
-"""Numbers of dots of the largest scale and at least; each further scale has one less, so that no two are similar."""
+"""Numbers of dots of the largest scale and at least; each further scale has one less or fewer, so that no two are
+similar."""
 
 APART = 2.0
 """Least ratio of the diameters of successive scales, by which detection tells them apart."""
@@ -222,27 +224,39 @@ def _forecasts(spec: Spec, poses: PoseDistribution, count: int) -> tuple[Scale, 
             raise InputError(f"poses that see a {room} whole", "none", "use a smaller marker, or poses farther away")
         band = poses.taken(np.flatnonzero(whole & serving), 0)
         inner = (rooms[k + 1],) if k + 1 < len(rooms) else ()
-        own = replace(spec, boundary=room, keep_outs=(*spec.keep_outs, *inner), n=max(DOTS - k, FEWEST_DOTS))
-        forecast = _forecast(own, band, scales[-1].diameter / APART if scales else inf)
-        scales.append(Scale(replace(own, dot=forecast.diameter, gap=forecast.gap), band, forecast.points))
+        own = replace(spec, boundary=room, keep_outs=(*spec.keep_outs, *inner))
+        counts = [n for n in range(DOTS - k, FEWEST_DOTS - 1, -1) if n not in [len(each.points) for each in scales]]
+        if not counts:
+            raise InputError(f"different numbers of dots in {count} sizes", "none left", "use fewer sizes")
+        forecast = _forecast(own, band, counts, scales[-1].diameter / APART if scales else inf)
+        own = replace(own, n=forecast.n, dot=forecast.diameter, gap=forecast.gap)
+        scales.append(Scale(own, band, forecast.points))
         if (~whole).any():
             serving = poses.distance <= OVERLAP * poses.distance[~whole].max()
     return tuple(scales)
 
 
-def _forecast(spec: Spec, poses: PoseDistribution, largest: float) -> Forecast:
-    """Forecast of as many dots as the spec has, of a diameter in m of at most `largest`."""
+def _forecast(spec: Spec, poses: PoseDistribution, counts: Sequence[int], largest: float) -> Forecast:
+    """Forecast of one of the numbers of dots, the first for which there is room, of diameters in m up to `largest`."""
     forecaster = Forecaster(spec, poses, sources_of(spec))
-    forecaster.most = spec.n
+    forecaster.most = max(counts)
     least, gap = least_sizes(spec.boundary, spec.camera, poses, share=1.0)
-    forecaster.least, forecaster.gap = ceil(LARGER * least * 1e4 - 1e-6) / 1e4, max(gap, spec.gap)
-    steps = 1 + log(largest / forecaster.least) / log(STEP) if largest < inf else inf
-    known = forecaster.by_count(most=max(1, int(steps)) if steps < inf else None)
-    if spec.n not in known or forecaster.least > largest:
-        raise InputError(
-            f"room for {spec.n} dots of {format_length(forecaster.least)}", str(forecaster.room), "use a larger marker"
-        )
-    return known[spec.n]
+    forecaster.gap = max(gap, spec.gap)
+    for factor in (LARGER, 1.0):
+        forecaster.least = ceil(factor * least * 1e4 - 1e-6) / 1e4
+        if forecaster.least > largest:
+            continue
+        steps = int(1 + log(largest / forecaster.least) / log(STEP)) if largest < inf else None
+        try:
+            known = forecaster.by_count(most=steps)
+        except InputError:
+            continue
+        for count in counts:
+            if count in known:
+                return known[count]
+    raise InputError(
+        f"room for {min(counts)} dots of {format_length(forecaster.least)}", str(forecaster.room), "use a larger marker"
+    )
 
 
 def _by_distance(spec: Spec, seen: Coverage) -> Array:

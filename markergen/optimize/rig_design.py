@@ -112,7 +112,7 @@ class RigDesign(Result):
             f"{stored['shape']}: {len(self.rig.markers)} plates ({names}) with {len(self.rig)} dots\n"
             f"objective {stored['objective']} {joint}, seed {stored['seed']}, {len(self.poses)} poses "
             f"({self.poses.name})\n"
-            f"dots of {self.dots}\n"
+            f"dots of {self.dots or 'the given markers'}\n"
             f"a pose sees {plates.mean():.2g} plates whole, with {self.in_view[1].mean():.3g} dots, on average{none}\n"
             f"{self.told_apart}"
         )
@@ -285,7 +285,9 @@ def _told_apart(layouts: RigLayouts, tags: Sequence[str]) -> tuple[str, float]:
     names = [plate.face.name for plate in layouts.plates]
     if tags:
         ids = [tag.rpartition(":")[2] for tag in tags]
-        return f"the plates are told apart by their tags, {tags[0].rpartition(':')[0]}:{ids[0]} to {ids[-1]}", np.inf
+        others = ", and by what they were given" if layouts.fixed else ""
+        family = tags[0].rpartition(":")[0]
+        return f"the plates are told apart by their tags, {family}:{ids[0]} to {ids[-1]}{others}", np.inf
     if len(names) == 1:
         return "there is one plate", np.inf
     safety = {(names[a], names[b]): layouts.safety(a, b) for a, b in permutations(range(len(names)), 2)}

@@ -159,8 +159,8 @@ class RigLayouts:
         for sweep in range(SWEEPS):
             for k in range(len(self.plates)):
                 if k not in self.fixed:
-                    others = range(k) if sweep == 0 else (j for j in range(len(self.plates)) if j != k)
-                    self._improve(k, list(others), rng, progress, sweep)
+                    others = [j for j in range(len(self.plates)) if j < k or (j > k and (sweep or j in self.fixed))]
+                    self._improve(k, others, rng, progress, sweep)
 
     def _improve(
         self, k: int, others: list[int], rng: np.random.Generator, progress: Progress | None, sweep: int

@@ -154,8 +154,9 @@ def _from_regular(
     if not len(layouts):
         return Optimum(layouts, np.inf)
     # Polygons are judged for all poses, since designs are compared with them.
-    likely = count + np.argsort(rough(layouts[count:]), kind="stable")[:LIKELY]
-    layouts = layouts[np.concatenate([np.arange(count), likely])]
+    if len(layouts) > count:
+        likely = count + np.argsort(rough(layouts[count:]), kind="stable")[:LIKELY]
+        layouts = layouts[np.concatenate([np.arange(count), likely])]
     found = _best(list(zip(layouts, objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR))
     shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(found), n, 2))
     total = len(shakes) + KEPT

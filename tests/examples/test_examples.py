@@ -51,6 +51,13 @@ def test_every_example_is_run_here():
     )
 
 
+@pytest.mark.long
+def test_cube_to_fold(monkeypatch, capsys, tmp_path):
+    run("cube_to_fold.py", tmp_path, monkeypatch=monkeypatch)
+    assert {path.name for path in tmp_path.iterdir()} == {"cube.json", "faces.pdf", "net.pdf"}
+    assert "told apart by their tags, aruco:DICT_4X4_50:0 to 5" in capsys.readouterr().out
+
+
 def test_design_and_save(monkeypatch, capsys, tmp_path):
     run("design_and_save.py", tmp_path / "out", monkeypatch=monkeypatch)
     names = {"marker.pdf", "marker.dxf", "marker.opencv.yaml", "marker.json"}

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from markergen.objectives.observation import DotNoise
 from markergen.optimize import ranges
 from markergen.optimize.pad_design import likeness
 from markergen.optimize.problem import breach
+from markergen.optimize.search import search
 
 WIDE = "cone:distance=0.3..10m,tilt=0..45"
 
@@ -78,8 +81,17 @@ def test_forecasts_of_scales_serve_all_poses_and_fit():
     assert seen.served.all()
     assert scales[0].diameter >= 2 * scales[1].diameter
     assert breach(seen.points, spec.boundary, (), seen.diameters, scales[1].region.clearance) <= 0
-    with pytest.raises(InputError, match="room for"):
-        ranges._forecasts(spec, poses, 4)
+    with pytest.raises(InputError, match="room for 5 dots"):
+        ranges._forecasts(replace(spec, boundary=Circle(0.08)), poses, 1)
+
+
+def test_with_little_room_scales_have_fewer_dots_and_are_found_although_jammed():
+    spec = Spec(n=0, boundary=Circle(0.15), poses="cone:distance=0.2..5m,tilt=0..60")
+    scale = ranges._forecasts(spec, named_poses(spec.poses), 2)[0]
+    assert ranges.FEWEST_DOTS <= scale.spec.n < ranges.DOTS
+    setting = replace(scale.setting, poses=scale.poses.taken(np.arange(0, len(scale.poses), 20), 0))
+    found = search(OBJECTIVES["pose"](setting), scale.region, scale.spec.n, np.random.default_rng(0), restarts=1)
+    assert scale.region.holds(found.points[None])[0]
 
 
 def test_figures_are_compared_up_to_affine_maps():
@@ -104,5 +116,14 @@ def test_a_pad_serves_its_range():
     dense = coverage(marker, found.spec.camera, named_poses(f"{WIDE},count=4000,seed=5"))
     assert dense.served.all()
     assert "mm" in str(found)
-    with pytest.raises(InputError, match="trace"):
-        design(n="auto", radius="0.5m", poses=WIDE, trace="way.gif")
+    with pytest.raises(InputError, match="dots of one size to trace"):
+        design(n="auto", radius="0.5m", poses=WIDE, trace="way.svg")
+
+
+def test_what_poses_see_is_drawn(tmp_path):
+    path = tmp_path / "seen.svg"
+    design(n=4, radius="0.15m", poses="cone:distance=0.2..1m,count=30", restarts=1, coverage=path)
+    text = path.read_text()
+    assert "dots in view" in text
+    with pytest.raises(InputError, match="a picture"):
+        design(n=4, coverage="seen.txt")

@@ -1,0 +1,162 @@
+"""Lists of a rig's plates: TOML, JSON or CSV, each with a marker or room for one, and its pose T_rig_marker."""
+
+import csv
+import tomllib
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from markergen.errors import InputError, among
+from markergen.guard import read, text_of
+from markergen.maths.rotation import exponential, turn_z
+from markergen.model.boundary import Boundary, Circle
+from markergen.model.findings import findings_of, listed
+from markergen.model.marker import Marker
+from markergen.model.marker_json import parsed, read_marker
+from markergen.model.rig import MOST_MARKERS, RigMarker
+from markergen.model.rig_shapes import Face, RigShape, span_of
+from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.spec_file import Finite, Length
+
+SUFFIXES = (".toml", ".json", ".csv")
+
+COLUMNS = ("name", "marker", "radius", "boundary", "x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw")
+
+Three = Field(min_length=3, max_length=3)
+
+
+class _Plate(BaseModel):
+    """One plate; what is missing of its pose is 0."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    marker: str | None = None
+    radius: Length | None = None
+    boundary: str | None = None
+    translation: Annotated[list[Length], Three] = [0.0, 0.0, 0.0]
+    rotation_vector: Annotated[list[Finite], Three] | None = None
+    euler_deg: Annotated[list[Finite], Three] | None = None
+    matrix: Annotated[list[Annotated[list[Finite], Three]], Three] | None = None
+
+
+class _Plates(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    plates: Annotated[list[_Plate], Field(min_length=1, max_length=MOST_MARKERS)]
+
+
+def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
+    """Read a list of plates.
+
+    TOML and JSON have a table ``plates`` with ``name``; ``marker``, a marker.json beside the list, or ``radius`` or
+    ``boundary``, such as ``rect:0.2x0.1``, in which one is designed; ``translation`` in m or with units; and
+    ``rotation_vector`` in rad, ``euler_deg``, turns about the rig's x, then y, then z axis, or ``matrix``, row by row.
+    In CSV the columns are `COLUMNS`, of which those that are needed are given: rx, ry, rz in rad, or roll, pitch, yaw
+    in degrees.
+
+    Returns
+    -------
+    RigShape
+    dict of int to Marker
+        Markers of the plates that have one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is not such a list; the message lists the errors with their paths.
+    """
+    text, name = text_of(read(path, "list")), str(path)
+    try:
+        content: Any = _rows(text, name) if path.suffix.lower() == ".csv" else _table(text, path)
+        plates = _Plates.model_validate(content).plates
+    except ValidationError as error:
+        raise InputError(f"a list of plates in {name}", listed(findings_of(error)), "correct these places") from None
+    findings, faces, markers = list[str](), list[Face](), dict[int, Marker]()
+    for k, plate in enumerate(plates):
+        try:
+            marker = read_marker(path.parent / plate.marker) if plate.marker else None
+            face = Face(plate.name, _boundary(plate, marker), _rotation(plate), tuple(plate.translation))
+            if marker is not None:
+                markers[k] = marker
+                RigMarker(face.name, marker, face.rotation, face.translation)
+            faces.append(face)
+        except InputError as error:
+            findings.append(f"plates[{k}]: {error}")
+    names = [plate.name for plate in plates]
+    findings += [f"the name {each} twice" for each in dict.fromkeys(names) if names.count(each) > 1]
+    if findings:
+        raise InputError(f"a list of plates in {name}", listed(findings), "correct these places")
+    normals = np.array([face.rotation for face in faces])[:, :, 2]
+    reach = max(
+        float(np.linalg.norm(face.translation)) + float(np.abs(np.concatenate(face.boundary.outlines())).max())
+        for face in faces
+    )
+    front = (normals[:, 2] > 0.2).all()
+    poses = f"cone:distance={span_of(reach)},tilt=0..60" if front else f"sphere:distance={span_of(reach)}"
+    return RigShape("plates", tuple(faces), poses, {}), markers
+
+
+def _table(text: str, path: Path) -> Any:
+    if path.suffix.lower() == ".json":
+        return parsed(text, str(path))
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"valid TOML in {path}", str(error), "correct it there") from None
+
+
+def _rows(text: str, name: str) -> dict[str, Any]:
+    lines = csv.reader(StringIO("\n".join(line for line in text.splitlines() if not line.startswith("#"))))
+    header, *rows = [[cell.strip() for cell in line] for line in lines if any(line)] or [[]]
+    for column in header:
+        if column not in COLUMNS:
+            raise InputError(f"a column of plates in {name}", repr(column), among(column, COLUMNS))
+    plates = []
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(header):
+            raise InputError(f"{len(header)} cells in row {number} of {name}", f"{len(row)}", "correct the row")
+        cells = {column: cell for column, cell in zip(header, row, strict=True) if cell}
+        plate: dict[str, Any] = {key: cells[key] for key in ("name", "marker", "radius", "boundary") if key in cells}
+        plate["translation"] = [cells.get(key, "0") for key in "xyz"]
+        for key, columns in (("rotation_vector", ("rx", "ry", "rz")), ("euler_deg", ("roll", "pitch", "yaw"))):
+            if any(column in cells for column in columns):
+                try:
+                    plate[key] = [float(cells.get(column, 0)) for column in columns]
+                except ValueError:
+                    wanted = f"numbers for {', '.join(columns)} in row {number} of {name}"
+                    raise InputError(wanted, "text", "correct it") from None
+        plates.append(plate)
+    return {"plates": plates}
+
+
+def _boundary(plate: _Plate, marker: Marker | None) -> Boundary:
+    given = [name for name in ("marker", "radius", "boundary") if getattr(plate, name) is not None]
+    if len(given) != 1:
+        raise InputError("a marker, a radius or a boundary", " and ".join(given) or "none", "give one of them")
+    if marker is not None:
+        return marker.boundary
+    return parse_boundary(plate.boundary) if plate.boundary else Circle(plate.radius or 0.0)
+
+
+def _rotation(plate: _Plate) -> tuple[tuple[float, ...], ...]:
+    given = [name for name in ("rotation_vector", "euler_deg", "matrix") if getattr(plate, name) is not None]
+    if len(given) > 1:
+        raise InputError("one form of the rotation", " and ".join(given), "leave out the others")
+    if plate.matrix is not None:
+        matrix = np.array(plate.matrix)
+        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+            raise InputError("a rotation: orthonormal rows and determinant 1", "another matrix", "correct it")
+        # Written with six digits or more; the nearest rotation has them all.
+        left, _, right = np.linalg.svd(matrix)
+        turn = left @ right
+    elif plate.euler_deg is not None:
+        roll, pitch, yaw = np.deg2rad(plate.euler_deg)
+        turn = turn_z(np.array(yaw)) @ exponential(np.array([0, pitch, 0])) @ exponential(np.array([roll, 0, 0]))
+    else:
+        turn = exponential(np.array(plate.rotation_vector or [0.0, 0.0, 0.0]))
+    whole = np.round(turn)
+    return tuple(map(tuple, (np.where(np.abs(turn - whole) < 1e-12, whole, turn) + 0.0).tolist()))

@@ -1,0 +1,102 @@
+"""Lists of plates: every form of a pose, and every mistake."""
+
+import json
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.marker import build_marker
+from markergen.model.marker_json import to_json
+from markergen.read.rig_plates import read_plates
+
+SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
+MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)
+
+TOML = """
+[[plates]]
+name = "front"
+marker = "front.json"
+translation = [0, "10cm", 0.2]
+
+[[plates]]
+name = "side"
+radius = "50mm"
+rotation_vector = [0, 1.5707963267948966, 0]
+
+[[plates]]
+name = "back"
+boundary = "rect:0.2x0.1"
+euler_deg = [180, 0, 0]
+
+[[plates]]
+name = "top"
+radius = 0.05
+matrix = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "front.json").write_bytes(to_json(MARKER))
+    return tmp_path
+
+
+def test_plates_have_markers_or_room_and_poses_in_any_form(folder):
+    (folder / "plates.toml").write_text(TOML)
+    shape, markers = read_plates(folder / "plates.toml")
+    front, side, back, top = shape.faces
+    assert markers == {0: MARKER}
+    assert front.boundary == MARKER.boundary
+    assert front.translation == (0, 0.1, 0.2)
+    assert side.rotation == ((0, 0, 1), (0, 1, 0), (-1, 0, 0))
+    assert side.boundary == Circle(0.05)
+    assert back.rotation == ((1, 0, 0), (0, -1, 0), (0, 0, -1))
+    assert top.rotation == ((1, 0, 0), (0, 0, 1), (0, -1, 0))
+    assert shape.poses.startswith("sphere:")
+
+
+def test_csv_says_the_same(folder):
+    (folder / "plates.csv").write_text(
+        "# two plates\nname,marker,radius,x,y,z,roll,pitch,yaw\n"
+        "front,front.json,,0,10cm,0.2,,,\nleft,,50mm,-0.2,,,,,90\n"
+    )
+    shape, markers = read_plates(folder / "plates.csv")
+    assert markers == {0: MARKER}
+    assert shape.faces[1].rotation == ((0, -1, 0), (1, 0, 0), (0, 0, 1))
+    assert shape.faces[1].translation == (-0.2, 0, 0)
+    assert shape.poses.startswith("cone:")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "twice"}, "the name twice twice"),
+        ({"radius": 0.1, "boundary": "rect:0.1x0.1"}, "radius and boundary"),
+        ({"radius": None}, "found none"),
+        ({"marker": "none.json", "radius": None}, r"none\.json"),
+        ({"euler_deg": [0, 0, 0], "rotation_vector": [0, 0, 0]}, "one form of the rotation"),
+        ({"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "orthonormal rows"),
+        ({"translation": [0, 0]}, "translation"),
+        ({"diameter": 1}, "diameter"),
+    ],
+)
+def test_mistakes_are_told_with_their_places(folder, change, words):
+    plate = {key: value for key, value in {"name": "a", "radius": 0.05, **change}.items() if value is not None}
+    (folder / "p.json").write_text(json.dumps({"plates": [plate, {"name": "twice", "radius": 0.05}]}))
+    with pytest.raises(InputError, match=words):
+        read_plates(folder / "p.json")
+
+
+def test_a_rig_from_a_list_keeps_the_markers_that_it_names(folder):
+    other = build_marker(SQUARE * [1, 0.8], Circle(0.06), diameter=0.02, clearance=0.002)
+    (folder / "other.json").write_bytes(to_json(other))
+    (folder / "p.csv").write_text("name,marker,x\none,front.json,-0.1\ntwo,other.json,0.1\n")
+    found = mg.rig(str(folder / "p.csv"), poses="cone:distance=0.5..1,tilt=10..50,count=20", n=4)
+    assert [each.marker for each in found.rig.markers] == [MARKER, other]
+    assert found.rig.markers[1].translation == (0.1, 0, 0)
+    assert "dots of the given markers" in str(found)
+    with pytest.raises(InputError, match="--edge"):
+        mg.rig(str(folder / "p.csv"), edge="10mm")
