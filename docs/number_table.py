@@ -29,6 +29,7 @@ SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
+RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
 STUDIED = Command(
@@ -76,6 +77,12 @@ def _asymmetric() -> Number:
         ],
         lambda a5, b5, a6, b6, a8, b8: [100 * (a5 / b5 - 1), 100 * (a6 / b6 - 1), 100 * (a8 / b8 - 1)],
     )
+
+
+def _cube(row: str, label: str, time: str = "@") -> Number:
+    """Errors of a cube's pose; processor times are those of one machine."""
+    place = f"| {row} | # | # | #, # | # | {time} |"
+    return Number(RIGS, place, "python -m benchmarks.rigs", [(RIG_BENCH, f"{label} @ # # # # @ @ #")])
 
 
 def _speed(row: str, label: str) -> Number:
@@ -314,6 +321,11 @@ MEASURED: Sequence[Entry] = (
     _calibrated("the same, @ % of the dots false by @ to @ px", "camera known, 5 % of false dots"),
     _calibrated("measured dots, camera estimated from the same photographs", "camera unknown"),
     _calibrated("the same, and the estimated camera used as well", "camera unknown, and used"),
+    _cube("all faces, exact print", "this cube, print exact"),
+    _cube("its best face alone, exact print", "its best face alone, print exact", "-"),
+    _cube("all faces, print good to 0.1 mm", "this cube, print 0.1 mm"),
+    _cube("its best face alone, print good to 0.1 mm", "its best face alone, print 0.1 mm", "-"),
+    _cube("ArUco tags by cv2.aruco, exact print", "cv2.aruco, all corners, exact"),
     Block(PAPER, "<!-- sentences -->", "<!-- end -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
     Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
 )
@@ -340,7 +352,23 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (RIGS, DEFAULT, ["(short axis # px)"]),
-        (RIGS, MEANING, ["a dot more than # px off"]),
+        (RIGS, MEANING, ["a dot more than # px off", "more than # degrees or # %"]),
+        (
+            RIGS,
+            SETTING,
+            [
+                "A cube of # mm with",
+                "# x # px, f = # px, from # to # m",
+                "plates of # m, # m apart",
+                "| ArUco tags by aprilcube, exact print | # | # | #, # | # | # |",
+                "| this wall, 640x480 | # | # | # | # |",
+                "| GridBoard, 640x480 | # | # | # | # |",
+                "| this wall, 1920x1080 | # | # | # | # |",
+                "| GridBoard, 1920x1080 | # | # | # | # |",
+                "all faces, print good to # mm |",
+                "alone, print good to # mm |",
+            ],
+        ),
         (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
         (
             README,

@@ -59,6 +59,8 @@ PAPER_MARGIN = 7.0
 NOTE_WIDTH, NOTE_HEIGHT, GAP = 62.0, 40.0, 5.0
 """Room for the text, mm, and its distance from the net."""
 
+FAINT = "#d8d8d8"
+
 TEXT = 2.0
 """Cap height in mm."""
 
@@ -344,11 +346,12 @@ def _overlap(one: Box, other: Box) -> bool:
 
 
 def _dashes(ends: Array, name: str) -> list[Shape]:
-    """Dashed line from end to end, with a dash at both."""
+    """Dashes from end to end on a faint line, which is the face's outline for whoever reads the file back."""
     count = max(2, round(float(np.hypot(*(ends[1] - ends[0]))) / DASH))
     cuts = np.linspace(0, 1, 2 * count)
     spots = ends[0] + cuts[:, None] * (ends[1] - ends[0])
-    return [Line(_points(spots[2 * i : 2 * i + 2]), HAIRLINE, f"{name}-{i}", GRAY) for i in range(count)]
+    dashes = [Line(_points(spots[2 * i : 2 * i + 2]), HAIRLINE, f"{name}-{i}", GRAY) for i in range(count)]
+    return [Line(_points(ends), HAIRLINE, name, FAINT), *dashes]
 
 
 def _hatch(corners: Array, name: str) -> list[Shape]:

@@ -30,6 +30,9 @@ JOINED = 1e-3
 PARALLEL = 1e-6
 """Sine of the angle below which two edges count as parallel."""
 
+COARSE = 0.05
+"""Maximum distance in mm of chords from arcs, where plates are compared."""
+
 MOST_CORNERS = 1000
 """Maximum number of corners of a face of a block."""
 
@@ -381,10 +384,10 @@ def _inside(corners: Array, points: Array) -> Array:
     return np.asarray(((points[:, None] - corners) * inward).sum(axis=-1).min(axis=1))
 
 
-def _extent(body: Body) -> Array:
-    """Points (m, 3) around a body, in mm, marker frame."""
+def _extent(body: Body, off: float = OFF) -> Array:
+    """Points (m, 3) around a body, in mm, marker frame, with chords within a distance of its arcs."""
     outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
-    flat = np.array(flattened(outer, OFF))
+    flat = np.array(flattened(outer, off))
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
@@ -427,7 +430,7 @@ def _hull(piece: Piece) -> tuple[Array, Array, Array]:
     from scipy.spatial import ConvexHull
 
     body = piece.part.add[0]
-    flat = _extent(body)[:, :2]
+    flat = _extent(body, COARSE)[:, :2]
     ring = flat[ConvexHull(flat).vertices]
     steps = np.roll(ring, -1, axis=0) - ring
     along = np.column_stack([steps / np.linalg.norm(steps, axis=1, keepdims=True), np.zeros(len(ring))])

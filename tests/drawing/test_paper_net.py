@@ -128,3 +128,10 @@ def test_faces_are_on_sheets_with_their_names_and_neighbors():
     assert svg.count("edge-") == 24
     assert svg.count('-dot-4"') + svg.count('"dot-4"') == 6
     assert RIG_EXPORTERS[".svg"](rig, ExportOptions(net=True)).data.decode().count("flap-name") == 7
+
+
+@pytest.mark.long
+def test_a_net_is_verified(tmp_path):
+    rig = rig_of("prism:3", edge=0.1, height=0.05)
+    rig.save(tmp_path / "net.svg", net=True)
+    assert mg.verify(rig, tmp_path / "net.svg").passed

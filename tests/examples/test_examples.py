@@ -51,6 +51,7 @@ def test_every_example_is_run_here():
     )
 
 
+@pytest.mark.long
 def test_cube_to_fold(monkeypatch, capsys, tmp_path):
     run("cube_to_fold.py", tmp_path, monkeypatch=monkeypatch)
     assert {path.name for path in tmp_path.iterdir()} == {"cube.json", "faces.pdf", "net.pdf"}

@@ -404,9 +404,9 @@ def view_table(views: Mapping[str, Any]) -> Table:
         ]
         for name, row in {"all": views, **views["by_plates"]}.items()
     ]
-    header = ["plates", "views", "found", "wrong", "dots px", "RE deg", "to 1st", "alone", "mm", "NEES", "flips"]
+    header = ["plates", "views", "found", "wrong", "dots px", "RE deg", "expected", "alone", "mm", "NEES", "flips"]
     caption = (
-        "RMS; to 1st order it should be as in that column. Alone: the plate's own pose that claims the least error. "
+        "RMS. Expected: to first order. Alone: the plate's own pose that claims the least error. "
         "Flips: of the own poses of all plates."
     )
     return Table(f"Synthetic views ({views['background']} background)", header, rows, caption)
