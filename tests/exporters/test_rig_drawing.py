@@ -28,6 +28,7 @@ def pages():
     return [page.get_textpage().get_text_range() for page in document]
 
 
+@pytest.mark.long
 def test_the_first_sheets_are_of_the_whole_and_the_others_of_the_faces(pages):
     assert "seen from a corner" in pages[0]
     assert f"1 of {len(pages)}" in pages[0]
@@ -100,7 +101,7 @@ def test_a_wall_has_no_tolerances_of_its_own():
 
 
 @pytest.mark.parametrize("make", [cube, prism, wall])
-@pytest.mark.parametrize("paper", [None, "letter"])
+@pytest.mark.parametrize("paper", [None, pytest.param("letter", marks=pytest.mark.long)])
 def test_nothing_leaves_the_first_sheet(make, paper):
     page = rig_page(work_of(make()), SheetOptions(paper=paper))
     boxes = np.array([bounds(shape) for shape in page.shapes])

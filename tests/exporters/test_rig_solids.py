@@ -55,6 +55,7 @@ def test_the_parts_of_a_step_keep_names_colors_and_places(step):
         np.testing.assert_allclose(np.add(part.low, part.high) / 2, xyz - 0.3 * normal, atol=1e-4)
 
 
+@pytest.mark.long
 def test_a_step_of_a_rig_has_the_same_bytes_every_time(step):
     solids_of_rig.cache_clear()
     parts_of_rig.cache_clear()
@@ -82,7 +83,12 @@ def test_in_another_kernel_body_and_inlays_touch_and_fill_the_cube(step):
 
 
 @pytest.mark.parametrize(
-    ("name", "size"), [("cube.stl", 80), ("cube.glb", 0.08), pytest.param("cube.3mf", 80, marks=pytest.mark.long)]
+    ("name", "size"),
+    [
+        pytest.param("cube.stl", 80, marks=pytest.mark.long),
+        ("cube.glb", 0.08),
+        pytest.param("cube.3mf", 80, marks=pytest.mark.long),
+    ],
 )
 def test_meshes_of_a_cube_are_closed_and_as_large_as_it_is(name, size, folder):
     mesh = trimesh.load(folder / name, force="mesh")
@@ -109,6 +115,7 @@ def test_mujoco_has_a_frame_for_every_marker_and_a_site_on_every_dot(folder):
     assert mujoco.MjModel.from_xml_path(str(folder / "cube.urdf")).nmesh == 2
 
 
+@pytest.mark.long
 def test_every_plate_of_a_wall_has_its_own_box_to_collide_with(tmp_path):
     rig = wall(columns=2, rows=1)
     save(rig, [tmp_path / "wall.mjcf.xml"], OPTIONS)

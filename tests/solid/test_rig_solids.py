@@ -26,7 +26,7 @@ def prism(sides=6, width=0.06, height=0.1):
     return mounted([plate(k, width, height) for k in range(sides)], turns, [distance * turn[:, 2] for turn in turns])
 
 
-@pytest.mark.parametrize("process", ["fdm", "cnc", "laser"])
+@pytest.mark.parametrize("process", ["fdm", pytest.param("cnc", marks=pytest.mark.long), "laser"])
 def test_body_and_inlays_of_a_cube_fill_it(process):
     made = parts_of_rig(cube(0.08), Fabrication(process=process, gap=0.0 if process == "cnc" else None))
     body, *inlays = made.parts

@@ -73,6 +73,7 @@ def test_other_processes_are_right(process, tmp_path):
         assert check.passed, (check.path, check.findings)
 
 
+@pytest.mark.long
 def test_a_moved_plate_is_named(tmp_path):
     [path] = written(WALL, tmp_path, ".stl")
     [said] = said_of(moved(WALL, 1, shift=[0.001, 0, 0.002]), path)

@@ -39,7 +39,7 @@ class DotMarker(Contestant):
     @property
     def size(self) -> str:
         """See `Contestant.size`."""
-        return f"{len(self.marker)} dots of {1e3 * self.marker.dot_diameter:g} mm"
+        return f"{len(self.marker)} dots of {self.marker.dot_words}"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each dot independently, measured ones by their covariance."""
