@@ -110,7 +110,7 @@ def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) 
     sizes = {name: float(value) for name, value in measures.items() if value is not None}
     for name, value in sizes.items():
         if not (isfinite(value) and value > 0) and name != "angle":
-            raise InputError(f"a {name} above 0", f"{name}={value} m", f"give --{name} a length such as 80mm")
+            raise InputError(f"a length above 0 for --{name}", f"{name}={value} m", "write such as 80mm")
     if kind == "cube":
         _no_rest(kind, rest)
         edge = sizes.setdefault("edge", 0.08)

@@ -66,7 +66,7 @@ def test_names_and_measures():
         ("wall 3x2", {"pitch": 0.1, "plate": 0.2}, "do not overlap"),
         ("wall 3x2", {"edge": 0.1}, "--edge"),
         ("wall 3x2", {"without": ["-z"]}, "--without"),
-        ("cube", {"edge": 0.0}, "edge above 0"),
+        ("cube", {"edge": 0.0}, "above 0 for --edge"),
         ("cube", {"without": ["z"]}, "a face of a cube"),
         ("pair", {"angle": 180.0}, "-170 to 170"),
     ],
