@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.conic_projection import Outlines, outlines
-from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.detect.pose import PoseEstimate
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig, RigMarker
+from markergen.model.sight import constellations_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Target = Marker | Rig
-
-SCALE_RATIO = 1.5
-"""Ratio of diameters, between one dot and the next larger one, from which on these are two constellations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,23 +126,9 @@ def body_of(target: Target) -> Body:
     parts = [
         Constellation(_only(plate.marker, dots), plate, plate.first + dots)
         for plate in plates
-        for dots in _sizes(plate)
+        for dots in constellations_of(plate.marker)
     ]
     return Body(target, plates, tuple(parts))
-
-
-def _sizes(plate: Plate) -> list[Indices]:
-    """Return the dots of about one size, the largest first, of which a pose can be estimated; all if none are told."""
-    order = np.argsort(-plate.radii, kind="stable")
-    ratio = np.divide(plate.radii[order[:-1]], np.maximum(plate.radii[order[1:]], 1e-300))
-    groups = [np.sort(group) for group in np.split(order, np.flatnonzero(ratio >= SCALE_RATIO) + 1)]
-    enough = [group for group in groups if len(group) >= LEAST_DOTS and _spans(plate.marker.xyz[group])]
-    return enough if len(groups) > 1 and enough else [np.arange(len(plate.radii))]
-
-
-def _spans(points: Array) -> bool:
-    scatter = np.linalg.eigvalsh(np.cov(points.T))
-    return bool(scatter[1] > 1e-6 * scatter[2])
 
 
 def _only(marker: Marker, dots: Indices) -> Marker:

@@ -245,9 +245,12 @@ def test_dots_of_nearly_one_size_are_one_constellation(pad, cube):
     assert [len(part.dots) for part in body_of(pad).parts] == [6, 5]
     alike = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.024] * 6 + [0.02] * 5))
     few = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.13] * 8 + [0.02] * 3))
-    for marker in (alike, few):
+    # One dot of another size, such as the origin of a grid, or a few, belong to the others.
+    odd = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.13] + [0.024] * 10))
+    for marker in (alike, few, odd):
         body = body_of(marker)
         assert len(body.parts) == 1
+        assert len(body.parts[0].dots) == 11
     assert not body_of(alike).joined
     assert [each.placed.name for each in body_of(cube).plates] == list(TURNS)
 
