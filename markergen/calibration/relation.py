@@ -9,6 +9,7 @@ scales; without a measured length the dots of all markers together do not grow.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,12 +174,14 @@ def _starts(rig: Rig, views: Sequence[_View]) -> tuple[Array, Array]:
 
     Of the relations that several photographs tell, the one nearest to the others is taken.
     """
-    known = {0: (rig.markers[0].turn, rig.markers[0].shift)}
+    known, together = {0: (rig.markers[0].turn, rig.markers[0].shift)}, dict[int, list[_View]]()
+    for each in views:
+        together.setdefault(each.photo, []).append(each)
     while len(known) < len(rig.markers):
         told = dict[int, list[tuple[Array, Array]]]()
-        for each in views:
-            for other in views:
-                if each.photo == other.photo and each.marker in known and other.marker not in known:
+        for shown in together.values():
+            for each, other in permutations(shown, 2):
+                if each.marker in known and other.marker not in known:
                     turn, shift = known[each.marker]
                     between = each.rotation.T @ other.rotation, each.rotation.T @ (other.translation - each.translation)
                     told.setdefault(other.marker, []).append((turn @ between[0], turn @ between[1] + shift))

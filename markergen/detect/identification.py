@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.detect import kernel, kernel_pose
 from markergen.detect.blobs import Ellipses
+from markergen.detect.conic_projection import Outlines
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, TagReader, verdicts
 from markergen.detect.labeling_hypotheses import (
     LEAST_DOTS,
@@ -283,7 +284,7 @@ def _judged(
             candidates.blobs, (ellipses.center, rough), predicted, printing, settings
         )
     else:
-        missing = (_expected(candidates, view.camera) & (candidates.blobs < 0)).sum(axis=-1)
+        missing = (expected(candidates.predicted, view.camera) & (candidates.blobs < 0)).sum(axis=-1)
         bound = _bound(candidates, missing, ellipses, px, printing, rough)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
@@ -458,9 +459,8 @@ def _plane_is_told(
     return enough & (misfits(in_place, ellipses, candidates.blobs, px) <= allowed)
 
 
-def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
+def expected(drawn: Outlines, camera: Camera) -> NDArray[np.bool_]:
     """Return which dots (A, n) are predicted wholly inside the image, with a margin."""
-    drawn = candidates.predicted
     with np.errstate(invalid="ignore", divide="ignore"):
         pixels = camera.to_pixels(drawn.center)
         half = np.sqrt(drawn.shape.diagonal(axis1=-2, axis2=-1)) * camera.focal + EDGE_PX
@@ -477,7 +477,7 @@ def _how_far(ellipses: Ellipses, candidates: Labelings, view: View) -> str:
     if not len(candidates) or candidates.count[0] < 2:
         return f"{found}, but not in the marker's layout"
     fit = f"{found}, of which at most {candidates.count[0]} fit the marker's layout of {len(layout)}"
-    beyond = candidates.predicted.seen & ~_expected(candidates, view.camera)
+    beyond = candidates.predicted.seen & ~expected(candidates.predicted, view.camera)
     cut_off = (beyond | (candidates.blobs >= 0)).all(axis=-1).any()
     return f"{fit}; the others may be cut off by the image's edge" if cut_off else fit
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, undo_lens
-from markergen.detect.bodies import Body, Constellation, Plate
+from markergen.detect.bodies import Body, Constellation
 from markergen.detect.conic_projection import Outlines, outlines, pose_rows
-from markergen.detect.identification import EDGE_PX
+from markergen.detect.identification import expected
 from markergen.detect.pose import PoseEstimate, fit_pose, homography_of, normalized_covariance, outlier
 from markergen.detect.results import Detection
 from markergen.estimators.budget import ErrorSources, PoseBudget
@@ -85,7 +85,7 @@ def join(
         before, bodies most of whose dots should be seen and are not, and those in whose place there is another one of
         as many constellations or more: then one of the two is wrong, or the body is not as it is said to be.
     """
-    waiting = [_Sighting(body, part, each, camera) for part, each in found]
+    waiting = [_Sighting(part, each, camera) for part, each in found]
     bodies, refuted = list[Detection](), list[Detection]()
     while waiting:
         agreed = max((_agreeing(body, guess, waiting, camera) for guess in _guesses(waiting)), key=_dots)
@@ -115,15 +115,14 @@ def _contradicts(body: Body, other: Detection, own: Detection) -> bool:
 class _Sighting:
     """A constellation found in an image, as dots of its body."""
 
-    def __init__(self, body: Body, part: Constellation, detection: Detection, camera: Camera) -> None:
+    def __init__(self, part: Constellation, detection: Detection, camera: Camera) -> None:
         assert detection.pose is not None
         self.part, self.detection = part, detection
         ids = np.array([point.id for point in part.marker.control_points])
         rows = np.array([int(np.flatnonzero(ids == number)[0]) for number in detection.ids], dtype=np.intp)
         self.dots = part.dots[rows]
         # The detection has the images of the dots' centers; those of the ellipses depend on no pose.
-        radii = body.plates[int(body.owner[self.dots[0]])].radii[self.dots - part.plate.first]
-        pose = detection.pose
+        radii, pose = part.plate.radii[self.dots - part.plate.first], detection.pose
         drawn = outlines(part.marker.xyz[rows], radii, pose.rotation[None], pose.translation[None])
         self.seen = camera.from_pixels(detection.pixels) + (drawn.center - drawn.point)[0]
         self.covariance = _widened(detection.covariance, drawn.shape[0], camera)
@@ -296,17 +295,13 @@ def _missing(body: Body, found: Detection, camera: Camera) -> int:
     pose = found.pose
     assert pose is not None
     drawn = body.outlines(pose)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        pixels = camera.to_pixels(drawn.center[0])
-        half = np.sqrt(drawn.shape[0].diagonal(axis1=-2, axis2=-1)) * camera.focal + EDGE_PX
-        middle = np.array([camera.width - 1, camera.height - 1]) / 2
-        inside = (np.abs(pixels - middle) + half <= middle).all(axis=-1)
+    with np.errstate(invalid="ignore"):
         across = 2 * np.linalg.det(drawn.shape[0]) ** 0.25 * np.sqrt(camera.fx * camera.fy)
-        expected = drawn.seen[0] & inside & (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING)
+        plain = (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING) & expected(drawn, camera)[0]
     if isinstance(body.target, Rig) and not body.target.is_convex:
-        expected &= ~hidden(body.target, PoseDistribution("", pose.rotation[None], pose.translation[None]))[0]
-    expected[np.isin(body.ids, found.ids)] = False
-    return int(expected.sum())
+        plain &= ~hidden(body.target, PoseDistribution("", pose.rotation[None], pose.translation[None]))[0]
+    plain[np.isin(body.ids, found.ids)] = False
+    return int(plain.sum())
 
 
 def _pose(
@@ -333,7 +328,10 @@ def _pose(
     pose = start
     while True:
         used = dots[kept]
-        sources = errors.of(plate.marker, used - plate.first) if alone else spatial_errors(body, used, plate, errors)
+        if alone:
+            sources = errors.of(plate.marker, used - plate.first)
+        else:
+            sources = spatial_errors(body, used, plate.placed.turn, errors)
         found = None
         for _ in range(1 if alone else _CORRECTIONS):
             centers = seen[kept]
@@ -352,8 +350,10 @@ def _pose(
         kept[np.flatnonzero(kept)[worst]] = False
 
 
-def spatial_errors(body: Body, dots: Indices, plate: Plate, errors: ErrorSources) -> ErrorSources:
-    """Sources for dots (m,) of several plates, in the frame of one: errors in each plate, and of the plates' relation.
+def spatial_errors(body: Body, dots: Indices, turn: Array, errors: ErrorSources) -> ErrorSources:
+    """Sources for dots (m,) of several plates: errors in each plate, and of the plates' relation.
+
+    They are in a frame whose axes in the body's are the columns of `turn` (3, 3), such as a plate's.
 
     A dot at R x + t in the body, on a plate whose pose is off by (w, dt), is off by w x R x + dt.
     """
@@ -365,10 +365,10 @@ def spatial_errors(body: Body, dots: Indices, plate: Plate, errors: ErrorSources
         rows = dots[own] - each.first
         sources, spatial = errors.of(each.marker, rows), each.marker.joint_places is not None
         axes = 3 if spatial or np.ptp(each.marker.xyz[:, 2]) else 2
-        turn = each.placed.turn[:, :axes]
+        out = each.placed.turn[:, :axes]
         block = sources.whole(len(own), axes).reshape(len(own), axes, len(own), axes)
         whole[own[:, None, None, None], np.arange(3)[:, None, None], own[:, None], np.arange(3)] = np.einsum(
-            "ia,manb,jb->minj", turn, block, turn
+            "ia,manb,jb->minj", out, block, out
         )
     relation = body.target.relation_covariance if isinstance(body.target, Rig) else None
     if relation is not None:
@@ -379,10 +379,8 @@ def spatial_errors(body: Body, dots: Indices, plate: Plate, errors: ErrorSources
             moved[m, :, first + 3 : first + 6] = np.eye(3)
         through = moved.reshape(-1, len(relation))
         whole += (through @ relation @ through.T).reshape(whole.shape)
-    turn = plate.placed.turn.T
-    return replace(
-        errors, place_covariance=None, joint_places=np.einsum("ia,manb,jb->minj", turn, whole, turn), scale_sigma=0.0
-    )
+    places = np.einsum("ai,manb,bj->minj", turn, whole, turn)
+    return replace(errors, place_covariance=None, joint_places=places, scale_sigma=0.0)
 
 
 def of_body(pose: PoseEstimate, placed: RigMarker) -> PoseEstimate:

@@ -199,7 +199,7 @@ def test_errors_of_places_and_of_the_relation_are_those_of_samples(cube):
     rig = Rig((*cube.markers[:2], measured, *cube.markers[3:]), tuple(map(tuple, root @ root.T)))
     body, dots = body_of(rig), np.array([0, 3, 12, 13, 17])
     plate = body.plates[2]
-    sources = spatial_errors(body, dots, plate, ErrorSources(print_sigma=5e-5))
+    sources = spatial_errors(body, dots, plate.placed.turn, ErrorSources(print_sigma=5e-5))
     samples = []
     for _ in range(5_000):
         step = root @ rng.standard_normal(36)

@@ -6,14 +6,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.bodies import Plate
 from markergen.detect.joining import LEAST_FACING, spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import RigMarker
 from markergen.model.sight import dots_in_view, enough
-from markergen.render.view import dot_ellipses
 from markergen.validation.bounds import image_covariance
 from markergen.validation.rigs.views import RigViews
 
@@ -81,13 +78,16 @@ def sight(series: RigViews) -> Sight:
     """Compute which dots each pose of a series shows."""
     rig, camera, poses = series.rig, series.camera, series.poses
     parts = []
-    for k, each in enumerate(rig.markers):
-        diameters = 2 * rig.radii[rig.owner == k]
-        turn, shift = each.camera_pose(poses.rotation, poses.translation)
-        least = np.array([point.feature.least_pixels for point in each.marker.control_points])
-        whole = dots_in_view(each.marker.xyz, diameters, camera, PoseDistribution("here", turn, shift), least)
-        ellipses = (dot_ellipses(each.marker, camera.ideal, *at, diameters) for at in zip(turn, shift, strict=True))
-        parts.append(whole & (2 * np.stack([semi for _, semi, _ in ellipses]).min(axis=-1) >= NARROWEST_PX))
+    for plate in series.body.plates:
+        here = PoseDistribution("here", *plate.placed.camera_pose(poses.rotation, poses.translation))
+        least = series.body.least_px[plate.first : plate.first + len(plate.marker)]
+        whole = dots_in_view(plate.marker.xyz, 2 * plate.radii, camera, here, least)
+        shape = plate.outlines(poses.rotation, poses.translation).shape * np.outer(camera.focal, camera.focal)
+        # The smaller eigenvalue of an ellipse's matrix; nan where there is no ellipse.
+        half = np.trace(shape, axis1=-2, axis2=-1) / 2
+        with np.errstate(invalid="ignore"):
+            narrow = 2 * np.sqrt(half - np.sqrt(np.maximum(half**2 - np.linalg.det(shape), 0.0)))
+        parts.append(whole & (narrow >= NARROWEST_PX))
     way = eyes_of(poses)[:, None] - rig.xyz
     facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
     return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(parts, axis=1))
@@ -123,8 +123,7 @@ def budget_of(shown: Sight, alone: bool = False) -> PoseBudget:
 
 def _budget_at(series: RigViews, pose: int, dots: Indices, noise: Array) -> PoseBudget:
     rig, poses = series.rig, series.poses
-    whole = Plate(RigMarker("rig", rig.markers[0].marker, tuple(map(tuple, np.eye(3))), (0.0, 0.0, 0.0)), 0)
     return pose_budget(
         rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, noise[None],
-        spatial_errors(series.body, dots, whole, series.errors),
+        spatial_errors(series.body, dots, np.eye(3), series.errors),
     )  # fmt: skip
