@@ -11,7 +11,7 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import File, Files, MarkerLike, Progress, check_progress, settle, signature_of
+from markergen.options import File, Files, Progress, TargetLike, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
 from markergen.validation.compare import compare_and_time as run
 from markergen.validation.comparison import Comparison
@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def compare(
-    *contestants: MarkerLike | Rig,
+    *contestants: TargetLike,
     save: Files = (),
     json: File | None = None,
     plot: File | None = None,
@@ -85,7 +85,7 @@ def compare(
 compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
 
 
-def _named(contestants: Sequence[MarkerLike | Rig]) -> tuple[list[str], dict[str, Marker | Rig]]:
+def _named(contestants: Sequence[TargetLike]) -> tuple[list[str], dict[str, Marker | Rig]]:
     """Return the texts of all contestants, and the markers that come from no path, by their texts."""
     objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker | Rig]()

@@ -13,7 +13,7 @@ from markergen.model.rescale import Rulers, remeasure, rescale_rig
 from markergen.model.rescale import rescale as by_rulers
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig, rig_to_json
-from markergen.options import MarkerLike, settle, signature_of
+from markergen.options import MarkerLike, TargetLike, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
 from markergen.presentation.results import Result
 from markergen.read.measured import read_measured
@@ -64,7 +64,7 @@ def rescale(
 
 
 def rescale(
-    marker: MarkerLike | Rig, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+    marker: TargetLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled[Any]:
     """Correct a marker for a print that came out at another size, from measurements of its rulers or of its dots.
 

@@ -10,7 +10,17 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import CameraLike, File, Files, MarkerLike, Progress, check_progress, settle, signature_of
+from markergen.options import (
+    CameraLike,
+    File,
+    Files,
+    MarkerLike,
+    Progress,
+    TargetLike,
+    check_progress,
+    settle,
+    signature_of,
+)
 from markergen.options.declarations import ValidateKeywords
 from markergen.presentation.results import Targets
 from markergen.read.cameras.covariance import camera_covariance
@@ -57,7 +67,7 @@ def validate(
 
 
 def validate(
-    marker: MarkerLike | Rig,
+    marker: TargetLike,
     camera: CameraLike | None = None,
     *,
     save: Files = (),
