@@ -35,6 +35,49 @@ ROUNDING = 1e-9
 """Tolerance for a rotation's orthonormality, and for a covariance, as correlations, to be symmetric and positive."""
 
 
+def check_pose(rotation: Rows, translation: tuple[float, ...], of: str = "") -> None:
+    """Refuse what is no rotation (3, 3), orthonormal to 1e-9 and not mirrored, and translation (3,) with InputError."""
+    if [len(row) for row in rotation] != [3] * 3 or len(translation) != 3:
+        raise InputError("a pose of 3x3 and 3 numbers", f"{len(rotation)} rows", "give rotation, translation")
+    turn = np.array(rotation)
+    # Written so that nan and numbers whose squares overflow do not pass.
+    bounded = bool((np.abs(turn) <= 1 + ROUNDING).all() and np.isfinite(translation).all())
+    if not (
+        bounded and np.abs(turn @ turn.T - np.eye(3)).max() <= ROUNDING and abs(np.linalg.det(turn) - 1) <= ROUNDING
+    ):
+        raise InputError(
+            f"a pose {of}{' ' * bool(of)}with a rotation: three orthonormal rows and determinant 1",
+            "another matrix" if bounded else "numbers out of range",
+            "write it with all its digits",
+        )
+
+
+def check_covariance(values: Array, unit: str = "") -> None:
+    """Refuse a matrix that is no covariance: finite, symmetric and positive semidefinite up to `ROUNDING`.
+
+    The last two as correlations, as variances may differ by orders of magnitude.
+
+    Raises
+    ------
+    InputError
+    """
+    if not np.isfinite(values).all():
+        raise InputError("a finite covariance", "nan or inf", "correct it")
+    variances = np.diag(values)
+    if variances.min() < 0:
+        raise InputError("variances of 0 or more", f"{variances.min()}{unit}", "correct the covariance")
+    scale = np.sqrt(variances)
+    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+    correlation = values * inverse[:, None] * inverse
+    certain = scale == 0
+    if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
+        raise InputError("a covariance", "one that exceeds its variances", "are these correlations?")
+    if np.abs(correlation - correlation.T).max() > ROUNDING:
+        raise InputError("a symmetric covariance", "another", "write it with all its digits")
+    if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):
+        raise InputError("a positive semidefinite covariance", "a negative eigenvalue", "write all its digits")
+
+
 @dataclass(frozen=True)
 class MeasuredSize:
     """Size of one dot as measured on a print, in m.
@@ -106,25 +149,7 @@ class JointCovariance:
                 "give x y of each control point in turn, or x y z",
             )
         object.__setattr__(self, "matrix", tuple(tuple(map(float, row)) for row in self.matrix))
-        self._check()
-
-    def _check(self) -> None:
-        values = self.array
-        if not np.isfinite(values).all():
-            raise InputError("a finite covariance", "nan or inf", "correct it")
-        variances = np.diag(values)
-        if variances.min() < 0:
-            raise InputError("variances of 0 or more", f"{variances.min()} m^2", "correct the covariance")
-        scale = np.sqrt(variances)
-        inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
-        correlation = values * inverse[:, None] * inverse
-        certain = scale == 0
-        if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
-            raise InputError("a covariance", "one that exceeds its variances", "are these correlations?")
-        if np.abs(correlation - correlation.T).max() > ROUNDING:
-            raise InputError("a symmetric covariance", "another", "write it with all its digits")
-        if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):
-            raise InputError("a positive semidefinite covariance", "a negative eigenvalue", "write all its digits")
+        check_covariance(self.array, " m^2")
 
     @cached_property
     def array(self) -> Array:
@@ -173,21 +198,7 @@ class Plate:
         object.__setattr__(self, "rotation", tuple(tuple(map(float, row)) for row in self.rotation))
         object.__setattr__(self, "translation", tuple(map(float, self.translation)))
         object.__setattr__(self, "control_points", tuple(int(number) for number in self.control_points))
-        if [len(row) for row in self.rotation] != [3] * 3 or len(self.translation) != 3:
-            raise InputError("a pose of 3x3 and 3 numbers", f"{len(self.rotation)} rows", "give rotation, translation")
-        rotation, shift = np.array(self.rotation), np.array(self.translation)
-        # Written so that nan and numbers whose squares overflow do not pass.
-        bounded = bool((np.abs(rotation) <= 1 + ROUNDING).all() and np.isfinite(shift).all())
-        if not (
-            bounded
-            and np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROUNDING
-            and abs(np.linalg.det(rotation) - 1) <= ROUNDING
-        ):
-            raise InputError(
-                "a pose with a rotation: three orthonormal rows and determinant 1",
-                "another matrix" if bounded else "numbers out of range",
-                "write it with all its digits",
-            )
+        check_pose(self.rotation, self.translation)
 
     def to_plate(self, points: Array) -> Array:
         """Transform points (n, 3) in m from the marker frame to the plate frame."""

@@ -71,7 +71,7 @@ def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, 
     climb = eyes[..., 2] - dots[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         top = np.where(climb > 0, np.clip((pillars[..., 2] - dots[..., 2]) / climb, 0.0, 1.0), 1.0)
-        slope = dot_radius / length
+        slope = np.minimum(dot_radius / length, 1.0)
         # Where the distance grows as fast as the disk shrinks; an eye above the dot sees it best at the dot itself.
         turn = np.where(slope < 1, (along - beside * slope / np.sqrt(1 - slope**2)) / length, 0.0)
     share = np.clip(turn, 0.0, top)

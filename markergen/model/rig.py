@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
-from markergen.model.marker import ROUNDING, Marker, Rows
+from markergen.model.marker import ROUNDING, Marker, Rows, check_covariance, check_pose
 from markergen.registry import door
 from markergen.units import format_length
 
@@ -68,19 +68,7 @@ class RigMarker:
             raise InputError("a name of 1 to 40 characters for a marker of a rig", brief(self.name), "name its place")
         object.__setattr__(self, "rotation", tuple(tuple(map(float, row)) for row in self.rotation))
         object.__setattr__(self, "translation", tuple(map(float, self.translation)))
-        if [len(row) for row in self.rotation] != [3] * 3 or len(self.translation) != 3:
-            raise InputError("a pose of 3x3 and 3 numbers", f"{len(self.rotation)} rows", "give rotation, translation")
-        turn = self.turn
-        # Written so that nan and numbers whose squares overflow do not pass.
-        bounded = bool((np.abs(turn) <= 1 + ROUNDING).all() and np.isfinite(self.shift).all())
-        if not (
-            bounded and np.abs(turn @ turn.T - np.eye(3)).max() <= ROUNDING and abs(np.linalg.det(turn) - 1) <= ROUNDING
-        ):
-            raise InputError(
-                f"a pose T_rig_marker of {self.name} with a rotation: three orthonormal rows and determinant 1",
-                "another matrix" if bounded else "numbers out of range",
-                "write it with all its digits",
-            )
+        check_pose(self.rotation, self.translation, f"T_rig_marker of {self.name}")
 
     @property
     def turn(self) -> Array:
@@ -279,17 +267,8 @@ def _check_covariance(rows: Rows, size: int) -> None:
     """Raise InputError unless the rows are a covariance (size, size)."""
     if {len(rows), *map(len, rows)} != {size}:
         raise InputError(f"{size} x {size} numbers for a rig's relation", f"{len(rows)} rows", "give six a marker")
-    values = np.array(rows)
-    if not np.isfinite(values).all():
-        raise InputError("a finite covariance of a rig's relation", "nan or inf", "correct it")
-    scale = np.sqrt(np.maximum(np.diag(values), 0))
-    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
-    correlation = values * inverse[:, None] * inverse
-    loose = values[scale == 0].any() or values[:, scale == 0].any()
-    asymmetric = np.abs(correlation - correlation.T).max() > ROUNDING
-    if loose or asymmetric or np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * size:
-        raise InputError(
-            "a symmetric, positive semidefinite covariance of a rig's relation",
-            "another matrix",
-            "write all its digits",
-        )
+    try:
+        check_covariance(np.array(rows))
+    except InputError as error:
+        expected = "a symmetric, positive semidefinite covariance of a rig's relation"
+        raise InputError(expected, *error.args[1:]) from None
