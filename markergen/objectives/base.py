@@ -53,7 +53,7 @@ class Sight:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Carrier:
     """The body that a marker is a plate of, in the marker frame: the pose that counts is the body's.
 
     Attributes
@@ -82,7 +82,7 @@ class Setting:
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
     sight : Sight or None
         Dots that the poses see, for objectives of a pose; None if all see every dot, and nothing else.
-    body : Body or None
+    carrier : Carrier or None
         Body whose pose counts, for objectives of a pose; None for the marker itself.
     """
 
@@ -91,7 +91,7 @@ class Setting:
     poses: PoseDistribution
     noise: DotNoise | None = None
     sight: Sight | None = None
-    body: Body | None = None
+    carrier: Carrier | None = None
 
     @property
     def noise_words(self) -> str:

@@ -18,7 +18,7 @@ from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.base import Body, Sight
+from markergen.objectives.base import Carrier, Sight
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.comparisons import reference
@@ -216,9 +216,9 @@ class RigLayouts:
                 rest += self.information(other)
         known = moved_information(rest[plate.index], plate.offset)
         turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
-        body = Body((self._body - shift) @ turn, -shift @ turn)
+        carrier = Carrier((self._body - shift) @ turn, -shift @ turn)
         seen = np.ones((len(plate.index), len(self.layouts[k])), dtype=bool)
-        return replace(self.setting(k), sight=Sight(seen, known), body=body)
+        return replace(self.setting(k), sight=Sight(seen, known), carrier=carrier)
 
     def information(self, k: int) -> Array:
         """Information (P, 6, 6) of a plate's dots on the rig's pose; 0 where it is not seen."""
