@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from markergen.detect import detect
 from markergen.detect.bodies import Body, body_of
-from markergen.detect.pose import PoseEstimate
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import exponential, logarithm
@@ -150,7 +149,7 @@ def record(series: RigViews, view: View) -> RigRecord:
         view.index, view.pose, True, False, "", detection.ids, view.error, off,
         float(off @ np.linalg.solve(own.budget.total, off)),
         np.array([series.rig.markers.index(each) for each, _ in plates], dtype=np.intp),
-        np.array([_turned_deg(pose, turn) for (turn, _), pose in alone]),
+        np.array([float(np.rad2deg(np.linalg.norm(logarithm(pose.rotation @ turn.T)))) for (turn, _), pose in alone]),
         np.array([float(pose.budget.rotation_deg["total"]) for _, pose in alone]),
         np.array([flipped(pose.rotation[None], turn, shift)[0] for (turn, shift), pose in alone], dtype=bool),
     )  # fmt: skip
@@ -165,7 +164,3 @@ def take_records(
 
 def _record(series: RigViews, k: int) -> RigRecord:
     return record(series, series.take(k))
-
-
-def _turned_deg(pose: PoseEstimate, rotation: Array) -> float:
-    return float(np.rad2deg(np.linalg.norm(logarithm(pose.rotation @ rotation.T))))
