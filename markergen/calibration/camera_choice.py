@@ -64,7 +64,6 @@ class CameraChoice:
         Parameters to estimate.
     camera : Camera
         Start for the adjustment, with a lens that has all of them.
-    freedom : CameraFreedom
     tried : tuple of Trial
         In the order tried.
     notes : tuple of str
@@ -92,7 +91,6 @@ def choose_camera(
     ----------
     network : Network
         Its camera is the start; the freedom of the camera is ignored.
-    views : Views
     photo : array (v,) of int
         Photograph of each view.
     weights : array (v, n), optional

@@ -92,7 +92,6 @@ class Paired:
         Mean, and its 95 % interval (Student's t of the logarithms).
     chance : float
         Probability of a ratio as large as this one if the true one is 1.
-    photos : int
     """
 
     ratio: float

@@ -53,7 +53,6 @@ class Known:
 
     Attributes
     ----------
-    camera : Camera or None
     covariance : array (k, k) or None
         Covariance of its parameters; None takes it as exact.
     free : bool

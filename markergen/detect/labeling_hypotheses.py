@@ -56,7 +56,6 @@ class Labelings:
         See `misfits`; inf for labelings of fewer than four dots.
     model : Poses or Planes
         Fitted model.
-    layout : DotLayout
     cut : bool
         True if the search ended before all guesses were tried.
     """

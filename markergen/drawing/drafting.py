@@ -76,7 +76,6 @@ class Lettering(FilledPath):
 
     Attributes
     ----------
-    words : str
     start : (x, y)
         Start of the baseline, mm.
     height : float

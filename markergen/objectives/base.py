@@ -74,8 +74,6 @@ class Setting:
 
     Attributes
     ----------
-    boundary : Boundary
-    camera : Camera
     poses : PoseDistribution
         Poses that see the whole boundary.
     noise : DotNoise or None
@@ -142,7 +140,6 @@ class Objective(ABC):
 
     Parameters
     ----------
-    setting : Setting
     aggregate : str
         Name of an aggregate, such as ``rms`` or ``cvar:0.9``; empty takes the objective's own default.
     coordinates : str

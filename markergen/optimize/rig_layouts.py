@@ -55,7 +55,6 @@ class Seen:
 
     Attributes
     ----------
-    face : Face
     index : array (p,) of int
         Poses that see the whole plate from its front.
     poses : PoseDistribution
@@ -119,10 +118,8 @@ class RigLayouts:
 
     Parameters
     ----------
-    plates : sequence of Seen
     specs : sequence of Spec
         Of each plate; equal in everything but boundary, poses, dots and tag.
-    dots : sequence of DotSize
     fixed : mapping of int to array (n, 2)
         Layouts of plates whose markers are given.
     count : int

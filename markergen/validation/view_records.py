@@ -52,9 +52,6 @@ class Record:
 
     Attributes
     ----------
-    index, pose : int
-    detected, wrong : bool
-    failure : str
     found : array (m,) of int
         Indices of the control points that were found; empty for a view that counts as not detected.
     error : array (m, 2), px

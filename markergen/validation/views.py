@@ -52,15 +52,11 @@ class ViewSeries(ABC, Generic[Subject]):
 
     Attributes
     ----------
-    subject : Marker or Rig
-    camera : Camera
     poses : PoseDistribution
         T_camera_marker or T_camera_rig.
     count : int
         Number of views; one pose is drawn from each of `count` equal stretches of the distribution, so that poses
         repeat, with other noise, if it has fewer. May be 0.
-    seed : int
-    optics : Optics
     background : str
         ``plain``: unbounded substrate; or a name from render's table of backgrounds.
     errors : ErrorSources
@@ -182,7 +178,6 @@ class View:
     index, pose : int
         Number of the view in its series, and of its pose in the distribution.
     image : array (height, width)
-    detection : Detection
     truth : array (n, 2), px
         Images of the dots' centers as printed, including the print error.
     ids : array (n,) of int
@@ -259,8 +254,6 @@ class Picture:
     ----------
     name : str
         Usable as a file name.
-    title, caption : str
-    png : bytes
     """
 
     name: str

@@ -44,8 +44,6 @@ class CutLine:
     ----------
     name : str
         Such as ``the outline`` or ``the hole M3 at x 40, y 0 mm``.
-    contour : Contour
-    hole : bool
     """
 
     name: str
@@ -176,7 +174,6 @@ def line_findings(
 
     Parameters
     ----------
-    wanted : sequence of CutLine
     seek : callable
         See `among` and `in_picture`.
     tolerance : float

@@ -48,7 +48,6 @@ class Placed:
 
     Attributes
     ----------
-    verdict : Verdict
     turn, shift : array (3, 3) and (3,)
         Its pose in the file, mm.
     points : array (m, 3)

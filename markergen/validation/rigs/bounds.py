@@ -28,7 +28,6 @@ class Visibility:
 
     Attributes
     ----------
-    series : RigViews
     seen : array (P, n) of bool
         Dots that are not hidden, wholly in the image, not seen at a steeper angle than `detect` uses them, and large
         enough there to be found: with a mean diameter of `Feature.least_pixels`, a short axis of `NARROWEST_PX`.

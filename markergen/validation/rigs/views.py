@@ -68,9 +68,6 @@ class RigRecord:
 
     Attributes
     ----------
-    index, pose : int
-    detected, wrong : bool
-    failure : str
     dots : array (m,) of int
         Numbers of the control points found.
     error : array (m, 2), px
