@@ -22,7 +22,16 @@ ROOT = Path(__file__).parents[2]
 def test_what_a_page_is_given_stays_text_and_empty_sections_are_left_out():
     rows = Table("<i>", ["<i>"], [["<i>"]], "<i>")
     section = Section(
-        ["<i>"], [], [rows], "<i>", ["<i>"], [("<i>", "<i>")], "<i>", [("<i>", Section())], [], ("<i>", "validate.md")
+        ["<i>"],
+        [],
+        [rows],
+        "<i>",
+        ["<i>"],
+        [("<i>", "<i>")],
+        "<i>",
+        [("<i>", Section())],
+        [],
+        book=("<i>", "validate.md"),
     )
     made = pages.page("<i>", "<i>", [("a", "<i>", section), ("b", "gone", None)], "<i>", "\ud800")
     found = check(made)
