@@ -188,6 +188,7 @@ const dome = (() => {
         if (i >= 0) {
           mark.setAttribute("cx", places[i][0].toFixed(1));
           mark.setAttribute("cy", places[i][1].toFixed(1));
+          if (steepest > 95) mark.setAttribute("opacity", toward < 0 ? 0.4 : 1);
           mark.setAttribute("r", (mark.size * (0.9 + (0.2 * toward) / reach)).toFixed(2));
         }
         body.append(mark);
