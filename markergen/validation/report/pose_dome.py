@@ -76,7 +76,7 @@ def pose_dome(
             dots,
             f"Each mark is a camera: {len(kept)} {f'of {len(poses)} ' if every > 1 else ''}poses, with {source}. Drag, "
             "or use the arrow keys, to turn; click a camera, or move the slider, to read its errors.",
-            [words[k] for k in kept] if words else (),
+            [words[k] for k in kept.tolist()] if words else (),
         )
     ]
     for name, values in errors.items():
