@@ -23,7 +23,7 @@ from markergen.optimize.given import Fault, faults, size_given
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
-from markergen.studio.state import Options, design_of, plain, spec_of_options
+from markergen.studio.state import Options, design_of, plain, points_as_text, spec_of_options
 from markergen.validation import headline
 from markergen.validation.baselines import line_up
 from markergen.validation.bounds import budget_of
@@ -149,12 +149,10 @@ def look(options: Any) -> dict[str, Any]:
     centers = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
     variance = np.maximum(rotation["total"] ** 2, np.finfo(float).tiny)
     shares = {"image": "image", "print": "print", "calibration": "camera"}
-    return clean(
+    return {"options": _with_points(state, spec), "dots": _dots(found.marker)} | clean(
         {
-            "options": _with_points(state, spec),
             "start": not state.get("points"),
             "room": _room(spec),
-            "dots": _dots(found.marker),
             "clearance": found.region.clearance,
             "problems": [{"dots": list(each.dots), "line": each.words} for each in found.faults],
             "camera": spec.camera.as_dict(),
@@ -178,8 +176,7 @@ def _with_points(state: Options, spec: Spec) -> dict[str, Any]:
     """Return a state with its points, which say how many dots there are."""
     rest = {name: value for name, value in state.items() if name not in ("n", "target")}
     rest = {name: value for name, value in rest.items() if (name, value) != ("dot", "auto")}
-    text = "; ".join(",".join(f"{round(1e3 * value, 7):g}mm" for value in row) for row in spec.points)
-    return {**rest, "points": state.get("points") or text}
+    return {**rest, "points": state.get("points") or points_as_text(spec.points)}
 
 
 def _room(spec: Spec) -> dict[str, Any]:

@@ -149,7 +149,11 @@ function seeSoon() {
 
 async function see() {
   const picked = globe ? globe.picked() : pose;
-  if (picked === null || picked < 0 || (look?.problems.length && !body)) return;
+  if (picked === null || picked < 0) return;
+  if (look.problems.length && !body) {
+    by("view-note").textContent = "After the problems of the layout are mended.";
+    return;
+  }
   viewing?.abort();
   viewing = new AbortController();
   try {
@@ -191,7 +195,8 @@ function found() {
 
 /* --- changes --------------------------------------------------------------------------------------------------- */
 
-const text = (dots, places = 3) => dots.map((dot) => [dot.x, dot.y, ...(options.relief ? [dot.z || 0] : [])].map((value) => `${mm(value, places)}mm`).join(",")).join("; ");
+/* To a tenth of a nanometer, as a search leaves dots that touch the edge. */
+const text = (dots) => dots.map((dot) => [dot.x, dot.y, ...(options.relief ? [dot.z || 0] : [])].map((value) => `${Number((1e3 * value).toFixed(7))}mm`).join(",")).join("; ");
 
 /* Options with dots at these places, which keep their size. */
 function placed(dots) {

@@ -11,9 +11,8 @@ export function now(look) {
     make("p", { class: "big" },
       make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation, RMS of all poses")),
       make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
-    make("p", {}, `Hardest: ${digits(hardest.rotation_deg)} deg at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`),
-    make("p", { class: "note" }, expected.sentence),
-    make("p", { class: "note", id: "plan" }));
+    make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`),
+    make("div", { class: "note", id: "plan" }, expected.sentence));
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
@@ -38,7 +37,7 @@ export function later(more) {
     by("patterns")?.replaceChildren();
     return;
   }
-  by("plan").textContent = (more.plan || []).join(" ");
+  by("plan").replaceChildren(...more.plan.map((line) => make("p", {}, line)));
   by("counts").replaceChildren(more.more_dots.length
     ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
       more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))

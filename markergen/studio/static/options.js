@@ -51,7 +51,7 @@ function control(option, choices, change) {
     });
   }
   const note = make("span", {});
-  const row = make("div", { class: "option" },
+  const row = make("div", { class: "option", title: option.help },
     make("label", { for: id }, option.flag.replace(/^--/, "").replaceAll("-", " "), note), input,
     list && make("datalist", { id: list }, choices.map((value) => make("option", { value }))),
     make("p", { class: "note", id: help }, option.help, option.repeatable ? " Several are separated by |." : ""));
