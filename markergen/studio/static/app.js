@@ -98,6 +98,7 @@ async function refresh() {
       if (number < shown) continue;
       shown = number;
       look = answer;
+      if (Array.isArray(options.points)) options = { ...options, points: look.options.points };
       show();
     } while (again);
   } catch (error) {
