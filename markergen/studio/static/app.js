@@ -364,7 +364,7 @@ async function download() {
   said(`Writing ${suffix} …`);
   try {
     const answer = await ask("export", { ...about(), suffix });
-    const name = /filename="?([^";]+)/.exec(answer.headers.get("Content-Disposition") || "")?.[1] || `marker${suffix}`;
+    const name = decodeURIComponent(/filename\*=UTF-8''([^;]+)/.exec(answer.headers.get("Content-Disposition") || "")?.[1] || `marker${suffix}`);
     const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
