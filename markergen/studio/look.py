@@ -49,6 +49,9 @@ BOUND_POSES = 10
 ROOMS = 64
 """Number of rooms, with their dots, of which the best value is remembered."""
 
+DIGITS = 6
+"""Significant digits of the numbers that a page gets."""
+
 _RIVALS: dict[str, list[dict[str, Any]]] = {}
 """Bounds of the rivals by room."""
 
@@ -339,10 +342,16 @@ def clean(value: Any) -> Any:
     """Return plain JSON values: six digits, and None for what is not finite."""
     if isinstance(value, dict):
         return {key: clean(each) for key, each in value.items()}
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
     if isinstance(value, list | tuple):
         return [clean(each) for each in value]
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.6g}") if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.ndarray | np.generic | float):
+        return _rounded(np.asarray(value)) if np.asarray(value).dtype.kind == "f" else np.asarray(value).tolist()
+    return value
+
+
+def _rounded(values: Array) -> Any:
+    finite = np.isfinite(values)
+    size = np.abs(np.where(finite & (values != 0), values, 1.0))
+    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
+    rounded = np.round(np.where(finite, values, 0.0) * scale) / scale
+    return rounded.tolist() if finite.all() else np.where(finite, rounded, None).tolist()

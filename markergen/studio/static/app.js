@@ -82,6 +82,7 @@ let asked = 0, shown = 0, running = false, again = false, timer = null, slow = n
 /* One request at a time; the newest state is asked for when the last answer is there. */
 async function refresh() {
   asked += 1;
+  by("main").setAttribute("aria-busy", "true");
   slow?.abort();
   clearTimeout(timer);
   if (running) {
@@ -106,8 +107,9 @@ async function refresh() {
   } finally {
     running = false;
   }
-  if (again) refresh();
-  else timer = setTimeout(rest, AFTER);
+  if (again) return refresh();
+  by("main").setAttribute("aria-busy", "false");
+  timer = setTimeout(rest, AFTER);
 }
 
 function show() {
@@ -475,7 +477,7 @@ async function begin() {
   found();
   fields = form(by("form"), known, changed);
   drawing = editor(by("canvas"), {
-    moving: (dots) => { options = placed(dots); before ??= JSON.stringify(look.options); refresh(); },
+    moving: (dots) => { before ??= JSON.stringify(options); options = placed(dots); refresh(); },
     moved: (dots) => {
       const next = placed(dots);
       if (before) options = JSON.parse(before);

@@ -25,7 +25,7 @@ export function now(look) {
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
   by("beside").replaceChildren(
-    table(`Objective: ${objective.name}`, ["", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", value(objective.best_known)]], 0),
+    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", value(objective.best_known)]], 0),
     make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
 }
 
@@ -65,7 +65,7 @@ export function numbers(element, look, set, remove) {
   }));
   const tall = look.dots.some((dot) => dot.z), axes = tall ? ["x", "y", "z"] : ["x", "y"];
   element.replaceChildren(make("table", {},
-    make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", ""].map((head) => make("th", { scope: "col" }, head)))),
+    make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
     make("tbody", {}, look.dots.map((dot, index) => make("tr", {},
       make("th", { scope: "row" }, `${index}${dot.kind === "ring" ? " ring" : ""}`), axes.map((axis) => cell(dot, index, axis)),
       make("td", {}, mm(dot.diameter, 1)),
