@@ -80,6 +80,7 @@ KINDS = {
         "a marker.json", 10_000_000, "200 dots with their joint covariance in space have 9 MB", again="", pipes=True
     ),
     "measured": Kind("a table of measured dots", 1_000_000, "10,000 rows", "give one row for each dot", pipes=True),
+    "layout": Kind("a table of points", 1_000_000, "200 rows", "give one row for each dot", pipes=True),
     "outline": Kind(
         "an outline", 10_000_000, "an outline has some kB, a drawing with a photograph inside some MB",
         "export the outline alone, simplified",

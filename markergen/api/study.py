@@ -12,7 +12,7 @@ from markergen.api.arguments import path_of
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.options import check_progress, given, signature_of
-from markergen.options.declarations import StudyKeywords
+from markergen.options.study import StudyKeywords
 from markergen.presentation.results import Result
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for

@@ -18,11 +18,11 @@ from markergen.options.declarations import (
     DetectKeywords,
     ExportKeywords,
     RescaleKeywords,
-    StudyKeywords,
     ValidateKeywords,
     VerifyKeywords,
 )
 from markergen.options.rig import RigKeywords
+from markergen.options.study import StudyKeywords
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 

@@ -47,7 +47,7 @@ TYPES: dict[str, Any] = {
     "str": str,
     "bool": bool,
     "length": float,
-    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses"), str),
+    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses", "layout"), str),
     "file": Path,
     "files": list[Path],
     **dict.fromkeys(("texts", "shapes"), list[str]),

@@ -146,6 +146,8 @@ class Spec:
         Covariance of the camera's parameters, for the same; None is an exact calibration.
     target : str
         Error to reach with the smallest disk and the fewest dots, such as ``0.1deg@1.5m``; empty for none.
+    points : tuple of tuple of float
+        Control points to take as they are, n of x, y in m, or x, y, z of a relief; empty for a search.
     """
 
     n: int = 5
@@ -173,6 +175,7 @@ class Spec:
     scale_sigma: float = 0.0
     camera_covariance: tuple[tuple[float, ...], ...] | None = None
     target: str = ""
+    points: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.n < 4 and self.n != AUTO:
@@ -192,6 +195,7 @@ class Spec:
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         object.__setattr__(self, "objective", str(parse_goal(self.objective)))
+        self._check_points()
         check_losses(self.n or MOST_LOST + 4, self.survive)
         self._settle_count()
         # Raises if nothing is left.
@@ -224,6 +228,23 @@ class Spec:
         check_scale(self.scale_sigma)
         if self.print_sigma is UNSET:
             object.__setattr__(self, "print_sigma", USUAL_PRINT if self.n == AUTO else 0.0)
+
+    def _check_points(self) -> None:
+        if not self.points:
+            return
+        if self.n != len(self.points):
+            raise InputError(
+                f"{self.n or 'a search for'} control points",
+                f"{len(self.points)} points",
+                "leave out --n and --target, or --points",
+            )
+        if self.dot == "auto":
+            raise InputError("a diameter for the dots of given points", "--dot auto", "give a length such as 36mm")
+        axes = {len(row) for row in self.points}
+        if axes != ({3} if self.relief else {2}):
+            wanted = "x, y and z of every dot of a relief" if self.relief else "x and y of every dot"
+            remedy = "give --relief for heights" if 3 in axes else "add the heights"
+            raise InputError(wanted, f"rows of {' and '.join(map(str, sorted(axes)))} numbers", remedy)
 
     def _check_relief_and_labels(self) -> None:
         if not (isfinite(self.asymmetric) and self.asymmetric >= 0):
@@ -317,7 +338,17 @@ class Spec:
         values["substrate"] = self.substrate.as_dict()
         if self.substrate == Substrate():
             del values["substrate"]
-        for name in ("print_sigma", "asymmetric", "relief", "tag", "gap", "scale_sigma", "camera_covariance", "target"):
+        for name in (
+            "print_sigma",
+            "asymmetric",
+            "relief",
+            "tag",
+            "gap",
+            "scale_sigma",
+            "camera_covariance",
+            "target",
+            "points",
+        ):
             if not values[name]:
                 del values[name]
         return values

@@ -32,6 +32,7 @@ from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
 from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
+from markergen.optimize.given import refuse_faults, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import (
@@ -252,6 +253,7 @@ class Design(Result):
             found.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
             found.append(self.dots.warning)
+        found.extend(self._beaten())
         found.extend(self._weak_criteria())
         found.extend(self._idle_keep_outs())
         found.extend(near_holes(self.marker))
@@ -268,6 +270,16 @@ class Design(Result):
             for place, keep_out in enumerate(self.marker.keep_outs, 1)
             if not keep_out.region.meets(boundary)
         ]
+
+    def _beaten(self) -> list[str]:
+        """Warning about given points that a regular polygon in the same room beats in the objective."""
+        column = columns().get(parse_goal(self.spec.objective).lead)
+        if not self.spec.points or column is None:
+            return []
+        own, ngon = (self.criteria.get(name, {}).get(column.key, np.nan) for name in ("design", NGON))
+        if not own > ngon * (1 + WORSE):
+            return []
+        return [f"a regular polygon has {1 - ngon / own:.0%} less {column.title}; leave out --points to search"]
 
     def _weak_criteria(self) -> list[str]:
         """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""
@@ -313,7 +325,7 @@ def design(
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
     check_parts(spec, setting)  # reject wrong names before any search
-    dots = choose_dots(spec, setting.poses, progress)
+    dots = size_given(spec, setting.poses) if spec.points else choose_dots(spec, setting.poses, progress)
     dots = replace(dots, reason=choice.reason) if choice else dots
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
@@ -327,7 +339,11 @@ def design(
     optimum: Optimum | AsymmetricOptimum
     allowed: Callable[[Array], bool] | None = None
     others: dict[str, Array] = {}
-    if spec.asymmetric:
+    if spec.points:
+        points = np.array(spec.points)
+        refuse_faults(points, region, spec, setting)
+        optimum = Optimum(points, np.nan)
+    elif spec.asymmetric:
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
         points = number(upright(optimum.points, objective, region, lambda turned: _safe(turned, spec, setting)))
     else:

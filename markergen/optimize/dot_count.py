@@ -230,7 +230,9 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
     said += f", expect {degrees(points, diameter)} RMS in all"
     usual = issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective)
-    asked = replace(spec, dot="auto", noise_model="image", objective=spec.objective if usual else "pose", aggregate="")
+    asked = replace(
+        spec, points=(), dot="auto", noise_model="image", objective=spec.objective if usual else "pose", aggregate=""
+    )
     try:
         forecaster = Forecaster(asked, setting.poses, sources, count=POSES_AT_A_GLANCE)
         known = forecaster.by_count(most=1)

@@ -84,7 +84,9 @@ def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None =
         size = _default(spec, poses)
     else:
         clearance = clearance_of(spec, spec.dot)
-        size = DotSize(spec.dot, clearance, f"{format_length(spec.dot)}, as asked, {_pixels(spec.dot, spec, poses)}")
+        size = DotSize(
+            spec.dot, clearance, f"{format_length(spec.dot)}, as asked, {pixels_in_words(spec.dot, spec, poses)}"
+        )
     if size.diameter > 0 or size.clearance > 0:
         _refuse_what_does_not_fit(spec, size)
     return size
@@ -136,7 +138,7 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
         return DotSize(wanted, clearance_of(spec, wanted), reason)
     reason = (
         f"{format_length(diameter)}, {100 * ROOM:g} % of the largest at which {spec.n} dots fit; "
-        f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {_pixels(diameter, spec, poses)}"
+        f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {pixels_in_words(diameter, spec, poses)}"
     )
     return DotSize(diameter, clearance_of(spec, diameter), reason)
 
@@ -151,7 +153,8 @@ def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution, mean
     return float(diameter * focal / np.percentile(poses.translation[:, 2] / shortening, PERCENTILE))
 
 
-def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
+def pixels_in_words(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
+    """Extent in px of a dot's image, as `pixels_across`, in words."""
     return f"{pixels_across(diameter, spec.camera, poses):.1f} px"
 
 

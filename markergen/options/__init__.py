@@ -19,6 +19,8 @@ from markergen.errors import InputError, brief
 from markergen.units import parse_length
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from markergen.model.boundary import Boundary
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     TargetLike: TypeAlias = MarkerLike | Rig
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
+    Layout = str | PathLike[str] | Sequence[Sequence[float | str]] | NDArray[Any]
 else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind, one of `ACCEPTED`.
     Length = Annotated[object, "length"]
@@ -53,6 +56,7 @@ else:
     TargetLike = Annotated[object, "marker or rig"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
+    Layout = Annotated[object, "layout"]
 
 Progress = Callable[[str, int, int], None]
 """Progress callback: name of the stage, amount done, total."""
@@ -74,6 +78,7 @@ ACCEPTED = {
     "marker or rig": "Marker | Rig | str | Path | dict",
     "camera": "Camera | str | Path | dict",
     "poses": "str | Path | PoseDistribution",
+    "layout": "str | Path | array",
 }
 """Accepted types for each kind of value, as ``help()`` and editors show them."""
 
@@ -378,6 +383,13 @@ def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, s
     return read_all
 
 
+def _layout(value: Any, _: str) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, str | os.PathLike | list | tuple):
+        return value
+    raise _wrong("a layout: a text such as '0mm,50mm; -40mm,-30mm; ...', a CSV file, or rows of x, y")
+
+
 def _thing(expected: str) -> Callable[[Any, str], Any]:
     """Pass on an object of a markergen class that this layer cannot import; builtins are refused."""
 
@@ -405,6 +417,7 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "shape": _thing(_SHAPE),
     "shapes": _several(_thing(_SHAPE), _SHAPE + ", or a list of them"),
     "camera": _thing("a camera, a path, or a dictionary"),
+    "layout": _layout,
     "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
 }
 """Readers by kind; each returns the converted value, or raises an error with only the expected part filled in."""

@@ -23,6 +23,7 @@ from markergen.options import (
     File,
     Files,
     IntOrAuto,
+    Layout,
     Length,
     LengthOrAuto,
     LengthOrFit,
@@ -53,6 +54,15 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             "least, with --dot auto unless given.",
             5,
             metavar="N|auto",
+        ),
+    ]
+    points: Annotated[
+        Layout,
+        Option(
+            LAYOUT,
+            "Dots to take as they are, instead of a search: centers in the marker frame, the key ring first; or a CSV "
+            "file with the columns x, y and for a relief z, each with a unit as in x_mm.",
+            metavar="X,Y;...|FILE.csv",
         ),
     ]
     target: Annotated[
@@ -472,26 +482,3 @@ class RescaleKeywords(TypedDict, total=False):
         ),
     ]
     force: Annotated[bool, Option(ERRORS, "Accept a print that is 5 % off or more.", False, flags="--force")]
-
-
-class StudyKeywords(TypedDict, total=False):
-    """Options for running a study."""
-
-    workers: Workers
-    scheduler: Annotated[
-        str,
-        Option(RUN, "Compute on a running Dask cluster instead, such as tcp://10.0.0.1:8786.", metavar="ADDRESS"),
-    ]
-    resume: Annotated[
-        bool,
-        Option(RUN, "Continue in a folder: finished cells are not computed again.", False, flags="--resume"),
-    ]
-    runs: Annotated[
-        int,
-        Option(
-            TRIALS, "Noisy runs of each layout and pose.", otherwise="paper 20, sweep 100 or the file's", metavar="N"
-        ),
-    ]
-    scale: Annotated[
-        float, Option(TRIALS, "Share of the paper's study; 0.01 is a quick look.", otherwise="1", metavar="SHARE")
-    ]

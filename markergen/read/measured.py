@@ -17,7 +17,7 @@ MOST_ROWS = 10_000
 WANTED = "id, x, y and, if known, sigma or sx, sy, rho"
 UNITS = {unit: float(size) for unit, size in METERS.items() if unit}
 
-_COLUMN = re.compile(r"([a-z]+)(?:[\s_]*[\[(/]?\s*(um|mm|cm|m|in|ft)\s*[\])]?)?", re.IGNORECASE)
+COLUMN = re.compile(r"([a-z]+)(?:[\s_]*[\[(/]?\s*(um|mm|cm|m|in|ft)\s*[\])]?)?", re.IGNORECASE)
 _FORMS = (
     {"id", "x", "y"},
     {"id", "x", "y", "sigma"},
@@ -39,7 +39,7 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
         If the file cannot be read, a column is missing or unknown, a row is not numbers, or a sigma is negative.
     """
     content = read(path, "measured")
-    name, rows = content.name, _rows(content)
+    name, rows = content.name, rows_of(content)
     if not rows:
         raise InputError(f"the columns {WANTED} in {name}", "an empty file", "check the path")
     (line, first), *body = rows
@@ -49,7 +49,8 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     return tuple(_dot(words, columns, f"line {line} of {name}") for line, words in body)
 
 
-def _rows(content: Content) -> list[tuple[int, list[str]]]:
+def rows_of(content: Content) -> list[tuple[int, list[str]]]:
+    """Return the lines of a table that are not empty and no comments, with their numbers, as words."""
     text = text_of(content)
     if text.count("\n") > MOST_ROWS:
         raise InputError(f"at most {MOST_ROWS} rows in {content.name}", "more", "give one row for each dot")
@@ -63,7 +64,7 @@ def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
     """Index and unit size in m of each column by name; 1 without a unit, and for id and rho."""
     columns: dict[str, tuple[int, float]] = {}
     for index, word in enumerate(words):
-        match = _COLUMN.fullmatch(word)
+        match = COLUMN.fullmatch(word)
         name = match[1].lower() if match else ""
         if match is None or name not in _FORMS[1] | _FORMS[3]:
             raise InputError(f"the columns {WANTED} at {place}", brief(word), "correct the names, as in id,x_mm,y_mm")

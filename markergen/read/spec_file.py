@@ -35,6 +35,7 @@ from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
+from markergen.read.layout import is_table, layout_of, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
@@ -229,6 +230,7 @@ KINDS: dict[str, Any] = {
     "file": Any,
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(stated_poses)],
+    "layout": Annotated[Any, BeforeValidator(layout_of)],
 }
 """Type of each kind of option, once the files that it names have been read."""
 
@@ -294,6 +296,8 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
     if count == "auto" or (count is None and "target" in given):
         given["n"] = AUTO
+    if given.get("points") and count is None:
+        given["n"] = len(given["points"])
     # Other designs do not depend on it.
     planned = not stored and (given.get("n") == AUTO or "target" in given)
     if planned or given.get("camera_covariance") is not None:
@@ -331,6 +335,8 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     """Replace paths of drawings and calibrations by their contents, and objects by plain values."""
     if all(isinstance(values.get(key), str | None) for key in DRAWING):  # Validation reports other types.
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
+    if is_table(values.get("points")):
+        values["points"] = read_layout(values["points"])
     camera = values.get("camera")
     if isinstance(camera, Camera):
         values["camera"] = camera.as_dict()
@@ -406,6 +412,7 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "texts": {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},
     "camera": {"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
     "poses": _TEXT,
+    "layout": {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": _LENGTH}}]},
 }
 """JSON Schema of the values in a file, by kind of option; lengths are meters, or text with a unit."""
 

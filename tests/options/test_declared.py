@@ -26,10 +26,10 @@ from markergen.options.declarations import (
     DetectorKeywords,
     ExportKeywords,
     RescaleKeywords,
-    StudyKeywords,
     ValidateKeywords,
     VerifyKeywords,
 )
+from markergen.options.study import StudyKeywords
 from markergen.read.spec_file import STORED, spec_from_mapping
 
 TABLES = [

@@ -13,9 +13,9 @@ from markergen.options.declarations import (
     DetectKeywords,
     ExportKeywords,
     RescaleKeywords,
-    StudyKeywords,
     ValidateKeywords,
 )
+from markergen.options.study import StudyKeywords
 
 TABLES = [
     CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
