@@ -52,8 +52,8 @@ def design(
     progress : callable, optional
         Called with a stage, the amount done, and the total.
     watch : callable, optional
-        Called a few times a second with a stage, the best layout so far, an array (n, 2 or 3) in m, and its value, while
-        dots of one size are placed. What it or `progress` raises ends the search.
+        Called a few times a second with a stage, the best layout so far, an array (n, 2 or 3) in m, and its value,
+        while dots of one size are placed. What it or `progress` raises ends the search.
     **options
         As on the command line, ``markergen design --help``, with underscores. Lengths are in m, or text with a unit;
         ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;

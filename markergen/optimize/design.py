@@ -304,9 +304,7 @@ class Design(Result):
         return found
 
 
-def design(
-    spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None
-) -> Design:
+def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and make it a marker.
 
     Equal specs give equal markers, traced and watched or not. `progress(stage, done, total)` is called along the way,
