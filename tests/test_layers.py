@@ -16,7 +16,7 @@ ORDER = [
     ("errors", "units", "registry", "files", "guard", "pool"), ("options",), ("presentation",), ("geometry",),
     ("maths",), ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
     ("exporters",), ("render",), ("detect",), ("validation",), ("calibration",), ("verification",), ("studies",),
-    ("api",), ("cli", "__main__"),
+    ("api",), ("studio",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above.

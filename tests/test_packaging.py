@@ -40,7 +40,7 @@ def third_party(path: Path) -> set[str]:
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names.add((node.module or "").split(".")[0])
-    return {DISTRIBUTIONS.get(name, name) for name in names - sys.stdlib_module_names - {"markergen"}}
+    return {named(DISTRIBUTIONS.get(name, name)) for name in names - sys.stdlib_module_names - {"markergen", ""}}
 
 
 def test_what_is_imported_is_declared():

@@ -80,7 +80,7 @@ def design(
     """
     check_progress(progress)
     check_progress(watch, "a stage, a layout, and its value")
-    request = _request(options)
+    request = request_of(options)
     paths = request.paths
     targets = family_paths(paths, request.ids) if request.ids else paths
     check_outputs(paths, request.choices, request.spec)
@@ -133,7 +133,7 @@ def _find(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | No
 
 
 @dataclass(frozen=True)
-class _Request:
+class Request:
     """A request, checked before any search: specs by radius in mm if it is to fit, the ids of a family, and files."""
 
     make: Callable[[int], Spec]
@@ -157,7 +157,8 @@ class _Request:
         return self.spec, find(self.spec)
 
 
-def _request(options: Mapping[str, Any]) -> _Request:
+def request_of(options: Mapping[str, Any]) -> Request:
+    """Check the options of a design, and read the files that they name; raises InputError as `design`."""
     asked = given(options, DesignKeywords)
     if "radius" in asked and "boundary" in asked:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
@@ -192,7 +193,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
     ids = values.get("ids")
     if ids is not None and not spec.tag:
         raise InputError("a tag for the ids", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
-    return _Request(
+    return Request(
         make,
         limits,
         parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),

@@ -323,6 +323,7 @@ class Spec:
         values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.as_dict()
         values["boundary"] = self.boundary.as_dict()
         values["camera"] = self.camera.as_dict()
+        values["points"] = [list(row) for row in self.points]
         # Specs from before there was a noise model keep their hash.
         if self.noise_model == "point":
             del values["noise_model"]

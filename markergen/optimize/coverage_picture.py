@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from markergen.model.sight import FEWEST, Coverage
-from markergen.presentation.plots import log_axis
+from markergen.presentation.plots import color_steps, log_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -13,7 +13,9 @@ def draw_coverage(covered: Coverage, ax: "Axes") -> "Axes":
     """Draw each pose by its distance and tilt, colored by the number of dots in view; crosses are not served."""
     poses, served = covered.poses, covered.served
     distance, tilt = poses.distance, poses.polar_angle_deg
-    shown = ax.scatter(distance[served], tilt[served], c=covered.count[served], s=14, cmap="viridis", vmin=FEWEST)
+    shown = ax.scatter(
+        distance[served], tilt[served], c=covered.count[served], s=14, cmap=color_steps("viridis"), vmin=FEWEST
+    )
     if served.any():
         ax.figure.colorbar(shown, ax=ax, label="dots in view")
     if not served.all():

@@ -229,12 +229,8 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     said = f"with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
     said += f", expect {degrees(points, diameter)} RMS in all"
-    usual = issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective)
-    asked = replace(
-        spec, points=(), dot="auto", noise_model="image", objective=spec.objective if usual else "pose", aggregate=""
-    )
     try:
-        forecaster = Forecaster(asked, setting.poses, sources, count=POSES_AT_A_GLANCE)
+        forecaster = at_a_glance(spec, setting.poses, sources)
         known = forecaster.by_count(most=1)
     except InputError:
         return said
@@ -249,6 +245,14 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         size = format_length(half.diameter)
         said += f"; {half.n} dots of {size}: half the error, {degrees(half.points, half.diameter)}"
     return f"{said}; about {best.n} (--n auto): {degrees(best.points, best.diameter)}"
+
+
+def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "Forecaster":
+    """Forecaster of other numbers of dots for a spec, from a few poses; raises InputError as `Forecaster`."""
+    usual = issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective)
+    objective = spec.objective if usual else "pose"
+    asked = replace(spec, points=(), dot="auto", noise_model="image", objective=objective, aggregate="")
+    return Forecaster(asked, poses, sources, count=POSES_AT_A_GLANCE)
 
 
 def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:

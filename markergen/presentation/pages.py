@@ -1,56 +1,166 @@
-"""HTML pages that load only files stored beside them; all text is escaped."""
+"""HTML pages that load nothing; all text is escaped. One template serves the reports and the pages of studies."""
 
 import base64
-from collections.abc import Mapping
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen import __version__
 from markergen.errors import InputError
+from markergen.presentation.plots import Plot, dark
+from markergen.presentation.tables import Table
+
+Array = NDArray[np.float64]
+
+BOOK = "https://github.com/markergen/markergen/blob/main/docs/"
+"""Address of the documentation, to which pages link; the same as in pyproject.toml."""
 
 _JPEG_QUALITY = 90
 _SMALL_PNG = 60_000
 """Maximum size in bytes of a picture kept as PNG; noise makes most views larger, and a report has a dozen of them."""
+_RING = 72
+"""Least number of points of an outline from which some are left out in a dome."""
+_START = """
+for (const each of document.querySelectorAll("[data-dome]")) {
+  document.documentElement.classList.add("scripted");
+  dome(each, JSON.parse(each.dataset.dome));
+}
+"""
 
 
-def page_bytes(template: str, values: Mapping[str, Any]) -> bytes:
-    """Fill in a jinja2 template and return the page in UTF-8; equal values give equal bytes.
+@dataclass
+class Section:
+    """Content of a section of a page, in the order in which it is shown; what is empty is left out.
+
+    Attributes
+    ----------
+    sentences, warnings : list of str
+    plots : list of Plot
+    tables : list of Table
+    missing : str
+        How to obtain absent results.
+    terms : list of (str, str)
+        Terms and what they mean.
+    text : str
+        Shown as it is, such as a command to copy.
+    parts, folded : list of (str, Section)
+        Under headings of their own; folded ones are to be unfolded, and not printed.
+    files : list of str
+        Names of files beside the page.
+    book : (str, str) or None
+        Words, and the page and heading of the documentation to which they lead, such as ``validate.md#views``.
+    """
+
+    sentences: list[str] = field(default_factory=list)
+    plots: list[Plot] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    missing: str = ""
+    warnings: list[str] = field(default_factory=list)
+    terms: list[tuple[str, str]] = field(default_factory=list)
+    text: str = ""
+    parts: list[tuple[str, "Section"]] = field(default_factory=list)
+    folded: list[tuple[str, "Section"]] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    book: tuple[str, str] | None = None
+
+
+def page(
+    heading: str, title: str, sections: Sequence[tuple[str, str, Section | None]], subject: str, note: str
+) -> bytes:
+    """Make a page in UTF-8 that loads nothing; equal content gives equal bytes.
+
+    It is readable in light and dark, on a phone and on paper. Its only script is `dome.js`, if a plot needs it.
 
     Parameters
     ----------
-    template : str
-        Text of the template; lines with only a statement leave no line in the page. It may extend ``frame.html.j2``,
-        the page of all reports, and import from ``parts.html.j2``, their figures and tables.
-    values : mapping
-        Values are escaped unless the template marks them as safe, which is allowed for our own drawings.
-
-    Raises
-    ------
-    jinja2.UndefinedError
-        If the template names a value that is missing.
+    heading : str
+        Heading, which also begins the title of the window.
+    title, subject, note : str
+        What the page is about: for the window, below the heading, and at the end.
+    sections : sequence of (str, str, Section or None)
+        Id, heading and content of each; None leaves it out. The first sentence of the first is the largest.
 
     Examples
     --------
-    >>> page_bytes("<p>{{ text }}</p>", {"text": "a<b"})
-    b'<p>a&lt;b</p>'
+    >>> b"<p>a&lt;b</p>" in page("Report", "", [("answer", "Answer", Section(["a<b"]))], "", "")
+    True
     """
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
+    from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        loader=FunctionLoader(lambda name: files("markergen.presentation").joinpath(name).read_text("utf-8")),
+    shown = [each for each in sections if each[2] is not None]
+    live = any("live" in plot.kind for _, _, section in shown if section for plot in section.plots)
+    script = _file("dome.js") + _START if live else ""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    made = environment.from_string(_file("page.html.j2")).render(
+        heading=heading,
+        title=title,
+        subject=subject,
+        note=note,
+        sections=shown,
+        version=__version__,
+        book=BOOK,
+        dark=dark,
+        script=script,
+        script_hash="sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
     # JSON allows lone surrogates, which UTF-8 cannot encode.
-    return environment.from_string(template).render(values).encode("utf-8", "replace")
+    return made.strip().encode("utf-8", "replace") + b"\n"
+
+
+def picture(title: str, caption: str, png: bytes) -> Plot:
+    """Return a photograph or rendered view as part of a page."""
+    from markupsafe import escape
+
+    return Plot(f'<img src="{data_uri(png)}" alt="{escape(f"{title}. {caption}")}">', caption, "view", title)
+
+
+def dome(
+    centers: Array,
+    errors: Mapping[str, Array],
+    outlines: Sequence[Array],
+    dots: Sequence[Mapping[str, Any]],
+    caption: str,
+    words: Sequence[str] = (),
+) -> Plot:
+    """Return the dome of poses, to turn and to pick from; plots of the kind ``still`` beside it replace it on paper.
+
+    Parameters
+    ----------
+    centers : array (P, 3), m
+        Camera centers in the frame of the marker or rig.
+    errors : mapping of str to array (P,)
+        RMS ``rotation``, deg, and ``translation``, mm; unknown or unbounded where it is not finite.
+    outlines, dots : sequences
+        What the cameras look at, in the form described in dome.js.
+    words : sequence of str
+        More about each pose.
+    """
+    from jinja2.utils import htmlsafe_json_dumps
+
+    parts = {**dict(zip("xyz", centers.T, strict=True)), **errors}
+    poses: dict[str, Any] = {
+        name: [float(f"{each:.4g}") if math.isfinite(each) else None for each in values.tolist()]
+        for name, values in parts.items()
+    }
+    rings = [ring[:: max(1, len(ring) // _RING)].round(5).tolist() for ring in outlines]
+    data = {"poses": poses | ({"words": words} if words else {}), "room": {"outlines": rings}, "dots": dots}
+    return Plot(f"<div data-dome='{htmlsafe_json_dumps(data)}'></div>", caption, "live wide")
+
+
+def _file(name: str) -> str:
+    return files(__package__).joinpath(name).read_text("utf-8")
 
 
 def data_uri(png: bytes) -> str:
     """Return PNG bytes as a data URI; noisy pictures become JPEG, a fifth of the size."""
     import cv2
-    import numpy as np
 
     kind, data = "png", png
     if len(png) > _SMALL_PNG:

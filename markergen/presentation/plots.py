@@ -18,6 +18,7 @@ from markergen.errors import InputError, brief
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 INK, MUTED, FAINT = "#1a1a1a", "#5a5a5a", "#cfcfcf"
@@ -35,7 +36,7 @@ SERIES: tuple[dict[str, Any], ...] = (
 FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
 """Picture formats by suffix, and the metadata to omit from each: the date and the version of matplotlib."""
 
-SIZE = (4.9, 3.9)
+SIZE = (4.9, 3.3)
 """Width and height in inches of a plot that shares its row of a page with another."""
 
 _SALT = {"svg.hashsalt": "markergen"}
@@ -72,6 +73,18 @@ _PAGE_STYLE: dict[str, Any] = {
     "hatch.linewidth": 0.7,
 }
 
+_LMS = (
+    (0.4122214708, 0.5363325363, 0.0514459929),
+    (0.2119034982, 0.6806995451, 0.1073969566),
+    (0.0883024619, 0.2817188376, 0.6299787005),
+)
+_OKLAB = (
+    (0.2104542553, 0.7936177850, -0.0040720468),
+    (1.9779984951, -2.4285922050, 0.4505937099),
+    (0.0259040371, 0.7827717662, -0.8086757660),
+)
+"""Oklab from linear sRGB: cone responses; lightness and two axes of chroma from their cube roots (Ottosson 2020)."""
+
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 _TICKS = (
@@ -90,21 +103,32 @@ class Plot:
 
     Attributes
     ----------
-    svg : str
-        Inline SVG with escaped text.
+    markup : str
+        Inline SVG or another element, with escaped text.
     caption : str
         Explanation below the drawing.
-    wide : bool
-        True if it takes a row of its own.
+    kind : str
+        Names from the page's style: ``wide``; ``paper`` for an object that is white in the dark as well; ``still`` and
+        ``live`` for two of which scripts show the other; ``view`` for a photograph.
+    title : str
+        Beginning of the caption.
     """
 
-    svg: str
+    markup: str
     caption: str
-    wide: bool = False
+    kind: str = ""
+    title: str = ""
 
 
-def plot(draw: Callable[["Axes"], object], name: str, alt: str, caption: str, size: tuple[float, float] = SIZE) -> Plot:
-    """Draw on new axes, and return the drawing as part of a page.
+def plot(
+    draw: Callable[["Axes"], object],
+    name: str,
+    alt: str,
+    caption: str,
+    size: tuple[float, float] = SIZE,
+    kind: str = "",
+) -> Plot:
+    """Draw on new axes, and return the drawing as part of a page, in colors for light and for dark.
 
     Parameters
     ----------
@@ -116,15 +140,61 @@ def plot(draw: Callable[["Axes"], object], name: str, alt: str, caption: str, si
         Text alternative for readers who cannot see the drawing.
     size : (float, float)
         Width and height in inches when printed.
+    kind : str
+        See `Plot`.
     """
     from matplotlib.figure import Figure
 
     with _settings(_PAGE_STYLE):
         figure = Figure(figsize=size)
         draw(figure.add_subplot())
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata=_NO_METADATA, transparent=True)
-    return Plot(_inline(buffer.getvalue(), name, alt), caption, wide=size[0] > SIZE[0])
+        svg = _saved(figure, format="svg", metadata=_NO_METADATA, transparent=True)
+    return inline(svg, name, alt, caption, kind or ("wide" if size[0] > SIZE[0] else ""))
+
+
+def inline(svg: bytes, name: str, alt: str, caption: str, kind: str = "") -> Plot:
+    """Return a drawing made by `svg_bytes` as part of a page; parameters as for `plot`."""
+    text = _inline(svg.decode(), name, alt)
+    return Plot(text if "paper" in kind else _recolored(text), caption, kind)
+
+
+def dark(color: str) -> str:
+    """Return what a color of a light page becomes on a dark one: lightness is inverted, hue and chroma are kept.
+
+    The lightness L of Oklab becomes 0.2 + 0.76 (1 - L)^0.7, so that white paper becomes nearly black and black ink
+    nearly white, with more contrast between dark tones than a straight line leaves. Colors that no screen can show lose
+    chroma until one can.
+
+    Parameters
+    ----------
+    color : str
+        Six hexadecimal digits after ``#``.
+
+    Examples
+    --------
+    >>> dark("#ffffff"), dark("#000000")
+    ('#161616', '#f2f2f2')
+    """
+    import numpy as np
+
+    srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    lightness, *chroma = _OKLAB @ np.cbrt(_LMS @ linear)
+    for share in np.linspace(1, 0, 21):
+        lms = np.linalg.solve(_OKLAB, [0.2 + 0.76 * max(1 - lightness, 0.0) ** 0.7, *(share * np.array(chroma))]) ** 3
+        linear = np.linalg.solve(_LMS, lms)
+        if np.all((linear > -1e-4) & (linear < 1 + 1e-4)):
+            break
+    linear = np.clip(linear, 0, 1)
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return "#" + "".join(f"{round(255 * each):02x}" for each in srgb.tolist())
+
+
+def color_steps(name: str) -> "Colormap":
+    """Return a colormap in few enough steps that its bar is drawn as rectangles, which have colors for the dark too."""
+    import matplotlib
+
+    return matplotlib.colormaps[name].resampled(40)
 
 
 def svg_bytes(draw: Callable[["Figure"], object], size: tuple[float, float]) -> bytes:
@@ -233,4 +303,19 @@ def _inline(svg: str, name: str, alt: str) -> str:
     svg = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>|font-family: [^;\"]*; ", "", svg, flags=re.DOTALL)
     box = re.search(r'viewBox="[^"]*"', svg)
     head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(alt)}">'
-    return head + svg[svg.index(">") + 1 :].rstrip()
+    # A hundredth of a point is finer than any screen or printer.
+    short = re.sub(
+        r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg[svg.index(">") + 1 :]
+    )
+    return head + short.rstrip()
+
+
+def _recolored(svg: str) -> str:
+    """Replace colors by names that stand for one color in the light and another in the dark."""
+    pattern = r'((?:fill|stroke): |(?:fill|stroke)=")(#[0-9a-f]{6})'
+    used = dict.fromkeys(found[1] for found in re.findall(pattern, svg))
+    names = "".join(f"--{each[1:]}:light-dark({each},{dark(each)});" for each in used)
+    # What is black is not written.
+    names += f"fill:light-dark(#000000,{dark('#000000')})"
+    svg = re.sub(pattern, lambda found: f"{found[1]}var(--{found[2][1:]})", svg)
+    return svg.replace("<svg ", f'<svg style="{names}" ', 1)

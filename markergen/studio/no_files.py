@@ -6,12 +6,12 @@ from typing import Any
 from markergen.errors import InputError, brief
 from markergen.model.poses import is_named
 from markergen.options import as_list, declared
-from markergen.options.declarations import OUTSIDE_FILES
+from markergen.read.layout import is_table
 from markergen.read.outlines.boundary import is_drawing
 
 
 def refuse_files(options: Mapping[str, Any], table: type) -> None:
-    """Refuse options that name a file instead of having its content, and those for files to write.
+    """Refuse options that name a file instead of having its content, and those of files to write.
 
     Raises
     ------
@@ -20,7 +20,7 @@ def refuse_files(options: Mapping[str, Any], table: type) -> None:
     """
     for name, option in declared(table).items():
         value = options.get(name)
-        if value is not None and (name in OUTSIDE_FILES or _names_one(value, option.kind)):
+        if value is not None and _names_one(value, option.kind):
             raise _named(option.flag, value)
     plate = options.get("substrate")
     for name, value in (
@@ -41,14 +41,13 @@ def refuse_named_plates(content: Mapping[str, Any]) -> None:
 
 
 def _names_one(value: object, kind: str) -> bool:
-    if kind in ("file", "files", "camera"):
-        return isinstance(value, str) and value != "none"
+    if kind in ("file", "camera"):
+        return isinstance(value, str)
     if kind in ("shape", "shapes"):
         return any(isinstance(each, str) and each.strip() and is_drawing(each) for each in as_list(value))
     if kind == "poses":
         return isinstance(value, str) and not is_named(value)
-    # Anything else that ends like this would be read.
-    return isinstance(value, str) and value.strip().lower().endswith((".csv", ".toml", ".json"))
+    return kind == "files" or (kind == "layout" and is_table(value))
 
 
 def _named(flag: str, value: object) -> InputError:

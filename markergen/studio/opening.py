@@ -11,9 +11,11 @@ from typing import Any
 
 from markergen.errors import InputError, brief
 from markergen.guard import read, text_of
+from markergen.model.boundary import polygon_from
 from markergen.model.marker import Marker
 from markergen.model.marker_json import parsed, to_json
 from markergen.model.rig_json import is_rig, load_marker_or_rig, rig_to_json
+from markergen.model.spec import Spec
 from markergen.model.substrate import SCREWS
 from markergen.options.declarations import DesignKeywords
 from markergen.read.cameras import format_of, load_camera
@@ -26,6 +28,7 @@ from markergen.read.templates import read_template
 from markergen.studio.no_files import refuse_files, refuse_named_plates
 
 DRAWINGS = (".svg", ".dxf", ".geojson")
+GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a stored spec of options that are called differently."""
 NOT_OPTIONS = ("title", "image_noise", "substrate", "target", "camera_covariance", "n")
@@ -44,14 +47,20 @@ def uploaded(name: str, data: bytes) -> Iterator[Path]:
             raise InputError(*(part.replace(f"{folder}/", "") for part in error.args)) from None
 
 
-def opened(name: str, data: bytes) -> dict[str, Any]:
+def opened(name: str, data: bytes, unit: str | None = None, layer: str | None = None) -> dict[str, Any]:
     """Return what a file brings into a state, by its suffix and content.
+
+    Parameters
+    ----------
+    unit, layer : str or None
+        For a drawing, see `parse_boundary`.
 
     Returns
     -------
     dict
         ``title``, and one of ``options`` (of a marker.json, with ``marker``, its content, or of a spec), ``rig``,
-        ``boundary`` (of a drawing, for the options boundary and keep_out), ``camera``, ``poses`` and ``points``.
+        ``boundary`` (of a drawing, for the options boundary and keep_out; with ``center``, the place in the drawing in
+        m that became its origin), ``camera``, ``poses`` and ``points``.
 
     Raises
     ------
@@ -59,7 +68,15 @@ def opened(name: str, data: bytes) -> dict[str, Any]:
         If the file is none of these, or one that names others.
     """
     with uploaded(name, data) as path:
-        return {"title": path.name, **_opened(path)}
+        content = parsed(text_of(read(path, "marker or rig")), path.name) if path.suffix.lower() == ".json" else None
+        if path.suffix.lower() in DRAWINGS or (isinstance(content, Mapping) and content.get("type") in GEOJSON):
+            return {"title": path.name, **_drawn(path, unit, layer)}
+        return {"title": path.name, **(_opened(path) if content is None else _json(path, content))}
+
+
+def _drawn(path: Path, unit: str | None, layer: str | None) -> dict[str, Any]:
+    there = parse_boundary(path, unit, layer, "file")
+    return {"boundary": polygon_from(there.contours()).as_dict(), "center": there.center}
 
 
 def _opened(path: Path) -> dict[str, Any]:
@@ -70,38 +87,34 @@ def _opened(path: Path) -> dict[str, Any]:
         options = {RENAMED.get(key, key): value for key, value in values.items() if key != "title"}
         refuse_files(options, DesignKeywords)
         return {**title, "options": options}
-    if suffix in DRAWINGS:
-        return {"boundary": parse_boundary(path).as_dict()}
-    if suffix == ".json":
-        return _json(path)
     content = read(path, "poses")
     if format_of(Document(path.name, content.data)) is not None:
         return {"camera": load_camera(path).as_dict()}
     if suffix == ".csv" and _is_layout(content.data):
-        return {"points": read_layout(path)}
+        return {"points": [list(row) for row in read_layout(path)]}
     if suffix in (".csv", ".txt", ".tum"):
         return {"poses": read_poses(path).as_dict()}
-    raise InputError(
-        "a marker.json, rig.json, spec .toml, drawing .svg or .dxf, camera file or poses",
-        brief(path.name),
-        "open one of these",
-    )
+    raise _unknown(path)
 
 
-def _json(path: Path) -> dict[str, Any]:
-    content = parsed(text_of(read(path, "marker or rig")), path.name)
-    if is_rig(content):
+def _unknown(path: Path) -> InputError:
+    known = "a marker.json, rig.json, spec .toml, drawing .svg, .dxf or .geojson, camera file, poses or points .csv"
+    return InputError(known, brief(path.name), "open one of these")
+
+
+def _json(path: Path, content: object) -> dict[str, Any]:
+    if isinstance(content, Mapping) and is_rig(content):
         refuse_named_plates(content)
         return {"rig": json.loads(rig_to_json(load_marker_or_rig(path)))}  # type: ignore[arg-type]
-    if isinstance(content, Mapping) and content.get("type") in ("Feature", "FeatureCollection", "Polygon"):
-        return {"boundary": parse_boundary(path).as_dict()}
     if isinstance(content, Mapping) and "control_points" in content:
         found = load_marker_or_rig(path)
         assert isinstance(found, Marker)
         return {"options": options_of(found), "marker": json.loads(to_json(found))}
     if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
         return {"camera": load_camera(path).as_dict()}
-    return {"poses": read_poses(path).as_dict()}
+    if isinstance(content, list):
+        return {"poses": read_poses(path).as_dict()}
+    raise _unknown(path)
 
 
 def _is_layout(data: bytes) -> bool:
@@ -115,9 +128,9 @@ def options_of(marker: Marker) -> dict[str, Any] | None:
     """Return the options that design a marker again without a search; None if its dots have several sizes."""
     if len({point.feature.diameter for point in marker.control_points}) > 1:
         return None
-    spec = spec_of(marker)
+    spec, usual = spec_of(marker), Spec().as_dict()
     if spec is not None:
-        values = spec.as_dict()
+        values = {key: value for key, value in spec.as_dict().items() if key == "boundary" or value != usual.get(key)}
     else:
         values = {"boundary": marker.boundary.as_dict(), "keep_outs": [each.as_dict() for each in marker.keep_outs]}
         values |= {"tag": str(marker.tag), "tag_side": marker.tag.side} if marker.tag else {}

@@ -6,12 +6,14 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from threading import Thread
 from typing import Any
 from urllib.parse import quote, unquote
 
+import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -22,11 +24,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.guard import KINDS, read
-from markergen.presentation.results import plain
+from markergen.presentation.results import plain as as_json
 from markergen.studio.look import look, more
 from markergen.studio.opening import opened
 from markergen.studio.showing import detected, exported, parsed_request, scene, table_in, view
-from markergen.studio.state import declared_options, words
+from markergen.studio.state import declared_options, plain, words
 from markergen.studio.work import Job, design_rig, failure, optimize, streamed
 
 HOST = "127.0.0.1"
@@ -102,9 +104,9 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     begin = None if file is None else opened(file.name, read(file, "upload").data)
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
     known: Mapping[str, Answer] = {
-        "look": lambda asked: look(table_in(asked, "options"), asked.get("dots")),
-        "more": lambda asked: more(table_in(asked, "options")),
-        "words": lambda asked: words(table_in(asked, "options")),
+        "look": lambda asked: look(asked.get("options")),
+        "more": lambda asked: more(asked.get("options")),
+        "words": lambda asked: words(asked.get("options")),
         "scene": scene,
     }
 
@@ -169,7 +171,7 @@ def _answering(answer: Answer) -> Handler:
 
 
 def _json(value: Any, status: int = 200) -> Response:
-    text = json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
+    text = json.dumps(as_json(value), allow_nan=False, separators=(",", ":"))
     return Response(text, status, media_type="application/json")
 
 
@@ -180,7 +182,7 @@ def _name(request: Request) -> str:
 
 async def _view(request: Request) -> Response:
     png, dots = await run_in_threadpool(view, parsed_request(await body(request, "request")))
-    return Response(png, media_type="image/png", headers={"X-Dots": json.dumps(plain(dots.round(2).tolist()))})
+    return Response(png, media_type="image/png", headers={"X-Dots": json.dumps(as_json(dots.round(2).tolist()))})
 
 
 async def _export(request: Request) -> Response:
@@ -191,7 +193,8 @@ async def _export(request: Request) -> Response:
 
 
 async def _open(request: Request) -> Response:
-    return _json(await run_in_threadpool(opened, _name(request), await body(request, "upload")))
+    unit, layer = (unquote(request.headers.get(name, "")) or None for name in ("x-unit", "x-layer"))
+    return _json(await run_in_threadpool(opened, _name(request), await body(request, "upload"), unit, layer))
 
 
 async def _detect(request: Request) -> Response:
@@ -201,7 +204,7 @@ async def _detect(request: Request) -> Response:
 
 
 async def _optimize(request: Request) -> Response:
-    options = table_in(parsed_request(await body(request, "request")), "options")
+    options = plain(parsed_request(await body(request, "request")).get("options"))
     return _streaming(lambda tell: optimize(options, tell))
 
 
@@ -234,8 +237,6 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
     OutputError
         If the port is not free.
     """
-    import uvicorn
-
     with _listening(port) as sock:
         place = sock.getsockname()[1]
         token = secrets.token_urlsafe(16)
@@ -249,7 +250,9 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
             app, log_level="warning", access_log=False, lifespan="off", ws="none", server_header=False,
             timeout_graceful_shutdown=1,
         )  # fmt: skip
-        uvicorn.Server(settings).run(sockets=[sock])
+        # Ctrl-C, with which uvicorn ends, is how this ends.
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(settings).run(sockets=[sock])
 
 
 def _listening(port: int | None) -> socket.socket:

@@ -32,9 +32,10 @@ from markergen.options.declarations import DesignKeywords
 from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_rig, render_view
-from markergen.studio.no_files import refuse_files, refuse_named_plates
+from markergen.studio.look import sketch
+from markergen.studio.no_files import refuse_named_plates
 from markergen.studio.opening import uploaded
-from markergen.studio.state import marker_of_options
+from markergen.studio.state import plain
 from markergen.validation.rigs.validation import rig_setting
 from markergen.validation.validation import setting_of
 
@@ -51,15 +52,33 @@ class File(NamedTuple):
     data: bytes
 
 
-def subject(request: Mapping[str, Any]) -> Marker | Rig:
-    """Return the marker or rig that a request is about: its ``options``, ``marker`` or ``rig``; raises InputError."""
+class Subject(NamedTuple):
+    """Marker or rig that a request is about, with the camera and poses that it is shown in."""
+
+    what: Marker | Rig
+    camera: Camera
+    poses: PoseDistribution
+
+
+def subject(request: Mapping[str, Any]) -> Subject:
+    """Return what a request is about: its ``rig``, ``marker`` or ``options``, whose layout is not judged.
+
+    Raises
+    ------
+    InputError
+        If it has none of these, or they cannot be used.
+    """
     if "rig" in request:
-        if isinstance(request["rig"], Mapping):
-            refuse_named_plates(request["rig"])
-        return load_rig(table_in(request, "rig"))
+        content = table_in(request, "rig")
+        refuse_named_plates(content)
+        rig = load_rig(content)
+        return Subject(rig, *rig_setting(rig))
     if "marker" in request:
-        return load_marker(table_in(request, "marker"))
-    return marker_of_options(table_in(request, "options"))
+        marker = load_marker(table_in(request, "marker"))
+        setting = setting_of(marker)
+        return Subject(marker, setting.camera, setting.poses)
+    found = sketch(table_in(request, "options"))
+    return Subject(found.marker, found.setting.camera, found.setting.poses)
 
 
 def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -68,13 +87,6 @@ def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise InputError(f"a table under {key}", brief(value), "reload the page")
     return value
-
-
-def _setting(what: Marker | Rig) -> tuple[Camera, PoseDistribution]:
-    if isinstance(what, Rig):
-        return rig_setting(what)
-    setting = setting_of(what)
-    return setting.camera, setting.poses
 
 
 def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:
@@ -87,8 +99,7 @@ def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:
     """
     import cv2
 
-    what = subject(request)
-    camera, poses = _setting(what)
+    what, camera, poses = subject(request)
     rotation, translation = _pose(request.get("pose", 0), poses)
     render: Any = render_rig if isinstance(what, Rig) else render_view
     image = render(what, camera, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
@@ -120,16 +131,15 @@ def exported(request: Mapping[str, Any]) -> File:
         raise InputError("a suffix such as .pdf", brief(suffix), "choose a format of the list")
     with TemporaryDirectory() as folder:
         if "rig" in request or "marker" in request:
-            what = subject(request)
+            what = subject(request).what
             target = Path(folder) / f"{'rig' if isinstance(what, Rig) else 'marker'}{suffix}"
             written = export(what, target)
         else:
-            options = table_in(request, "options")
-            refuse_files(options, DesignKeywords)
-            if not options.get("points"):
+            state = plain(request.get("options"))
+            if "points" not in state:
                 raise InputError("dots to export", "none", "optimize first, or place them")
             target = Path(folder) / f"marker{suffix}"
-            written = list(design(**options, output=target).written)
+            written = list(design(**state, output=target).written)
         # A design comes with its record, which is a download of its own.
         named = [each for each in written if suffix == RECORD or not _is_record(each)]
         files = [File(each.path.relative_to(folder).as_posix(), each.path.read_bytes()) for each in named]
@@ -137,7 +147,7 @@ def exported(request: Mapping[str, Any]) -> File:
 
 
 def _is_record(file: Written) -> bool:
-    return re.fullmatch(r"marker(-\d+)?\.json", file.path.name) is not None
+    return file.path.name == f"marker{RECORD}"
 
 
 def _zipped(name: str, files: list[File]) -> File:
@@ -152,13 +162,10 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
     """Return a body as GLB in base64, and its poses, for a view in 3-D."""
     import base64
 
-    what = subject(request)
-    options = request.get("options") or {}
-    known = {name: value for name, value in options.items() if name in DesignKeywords.__annotations__}
-    made = table_for(what if isinstance(what, Rig) else [what])[".glb"](
-        what if isinstance(what, Rig) else [what], choices_of(given(known, DesignKeywords))
-    )
-    poses = _setting(what)[1]
+    what, _, poses = subject(request)
+    shown = what if isinstance(what, Rig) else [what]
+    choices = choices_of(given(plain(request.get("options") or {}), DesignKeywords))
+    made = table_for(shown)[".glb"](shown, choices)
     x, y, z = np.einsum("pji,pj->ip", poses.rotation, -poses.translation)
     return {
         "glb": base64.b64encode(made.data).decode(),
@@ -179,8 +186,7 @@ def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, A
         ``found``; ``why`` not; ``line``, the result as the command prints it; ``dots`` with ``id``, ``x`` and ``y`` in
         px; ``pose`` as in docs/detect.md, or None without ``camera``; ``notes`` on the file; ``overlay``, a data URI.
     """
-    what = subject(request)
-    camera = request.get("camera")
+    what, camera = subject(request).what, request.get("camera")
     detector = Detector(what, None if camera is None else table_in(request, "camera"))
     with uploaded(name, photo) as path:
         image = read_image(path)

@@ -11,14 +11,14 @@ from typing import Any
 from markergen.api.design import design
 from markergen.api.rig import rig
 from markergen.errors import InputError, MarkergenError, brief
+from markergen.model.boundary import Circle
 from markergen.model.marker_json import to_json
 from markergen.model.rig_json import rig_to_json
 from markergen.optimize.design import Design
-from markergen.options.declarations import DesignKeywords
 from markergen.options.rig import RigKeywords
-from markergen.presentation.results import plain
+from markergen.presentation.results import plain as as_json
 from markergen.read.rig_plates import SUFFIXES
-from markergen.studio.no_files import refuse_files
+from markergen.studio.state import plain
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ async def streamed(job: Job) -> AsyncIterator[bytes]:
     Thread(target=work, daemon=True).start()
     try:
         while (line := await lines.get()) is not None:
-            yield (json.dumps(plain(line), allow_nan=False) + "\n").encode()
+            yield (json.dumps(as_json(line), allow_nan=False) + "\n").encode()
     finally:
         stop.set()
 
@@ -111,8 +111,7 @@ def optimize(options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:
         ``options`` that give the same marker without a search, or None and ``marker``, a marker.json, if the dots have
         several sizes; ``summary``, ``warnings``, ``outlook``, and ``certificate``: ``sentence`` and ``gap``.
     """
-    refuse_files(options, DesignKeywords)
-    asked = {name: value for name, value in options.items() if name != "points"}
+    asked = {name: value for name, value in plain(options).items() if name != "points"}
     found = design(progress=tell.progress, watch=tell.watch, **asked)
     certificate = found.certify(tell.progress)
     one_size = len({point.feature.diameter for point in found.marker.control_points}) == 1
@@ -132,7 +131,9 @@ def settled(options: Mapping[str, Any], found: Design) -> dict[str, Any]:
     kept = {name: value for name, value in options.items() if name not in ("n", "target")}
     kept["points"] = (marker.xyz if spec.relief else marker.xyz[:, :2]).tolist()
     kept["dot"] = found.dots.diameter
-    if options.get("radius") == "fit" or options.get("target"):
+    if options.get("target"):
+        kept["objective"] = spec.objective
+    if (options.get("radius") == "fit" or options.get("target")) and isinstance(spec.boundary, Circle):
         kept.pop("boundary", None)
         kept["radius"] = spec.boundary.radius
     # Both depend on what was open.
@@ -148,8 +149,8 @@ def design_rig(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[
     dict
         ``rig``, a rig.json, ``summary`` and ``warnings``.
     """
-    refuse_files(options, RigKeywords)
+    asked = plain(options, RigKeywords)
     if not isinstance(shape, str) or shape.strip().lower().endswith(SUFFIXES):
         raise InputError("the shape of a rig", brief(shape), "write cube, prism:6, wall 3x2 or pair")
-    found = rig(shape, progress=tell.progress, **options)
+    found = rig(shape, progress=tell.progress, **asked)
     return {"rig": json.loads(rig_to_json(found.rig)), "summary": str(found), "warnings": found.warnings}

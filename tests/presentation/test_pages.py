@@ -2,21 +2,63 @@
 
 import base64
 import doctest
+import json
+import tomllib
 from pathlib import Path
 
 import cv2
-import jinja2
 import numpy as np
 import pytest
+from html_pages import check
 
 from markergen.errors import InputError
 from markergen.presentation import pages
+from markergen.presentation.pages import Section
+from markergen.presentation.tables import Table
+
+ROOT = Path(__file__).parents[2]
 
 
-def test_values_are_escaped_and_none_is_forgotten():
-    assert pages.page_bytes("{% if a %}\n<p>{{ a }}</p>\n{% endif %}\n", {"a": "<b>\ud800"}) == b"<p>&lt;b&gt;?</p>\n"
-    with pytest.raises(jinja2.UndefinedError):
-        pages.page_bytes("{{ missing }}", {})
+def test_what_a_page_is_given_stays_text_and_empty_sections_are_left_out():
+    rows = Table("<i>", ["<i>"], [["<i>"]], "<i>")
+    section = Section(
+        ["<i>"],
+        [],
+        [rows],
+        "<i>",
+        ["<i>"],
+        [("<i>", "<i>")],
+        "<i>",
+        [("<i>", Section())],
+        [],
+        book=("<i>", "validate.md"),
+    )
+    made = pages.page("<i>", "<i>", [("a", "<i>", section), ("b", "gone", None)], "<i>", "\ud800")
+    found = check(made)
+    assert not found.of("i")
+    assert b"&lt;i&gt;" in made
+    assert found.sections == ("a",)
+
+
+def test_the_address_of_the_book_is_that_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["urls"]["Documentation"].replace("/tree/", "/blob/") + "/" == pages.BOOK
+
+
+def test_a_dome_holds_numbers_and_what_is_unknown_is_null():
+    centers = np.array([[0.0, 0.0, 1.0], [0.123456, 0.0, 1.0]])
+    errors = {"rotation": np.array([np.inf, 0.123456])}
+    square = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    made = pages.dome(centers, errors, [square], [{"x": 0, "y": 0, "diameter": 1}], "</script>'", ["</script>'", ""])
+    section = Section(plots=[made])
+    (div,) = (
+        each for each in check(pages.page("h", "t", [("a", "A", section)], "s", "n")).of("div") if "data-dome" in each
+    )
+    data = json.loads(div["data-dome"])
+    assert data["poses"] == {
+        "x": [0, 0.1235], "y": [0, 0], "z": [1, 1], "rotation": [None, 0.1235], "words": ["</script>'", ""]
+    }  # fmt: skip
+    assert data["room"]["outlines"] == [square.tolist()]
 
 
 def test_picture_without_noise_stays_as_it_is():

@@ -45,7 +45,7 @@ def test_the_same_drawing_gives_the_same_bytes_whatever_the_settings_of_matplotl
             return made
 
         yield plots.svg_bytes(lambda made: drawn(made.subplots()), (4, 3))
-        yield plots.plot(drawn, "name", 'alt "text"', "caption").svg
+        yield plots.plot(drawn, "name", 'alt "text"', "caption").markup
         yield plots.figure_bytes(figure, tmp_path / "plot.svg")
         yield plots.figure_bytes(figure, tmp_path / "plot.PNG")
 
@@ -60,13 +60,13 @@ def test_the_same_drawing_gives_the_same_bytes_whatever_the_settings_of_matplotl
 
 def test_a_plot_in_a_page_shares_no_ids_and_keeps_its_text():
     first, second = (plots.plot(drawn, name, 'alt "<text>"', "caption", (5.0, 2.0)) for name in ("a", "b"))
-    assert first.wide
-    ids = [set(re.findall(r'\bid="([^"]*)"', each.svg)) for each in (first, second)]
+    assert first.kind == "wide"
+    ids = [set(re.findall(r'\bid="([^"]*)"', each.markup)) for each in (first, second)]
     assert ids[0]
     assert not ids[0] & ids[1]
-    assert 'aria-label="alt &#34;&lt;text&gt;&#34;"' in first.svg
-    assert "&lt;a &amp; b&gt; $x" in first.svg
-    assert "<style" not in first.svg
+    assert 'aria-label="alt &#34;&lt;text&gt;&#34;"' in first.markup
+    assert "&lt;a &amp; b&gt; $x" in first.markup
+    assert "<style" not in first.markup
 
 
 def test_a_picture_is_named_by_its_format():
@@ -81,3 +81,34 @@ def test_only_what_a_logarithmic_axis_can_show_is_drawn():
     assert np.isnan([plots.positive(each) for each in (None, 0.0, -1.0, np.inf, np.nan)]).all()
     assert plots.ticks(1, 2)[:2] == (1, 1.2)
     assert plots.ticks(1, 1e9) == (1,)
+
+
+def test_colors_keep_their_contrast_and_hue_in_the_dark():
+    def luminance(color):
+        srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    def contrast(color, page):
+        light, deep = sorted([luminance(color) + 0.05, luminance(page) + 0.05], reverse=True)
+        return light / deep
+
+    page = plots.dark("#ffffff")
+    for ink in (plots.INK, plots.MUTED):
+        assert contrast(plots.dark(ink), page) > 4.5
+    for look in plots.SERIES:
+        assert contrast(plots.dark(look["color"]), page) > 3
+        assert np.argmax([plots.dark(look["color"])[k : k + 2] for k in (1, 3, 5)]) == np.argmax(
+            [look["color"][k : k + 2] for k in (1, 3, 5)]
+        )
+    grays = [luminance(plots.dark(f"#{2 * f'{each:02x}'}{each:02x}")) for each in range(0, 256, 5)]
+    assert np.all(np.diff(grays) < 0)
+
+
+def test_a_plot_in_a_page_has_colors_for_light_and_dark_unless_it_shows_paper():
+    page, paper = (plots.plot(drawn, "a", "alt", "caption", kind=kind).markup for kind in ("", "paper"))
+    ink = plots.SERIES[0]["color"].replace("0b5394", "1f77b4")
+    assert f"light-dark({ink},{plots.dark(ink)})" in page
+    assert f"stroke: var(--{ink[1:]})" in page
+    assert not re.findall(r'(?:fill|stroke)(?:: |=")#', page)
+    assert "light-dark" not in paper
+    assert f"stroke: {ink}" in paper

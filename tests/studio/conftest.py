@@ -77,5 +77,5 @@ def studio() -> Iterator[Studio]:
 @pytest.fixture
 def options():
     """A state whose numbers take no time."""
-    points = [[0.0, 0.1], [-0.095, 0.031], [-0.059, -0.081], [0.059, -0.081], [0.095, 0.031]]
-    return {"radius": "150mm", "dot": "30mm", "points": points, "poses": "cone:count=12"}
+    points = [[0.0, 0.1], [-0.095, 0.031], [-0.02, -0.1], [0.09, -0.03]]
+    return {"radius": "150mm", "dot": "30mm", "points": points, "poses": "cone:count=3"}

@@ -17,21 +17,26 @@ SQUARE = (
     b'<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="100mm"><rect width="200mm" height="100mm"/></svg>'
 )
 CAMERA = b"width: 640\nheight: 480\nfx: 800\nfy: 810\ncx: 320\ncy: 240\n"
-GEO = b'{"type": "Polygon", "coordinates": [[[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1], [0, 0]]]}'
+GEO = b'{"type": "Polygon", "coordinates": [[[0, 0], [200, 0], [200, 100], [0, 100], [0, 0]]]}'
 
 
 @pytest.mark.parametrize(
     "more",
     [
-        {},
-        {"tag": "aruco:DICT_4X4_50:7", "seed": 5, "objective": "rotation"},
-        {"relief": "10mm"},
         {"keep_out": ["circle:3mm@60mm,-20mm"], "mount": ["4xM3c@180mm", "4.5mm:0mm,-85mm"], "dowel": "2x4mm@170mm"},
-        {"noise_model": "image", "print_sigma": "0.1mm", "clearance": "4mm"},
+        *(
+            pytest.param(more, marks=pytest.mark.long)
+            for more in (
+                {},
+                {"tag": "aruco:DICT_4X4_50:7", "seed": 5, "objective": "rotation"},
+                {"relief": "10mm"},
+                {"noise_model": "image", "print_sigma": "0.1mm", "clearance": "4mm"},
+            )
+        ),
     ],
 )
 def test_a_marker_gives_the_options_that_make_it_again(more):
-    marker = mg.design(n=5, radius="120mm", dot="15mm", restarts=1, poses="cone:count=12", **more).marker
+    marker = mg.design(n=4, radius="120mm", dot="15mm", restarts=1, poses="cone:count=3", **more).marker
     options = opened("marker.json", to_json(marker))["options"]
     assert "n" not in options
     again = mg.design(**options).marker
@@ -53,7 +58,9 @@ def test_every_kind_of_file_is_known():
         "options": {"n": 6, "keep_out": ["circle:3mm@40mm,0mm"]},
     }
     for name, data in (("plate.svg", SQUARE), ("plate.geojson", GEO), ("plate.json", GEO)):
-        boundary = opened(name, data)["boundary"]
+        drawn = opened(name, data, "mm" if data == GEO else None)
+        boundary = drawn["boundary"]
+        assert np.abs(drawn["center"]) == pytest.approx([0.1, 0.05])
         room = spec_from_mapping({"boundary": boundary}).boundary
         assert isinstance(room, Boundary)
         assert room.area == pytest.approx(0.02)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from html_pages import check
 
 import markergen as mg
 from markergen.errors import InputError
@@ -42,10 +43,13 @@ def test_results_are_plain_json_and_views_are_of_the_rig(found, tmp_path):
     files = [tmp_path / name for name in ("report.html", "rig.json", "plot.svg")]
     written = found.save(*files, pictures=tmp_path / "pictures")
     assert len(written) == 3 + 6
-    page = files[0].read_text("utf-8")
-    assert page.count("<svg") == 3
-    assert page.count("<img") == 6
-    assert "plate 4" in page
+    page = check(files[0].read_bytes())
+    # Two sides of the rig, the errors, and two stills of the dome.
+    assert len(page.of("svg")) == 5
+    assert len(page.of("img")) == 6
+    assert "plate 4" in page.text
+    (dome,) = (json.loads(each["data-dome"]) for each in page.of("div") if "data-dome" in each)
+    assert sum(each is not None for each in dome["poses"]["rotation"]) == results["poses"]["served"]
 
 
 def test_what_is_said_has_the_numbers(found):

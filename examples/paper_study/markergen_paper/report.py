@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.presentation.pages import page_bytes
-from markergen.presentation.tables import csv_bytes
+from markergen.presentation.pages import Section, page
+from markergen.presentation.plots import inline
+from markergen.presentation.tables import Table, csv_bytes
 from markergen_paper.claims import Claim, verdict
-from markergen_paper.figures import Draw
 from markergen_paper.measurements import MEASURES
 from markergen_paper.options import COORDINATES, GROUPS, NOISE_PX, QUIET_PX
 from markergen_paper.results import TYPICAL_GROUPS, PaperResults, PoseLayouts, histogram, typical_of
@@ -19,47 +19,9 @@ from markergen_paper.statistics import NO_A, ClaimTest
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
 
-Findings = Sequence[tuple[Claim, list[ClaimTest]]]
+_SETTING = ("A written in", "noise", "verdict", "measured")
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>The paper, reproduced</title>
-<style>
-body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 64em; margin: 2em auto; padding: 0 1em; }
-table { border-collapse: collapse; font-size: 13px; }
-th, td { padding: .3em .8em; text-align: left; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
-figure { margin: 2em 0; } figcaption { color: #5a5a5a; }
-img { max-width: 100%; height: auto; }
-.holds { color: #2c6e12; } .fails { color: #a02c12; } .part { color: #8a6100; }
-div { overflow-x: auto; }
-</style>
-</head>
-<body>
-<h1>The paper, reproduced</h1>
-<p>{{ summary }}</p>
-<h2>Its claims</h2>
-{% for claim in claims %}
-<h3>{{ claim.words }}</h3>
-<p>{{ claim.test }}</p>
-<div><table>
-<thead><tr><th>A written in</th><th>noise</th><th>verdict</th><th>measured</th></tr></thead>
-<tbody>
-{% for row in claim.rows %}<tr><td>{{ row.coordinates }}</td><td>{{ row.noise }}</td>
-<td class="{{ row.look }}">{{ row.verdict }}</td><td>{{ row.measured }}</td></tr>
-{% endfor %}</tbody>
-</table></div>
-{% endfor %}
-<p>Every single test is in <a href="claims.csv">claims.csv</a>.</p>
-<h2>Its figures</h2>
-{% for name, caption in figures %}
-<figure><img src="{{ name }}.svg" alt="{{ caption }}"><figcaption>{{ caption }}</figcaption></figure>
-{% endfor %}
-<p>The data: {% for name in tables %}<a href="{{ name }}.csv">{{ name }}.csv</a> {% endfor %}</p>
-</body>
-</html>
-"""
+Findings = Sequence[tuple[Claim, list[ClaimTest]]]
 
 
 def rows_csv(rows: Sequence[Row]) -> bytes:
@@ -289,16 +251,58 @@ def _own(group: Sequence[ClaimTest]) -> list[ClaimTest]:
 
 
 def index_page(
-    findings: Findings, figures: Mapping[str, tuple[Draw, Any, str]], tables: Iterable[str], study: PaperResults
+    findings: Findings, figures: Iterable[tuple[str, bytes, str]], tables: Iterable[str], study: PaperResults
 ) -> bytes:
-    """The page, with the same bytes for the same results."""
-    values = {
-        "summary": _summary(study),
-        "claims": [{"words": claim.words, "test": claim.test, "rows": _verdicts(group)} for claim, group in findings],
-        "figures": [(name, caption) for name, (_, _, caption) in figures.items()],
-        "tables": [*tables, "claims"],
-    }
-    return page_bytes(_PAGE, values)
+    """The page, with the same bytes for the same results; of each figure its name, its file, and its caption."""
+    verdicts = [verdict(_own(group)) for _, group in findings]
+    held, refuted = verdicts.count("holds"), verdicts.count("does not hold")
+    rows = [
+        [claim.words, words, _measured(_own(group)), verdict(group)]
+        for words, (claim, group) in zip(verdicts, findings, strict=True)
+    ]
+    each_of = [
+        (
+            claim.words,
+            Section(
+                [claim.test],
+                tables=[Table(claim.words, _SETTING, [list(row.values()) for row in _verdicts(group)])],
+            ),
+        )
+        for claim, group in findings
+    ]
+    return page(
+        "The paper, reproduced",
+        "claims and figures",
+        [
+            (
+                "claims",
+                "Its claims",
+                Section(
+                    [
+                        f"Of {len(findings)} claims {held} hold in the paper's own setting and {refuted} do not; "
+                        f"{len(findings) - held - refuted} hold in part, or are open."
+                    ],
+                    tables=[
+                        Table("Claims", ["claim", "in the paper's setting", "measured there", "in all settings"], rows)
+                    ],
+                    folded=each_of,
+                    files=["claims.csv"],
+                    book=("what is computed", "paper.md#what-is-computed"),
+                ),
+            ),
+            (
+                "figures",
+                "Its figures",
+                Section(
+                    plots=[inline(svg, name, caption, caption, "wide") for name, svg, caption in figures],
+                    files=[f"{name}.csv" for name in tables],
+                    book=("what stands out", "paper.md#what-stands-out"),
+                ),
+            ),
+        ],
+        _summary(study),
+        "The same study gives the same page.",
+    )
 
 
 def _verdicts(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
@@ -306,14 +310,11 @@ def _verdicts(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
     rows = []
     for key in dict.fromkeys((finding.coordinates, finding.noise_px) for finding in group):
         part = [finding for finding in group if (finding.coordinates, finding.noise_px) == key]
-        words = verdict(part)
-        look = "holds" if words == "holds" else "fails" if words == "does not hold" else "part"
         rows.append(
             {
                 "coordinates": key[0],
                 "noise": "" if key[1] is None else f"{key[1]:g} px",
-                "verdict": words,
-                "look": look,
+                "verdict": verdict(part),
                 "measured": _measured(part),
             }
         )

@@ -125,9 +125,9 @@ def _files(study: PaperResults) -> Iterator[tuple[str, bytes]]:
     tables = tables_of(study)
     for name, rows in tables.items():
         yield f"{name}.csv", rows_csv(rows)
-    figures = figures_of(study)
-    for name, (draw, size, _) in figures.items():
-        yield f"{name}.svg", svg_bytes(draw, size)
+    figures = [(name, svg_bytes(draw, size), caption) for name, (draw, size, caption) in figures_of(study).items()]
+    for name, svg, _ in figures:
+        yield f"{name}.svg", svg
     findings = [(claim, list(claim.find(study))) for claim in CLAIMS]
     yield "claims.csv", rows_csv(claim_rows(findings))
     yield "claims.md", claims_page(findings, study).encode()

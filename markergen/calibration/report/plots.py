@@ -64,7 +64,7 @@ def print_map(
         ax.add_patch(Polygon(1e3 * ring, facecolor="#fbfbfb", edgecolor=MUTED, linewidth=0.9, zorder=1))
     # Heights that are no larger than their errors stay pale.
     reach = max(float(np.abs(displacement[:, 2]).max()), 3 * float(np.sqrt(covariance[:, 2, 2].max())), 1e-3)
-    colors = LinearSegmentedColormap.from_list("heights", _HEIGHTS)
+    colors = LinearSegmentedColormap.from_list("heights", _HEIGHTS, N=41)
     norm = Normalize(-reach, reach)
     diameter = {str(point.id): 1e3 * point.feature.diameter for point in marker.control_points}
     rim = 1e3 * np.concatenate(marker.boundary.outlines())

@@ -1,6 +1,6 @@
 """Sections of a calibration's report, each from what was found; without its data a section is left out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -17,18 +17,22 @@ from markergen.calibration.projection_uncertainty import (
 from markergen.calibration.report import plots
 from markergen.calibration.report.subject import UM, Subject
 from markergen.calibration.words import SOURCES, headline, judged, photographs, sentence, unused, what_is_left
+from markergen.presentation.pages import Section
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table, number
-from markergen.validation.report.subject import ReportSection
 
-_HANG_UP, _SQUARE = (7.2, 6.2), (4.9, 4.9)
+_HANG_UP, _SQUARE = (5.8, 5.0), (4.4, 4.4)
 """Widths and heights of plots in inches."""
 
 
-def answer(subject: Subject) -> ReportSection:
+def answer(subject: Subject) -> Section:
     """What to expect before and after, by source, and where the scale comes from."""
     found = subject.found
-    section = ReportSection([headline(found), what_is_left(found), found.scale_source])
+    section = Section(
+        [headline(found), what_is_left(found), found.scale_source],
+        warnings=list(found.notes),
+        book=("what is measured, and how well it works", "calibrate.md#how-well-it-works"),
+    )
     if found.next_photos is not None:
         section.sentences.append(found.next_photos.sentence)
     rows = []
@@ -52,10 +56,10 @@ def answer(subject: Subject) -> ReportSection:
     return section
 
 
-def print_found(subject: Subject) -> ReportSection | None:
+def print_found(subject: Subject) -> Section | None:
     """Map of each marker, and the table of its dots."""
     found = subject.found
-    section = ReportSection()
+    section = Section()
     if found.measured:
         away = subject.displacement
         plane, height = np.linalg.norm(away[:, :2], axis=1), away[:, 2]
@@ -71,12 +75,12 @@ def print_found(subject: Subject) -> ReportSection | None:
     return section
 
 
-def relation(subject: Subject) -> ReportSection | None:
+def relation(subject: Subject) -> Section | None:
     """Where the markers of a rig are, beside where they were designed."""
     found = subject.found.relation
     if found is None:
         return None
-    section = ReportSection(list(found.sentences))
+    section = Section(list(found.sentences))
     rows = [
         [each.name, *map(number, (turn, 1e3 * shift, by_turn, 1e3 * by_shift))]
         for each, turn, shift, by_turn, by_shift in zip(
@@ -155,11 +159,11 @@ def _dot_table(subject: Subject) -> Table:
     )
 
 
-def photos(subject: Subject) -> ReportSection:
+def photos(subject: Subject) -> Section:
     """Photographs with their residuals, rejected dots, unused photographs, and the residuals over the image."""
     found, views = subject.found, subject.found.adjustment.views
     camera, residual = found.camera, found.adjustment.residual
-    section = ReportSection([photographs(found)[0]])
+    section = Section([photographs(found)[0]])
     taken, rejected = subject.taken, subject.rejected
     if taken.any():
         factor = plots.residual_factor(residual[taken], camera.width)
@@ -217,12 +221,12 @@ def photos(subject: Subject) -> ReportSection:
     return section
 
 
-def coverage(subject: Subject) -> ReportSection:
+def coverage(subject: Subject) -> Section:
     """Where in the image, from which sides, and with which turns the marker was seen."""
     covered, views, camera = subject.coverage, subject.found.adjustment.views, subject.found.camera
     pixels = [views.pixels[row][taken] for row, taken in enumerate(subject.taken)]
     distance = np.linalg.norm(views.translation, axis=1)
-    section = ReportSection(
+    section = Section(
         [covered.sentence, f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker."]
     )
     section.plots += [
@@ -249,12 +253,12 @@ def coverage(subject: Subject) -> ReportSection:
     return section
 
 
-def next_photos(subject: Subject) -> ReportSection | None:
+def next_photos(subject: Subject) -> Section | None:
     """Which photographs to take next, in words and pictures; None if that was not asked."""
     asked = subject.found.next_photos
     if asked is None:
         return None
-    section = ReportSection([asked.sentence])
+    section = Section([asked.sentence])
     if not asked.helps:
         return section
     for k, photo in enumerate(asked.photos):
@@ -283,10 +287,10 @@ def next_photos(subject: Subject) -> ReportSection | None:
     return section
 
 
-def judgment(subject: Subject) -> ReportSection:
+def judgment(subject: Subject) -> Section:
     """Left-out photographs, two halves, and bending."""
     found = subject.found
-    section = ReportSection(judged(found))
+    section = Section(judged(found))
     if isinstance(found.flex, Flex):
         section.sentences.append(sentence(found.flex.verdict))
     cross, halves = found.cross_validation, found.halves
@@ -339,7 +343,7 @@ def judgment(subject: Subject) -> ReportSection:
     return section
 
 
-def camera(subject: Subject) -> ReportSection | None:
+def camera(subject: Subject) -> Section | None:
     """Parameters of the camera, how well it projects, and what was tried; None if it was given as exact."""
     found, covariance = subject.found, subject.found.camera_covariance
     if covariance is None:
@@ -348,9 +352,7 @@ def camera(subject: Subject) -> ReportSection | None:
     sigma = np.sqrt(np.diag(covariance))
     center = projection_uncertainty(found.camera, covariance)
     low, high = (number(float(each(center)), 2) for each in (np.nanmin, np.nanmax))
-    section = ReportSection(
-        [f"Where the camera sees a far point is known to {low} to {high} px (1 sigma) over the image."]
-    )
+    section = Section([f"Where the camera sees a far point is known to {low} to {high} px (1 sigma) over the image."])
     shape = _image_size(subject)
     section.plots.append(
         plot(
@@ -429,8 +431,3 @@ def _rms(values: np.ndarray) -> float:
 
 def _px(value: float) -> str:
     return "-" if not np.isfinite(value) else f"{value:.3f}"
-
-
-def present(sections: Sequence[tuple[str, str, ReportSection | None]]) -> list[tuple[str, str, ReportSection]]:
-    """Return the sections (id, heading, content) that have content."""
-    return [(key, heading, section) for key, heading, section in sections if section is not None]

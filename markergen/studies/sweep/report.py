@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.presentation.pages import page_bytes
-from markergen.presentation.plots import SERIES, log_axis, positive, svg_bytes
+from markergen.presentation.pages import Section
+from markergen.presentation.pages import page as page_of
+from markergen.presentation.plots import SERIES, inline, log_axis, positive, svg_bytes
+from markergen.presentation.tables import Table
 from markergen.studies.sweep.grid import Sweep, axis_text
 from markergen.studies.sweep.table import ALL, Row, columns
 from markergen.units import parse_length
@@ -52,47 +54,6 @@ SHOWN = (
 """Columns of the page, after the axes; the file has all columns."""
 
 MOST_ROWS = 2000
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>{{ name }}</title>
-<style>
-body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 75em; margin: 2em auto; padding: 0 1em; }
-table { border-collapse: collapse; font-size: 13px; }
-th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #e4e4e4; white-space: nowrap; }
-th { position: sticky; top: 0; background: #fff; }
-td:first-child, th:first-child { text-align: left; }
-section { display: flex; flex-wrap: wrap; gap: 1em 2em; align-items: flex-start; }
-figure { margin: 1em 0; max-width: 100%; } figcaption { color: #5a5a5a; contain: inline-size; }
-img { max-width: 100%; height: auto; }
-div { overflow-x: auto; } li { margin: .3em 0; }
-</style>
-</head>
-<body>
-<h1>{{ name }}</h1>
-<p>{{ summary }}</p>
-<section>
-{% for plot in plots %}
-<figure><img src="{{ plot.name }}.svg" alt="{{ plot.caption }}"><figcaption>{{ plot.caption }}</figcaption></figure>
-{% endfor %}
-</section>
-{% if errors %}
-<h2>What could not be computed</h2>
-<ul>{% for place, words in errors %}<li>{{ place }}: {{ words }}</li>{% endfor %}</ul>
-{% endif %}
-<h2>Over all poses</h2>
-<p>{{ more }}<a href="table.csv">table.csv</a> has these rows for every polar angle too, with 95 % intervals.</p>
-<div><table>
-<thead><tr>{% for name in head %}<th>{{ name.replace("_", " ") }}</th>{% endfor %}</tr></thead>
-<tbody>
-{% for row in rows %}<tr>{% for value in row %}<td>{{ value }}</td>{% endfor %}</tr>
-{% endfor %}</tbody>
-</table></div>
-</body>
-</html>
-"""
 
 
 @dataclass(frozen=True)
@@ -255,16 +216,30 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
     errors = [
         (" ".join(f"{name}={row[name]}" for name in sweep.axes), row["error"]) for row in table if row.get("error")
     ]
-    values = {
-        "name": sweep.name,
-        "summary": _summary(sweep),
-        "plots": plots,
-        "errors": errors,
-        "more": f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else "",
-        "head": head,
-        "rows": [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]],
-    }
-    return page_bytes(_PAGE, values)
+    shown = [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]]
+    more = f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else ""
+    drawn = [inline(each.svg, each.name, each.caption, each.caption, "wide") for each in plots]
+    failed = Section(tables=[Table("Points of the grid", ["point", "reason"], errors)]) if errors else None
+    return page_of(
+        "Study",
+        sweep.name,
+        [
+            ("errors", "Errors", Section(plots=drawn)),
+            ("failed", "What could not be computed", failed),
+            (
+                "table",
+                "Over all poses",
+                Section(
+                    [f"{more}table.csv has these rows for every polar angle too, with 95 % intervals."],
+                    tables=[Table("Errors over all poses", [name.replace("_", " ") for name in head], shown)],
+                    files=["table.csv"],
+                    book=("studies, and what their columns mean", "study.md"),
+                ),
+            ),
+        ],
+        f"{sweep.name}: {_summary(sweep)}",
+        "The same study gives the same page.",
+    )
 
 
 def _summary(sweep: Sweep) -> str:

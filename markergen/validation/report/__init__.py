@@ -1,19 +1,16 @@
 """The report: one self-contained HTML file, with the same bytes for the same results."""
 
 from collections.abc import Sequence
-from importlib.resources import files
 from typing import Any
 
-from markergen import __version__
 from markergen.estimators.budget import PoseBudget
+from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-from markergen.presentation.pages import data_uri, page_bytes
-from markergen.validation.report import measured, overview
+from markergen.presentation.pages import Section, page, picture
+from markergen.validation.report import measured, method, overview
 from markergen.validation.report.subject import Subject
 from markergen.validation.views import Picture
-
-TEMPLATE = "report.html.j2"
 
 
 def html_report(
@@ -42,32 +39,56 @@ def html_report(
     Returns
     -------
     bytes
-        UTF-8 without scripts, dates or external resources. Text from files is escaped.
+        UTF-8 without dates or external resources; its only script is the dome of poses. Text from files is escaped.
     """
     # Null parts count as missing.
     present = {key: part for key, part in results.items() if part is not None}
     subject = Subject(present, marker, setting, budget)
-    camera, poses = setting.camera, setting.poses
-    return page_bytes(
-        files(__name__).joinpath(TEMPLATE).read_text("utf-8"),
-        {
-            "title": overview.title(marker),
-            "version": __version__,
-            "camera": camera,
-            "poses": poses,
-            "answer": overview.answer(subject),
-            "limits": overview.limits(subject),
-            "marker": overview.the_marker(subject),
-            "labels": overview.labels(subject),
-            "origin": overview.origin(marker),
-            "provenance": overview.provenance(marker),
-            "pose_space": overview.pose_space(subject),
-            "trials": measured.trials(subject),
-            "views": measured.views(subject),
-            "ellipses": measured.ellipses(subject),
-            "comparison": overview.comparison(subject),
-            "pictures": [(picture, data_uri(picture.png)) for picture in pictures],
-            "advice": overview.size_advice(subject),
-            "command": overview.command(subject),
-        },
+    poses = setting.poses
+    left_out = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
+    errors = Section(
+        parts=[
+            ("With noisy image points", measured.trials(subject)),
+            ("In rendered images", measured.views(subject)),
+        ]
     )
+    return page(
+        "Marker report",
+        overview.title(marker),
+        [
+            ("answer", "What to expect", overview.answer(subject)),
+            ("limits", "What limits it", overview.limits(subject)),
+            ("marker", "The marker", overview.the_marker(subject)),
+            ("labels", "Telling the dots apart", overview.labels(subject)),
+            ("pictures", "Sample views", sample_views(pictures)),
+            ("errors", "Errors", errors),
+            ("ellipses", "Error ellipses", measured.ellipses(subject)),
+            ("beside", "Beside other layouts", overview.comparison(subject)),
+            ("size", "Size of the dots", overview.size_advice(subject)),
+            (
+                "method",
+                "How it was measured",
+                Section(
+                    terms=method.MARKER,
+                    parts=[("To repeat it", Section(text=overview.command(subject)))],
+                    book=("what is measured, and how", "validate.md"),
+                ),
+            ),
+        ],
+        f"{overview.title(marker)}. {seen_by(setting.camera)}. {len(poses)} poses ({poses.name}{left_out}).",
+        "The same marker, options, and seed give the same page.",
+    )
+
+
+def seen_by(camera: Camera) -> str:
+    """Describe the camera of a report."""
+    lens = f", {camera.distortion.model} lens" if camera.distortion.coefficients else ""
+    size = f"{camera.width} x {camera.height} px"
+    return f"Camera {size}, focal lengths {camera.fx:g} and {camera.fy:g} px{lens}"
+
+
+def sample_views(pictures: Sequence[Picture]) -> Section:
+    """Rendered views in their order."""
+    shown = [picture(each.title, each.caption, each.png) for each in pictures]
+    missing = "" if shown else "No pictures were made; markergen validate makes them with --views 100."
+    return Section(plots=shown, missing=missing, book=("how views are made", "validate.md#views"))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.presentation.pages import Section
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table
 from markergen.render import Optics
@@ -29,7 +30,6 @@ from markergen.validation.report.subject import (
     GROUPINGS,
     Expected,
     PoseBin,
-    ReportSection,
     Results,
     Subject,
     labeled,
@@ -46,15 +46,15 @@ MOST_FAILURES = 20
 _UNITS = ("px", "grey", "deg")
 
 
-def trials(subject: Subject) -> ReportSection:
+def trials(subject: Subject) -> Section:
     """Errors of the estimators for noisy image points."""
     results = subject.results
     estimators = results.get("estimators") or {}
     if not estimators or not results.get("bound"):
-        return ReportSection(missing="No trials were run; markergen validate runs them with --runs 1000.")
+        return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
     found = subject.bound
     noise = f"{noise_of(results):g} px"
-    section = ReportSection(
+    section = Section(
         [
             f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
             *tables.trial_sentences({"nees": None, **results, "views": None, "labels": None}),
@@ -101,13 +101,13 @@ def trials(subject: Subject) -> ReportSection:
     return section
 
 
-def views(subject: Subject) -> ReportSection:
+def views(subject: Subject) -> Section:
     """Detections in rendered images, and their errors."""
     seen = subject.views
     if not seen:
-        return ReportSection(missing="No views were rendered; markergen validate renders them with --views 100.")
+        return Section(missing="No views were rendered; markergen validate renders them with --views 100.")
     predicted, samples = subject.predicted, seen.get("samples") or []
-    section = ReportSection(_in_words(seen), tables=_views_tables(seen))
+    section = Section(_in_words(seen), tables=_views_tables(seen))
     for group, groups, axis in GROUPINGS:
         where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
         for key, name, unit in ERRORS:
@@ -151,14 +151,14 @@ def views(subject: Subject) -> ReportSection:
     return section
 
 
-def ellipses(subject: Subject) -> ReportSection:
+def ellipses(subject: Subject) -> Section:
     """Predicted 95 % ellipses of dots and poses, and the measured errors."""
     samples = subject.views.get("samples") or []
     found = subject.predicted or subject.expected
     source = (
         "the noise and the print error that the views were made with" if subject.predicted is not None else found.source
     )
-    section = ReportSection([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
+    section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
     section.plots += _dots(subject, samples)
     corners = _corners(pose_bins(found))
     camera = ("to the right, mm", "away from the camera, mm")

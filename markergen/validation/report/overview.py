@@ -7,21 +7,23 @@ from functools import partial
 
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
+from markergen.model.rig import RigMarker
 from markergen.model.sight import coverage
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.optimize.coverage_picture import draw_coverage
 from markergen.optimize.dot_size import PERCENTILE, PIXELS
+from markergen.presentation.pages import Section
 from markergen.presentation.plots import plot
 from markergen.presentation.tables import Table, percent
 from markergen.render import DEFAULT_OPTICS
 from markergen.units import format_length
 from markergen.validation import tables
 from markergen.validation.headline import middle, sentences
-from markergen.validation.report.plots import budget_over_tilt, compared, fan, pose_sphere, variance_shares
+from markergen.validation.report.plots import budget_over_tilt, compared, variance_shares
+from markergen.validation.report.pose_dome import pose_dome
 from markergen.validation.report.subject import (
     ERRORS,
     SOURCES,
-    ReportSection,
     Results,
     Subject,
     advice_sentences,
@@ -33,7 +35,7 @@ from markergen.validation.report.subject import (
 
 LONGEST_TEXT, LONGEST_PROVENANCE = 200, 4000
 """Maximum number of characters shown from a marker's file, which is untrusted."""
-_WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
+_LOW, _SQUARE = (4.9, 2.3), (4.9, 5.1)
 """Widths and heights of plots in inches."""
 
 
@@ -42,12 +44,22 @@ def title(marker: Marker) -> str:
     return f"{len(marker)} dots of {marker.dot_words} in a {marker.boundary}"
 
 
-def answer(subject: Subject) -> ReportSection:
-    """Expected errors, in words and by tilt and distance."""
+def answer(subject: Subject) -> Section:
+    """Expected errors in words, at each pose, and by tilt and distance, the hardest in bold."""
+    from markupsafe import Markup
+
     distances = sorted({each.distance for each in subject.bins}, key=middle)
     tilts = sorted({each.tilt for each in subject.bins}, key=middle)
+    hardest = [max(getattr(each, key) for each in subject.bins) for key in ("rotation_deg", "translation_mm")]
+    bold = Markup("<strong>{}</strong>")
     by_place = {
-        (each.distance, each.tilt): f"{number(each.rotation_deg, 2)} deg, {number(each.translation_mm, 2)} mm"
+        (each.distance, each.tilt): Markup(", ").join(
+            bold.format(text) if value == worst else text
+            for value, worst, text in (
+                (each.rotation_deg, hardest[0], f"{number(each.rotation_deg, 2)} deg"),
+                (each.translation_mm, hardest[1], f"{number(each.translation_mm, 2)} mm"),
+            )
+        )
         for each in subject.bins
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
@@ -55,8 +67,14 @@ def answer(subject: Subject) -> ReportSection:
         "RMS error to expect by tilt and distance",
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
+        "The hardest cases are in bold.",
     )
-    section = ReportSection(sentences(subject.headline), tables=[table])
+    section = Section(
+        sentences(subject.headline), tables=[table], book=("what to plan with", "validate.md#what-to-plan-with")
+    )
+    found, alone = subject.expected, RigMarker("marker", subject.marker, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
+    errors = {"rotation": found.rotation_deg, "translation": found.translation_mm}
+    section.plots += pose_dome([alone], subject.setting.poses, errors, found.source)
     if "coverage" in subject.results:
         covered = coverage(subject.marker, subject.setting.camera, subject.setting.poses)
         section.tables.append(tables.coverage_table(subject.results))
@@ -66,22 +84,25 @@ def answer(subject: Subject) -> ReportSection:
                 "coverage",
                 f"Dots in view over distance and tilt: {covered.count.min()} to {covered.count.max()}.",
                 "Dots that each pose sees whole and large enough.",
-                _WIDE,
             )
         )
     return section
 
 
-def limits(subject: Subject) -> ReportSection:
+def limits(subject: Subject) -> Section:
     """Sources of the error, and what to improve first."""
     budget = subject.results.get("budget")
     if not budget:
-        return ReportSection(
+        return Section(
             missing="How much of it the print and the calibration make is not in these results; markergen validate "
             "tells it with --print-sigma and --camera-covariance."
         )
     said = {name: in_words(tables.shares(budget, key)) for key, name, _ in ERRORS}
-    section = ReportSection(tables.limit_sentences(subject.results), tables=[tables.budget_table(subject.results)])
+    section = Section(
+        tables.limit_sentences(subject.results),
+        tables=[tables.budget_table(subject.results)],
+        book=("the error budget", "validate.md#error-budget"),
+    )
     section.plots.append(
         plot(
             partial(variance_shares, budget),
@@ -89,7 +110,7 @@ def limits(subject: Subject) -> ReportSection:
             "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in said.items()) + ".",
             "What the variance of the error is made of, over all poses. Variances add up, errors do not: halving a "
             "source that makes 10 % of the variance gains 4 % of the error.",
-            _WIDE,
+            _LOW,
         )
     )
     if subject.budget is not None:
@@ -109,7 +130,7 @@ def limits(subject: Subject) -> ReportSection:
     return section
 
 
-def the_marker(subject: Subject) -> ReportSection:
+def the_marker(subject: Subject) -> Section:
     """Scale drawing of the marker, and a table of its dots."""
     marker = subject.marker
     drawing = plot(
@@ -123,6 +144,7 @@ def the_marker(subject: Subject) -> ReportSection:
             else "; the origin of the marker frame is outside of the picture."
         ),
         _SQUARE,
+        "paper",
     )
     rows = [
         [
@@ -134,18 +156,22 @@ def the_marker(subject: Subject) -> ReportSection:
         for point in marker.control_points
     ]
     table = Table("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows)
-    return ReportSection(plots=[drawing], tables=[table])
+    return Section(
+        plots=[drawing],
+        tables=[table],
+        parts=[("Where it came from", Section(terms=origin(marker)))],
+        folded=[("Provenance, as its file tells it", Section(text=provenance(marker)))],
+        book=("every key of the marker's file", "marker-json.md"),
+    )
 
 
-def labels(subject: Subject) -> ReportSection:
+def labels(subject: Subject) -> Section:
     """Robustness of the dots' labels."""
     found = subject.results.get("labels")
     if not found:
         if not subject.marker.dot_diameter:
-            return ReportSection(missing="Bare points cannot be seen, and so not be told apart.")
-        return ReportSection(
-            missing="These results do not say how safely dots are told apart; markergen validate adds it."
-        )
+            return Section(missing="Bare points cannot be seen, and so not be told apart.")
+        return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
     rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
     if rings:
         told = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
@@ -153,7 +179,11 @@ def labels(subject: Subject) -> ReportSection:
         told = "All dots look the same"
     said = [f"{told}; dots that look the same are told apart by their places alone."]
     said += tables.trial_sentences({"nees": None, "labels": found})
-    return ReportSection(said, tables=[tables.labels_table({"labels": found})])
+    return Section(
+        said,
+        tables=[tables.labels_table({"labels": found})],
+        book=("labels, and how to make them safe", "design.md#labels"),
+    )
 
 
 def origin(marker: Marker) -> list[tuple[str, str]]:
@@ -175,48 +205,14 @@ def provenance(marker: Marker) -> str:
     return text if len(text) <= LONGEST_PROVENANCE else text[:LONGEST_PROVENANCE] + " ..."
 
 
-def pose_space(subject: Subject) -> ReportSection:
-    """Camera positions, and the errors expected there."""
-    found, poses, bins = subject.expected, subject.setting.poses, subject.bins
-    section = ReportSection([f"What to expect from each of the {len(poses)} poses, with {found.source}."])
-    of_poses = (("rotation", "deg", found.rotation_deg), ("translation", "mm", found.translation_mm))
-    section.plots += [
-        plot(
-            partial(pose_sphere, subject.marker, poses, values, f"RMS {name} error, {unit}"),
-            f"sphere-{name}",
-            f"Camera positions around the marker, darker and larger where the {name} error is larger: "
-            f"{number(float(values.min()), 2)} to {number(float(values.max()), 2)} {unit}.",
-            f"Each mark is a camera that looks at the marker. The darker and larger, the larger the {name} error.",
-            (4.9, 3.2),
-        )
-        for name, unit, values in of_poses
-    ]
-    of_bins = (
-        ("rotation", "deg", [each.rotation_deg for each in bins]),
-        ("translation", "mm", [each.translation_mm for each in bins]),
-    )
-    section.plots += [
-        plot(
-            partial(fan, bins, values, subject.marker.boundary.radius),
-            f"fan-{name}",
-            f"RMS {name} error in {unit} by distance and tilt; all numbers are in the first table.",
-            f"The same in a section: up is frontal, outward is farther away. RMS {name} error in {unit}.",
-        )
-        for name, unit, values in of_bins
-    ]
-    return section
-
-
-def comparison(subject: Subject) -> ReportSection:
+def comparison(subject: Subject) -> Section:
     """The marker compared with other layouts."""
     results = subject.results
     beside = results.get("comparisons") or {}
     if not beside or not results.get("bound"):
-        return ReportSection(
-            missing="These results hold no other layouts to compare with; markergen validate adds them."
-        )
+        return Section(missing="These results hold no other layouts to compare with; markergen validate adds them.")
     layouts = {"this marker": results, **{LAYOUTS.get(name, name): row for name, row in beside.items()}}
-    section = ReportSection(
+    section = Section(
         [
             "The same room, poses, dot size, and noise for each layout: the regular polygon, four dots in a square, "
             "and the median of random layouts."
@@ -240,19 +236,19 @@ def comparison(subject: Subject) -> ReportSection:
     return section
 
 
-def size_advice(subject: Subject) -> ReportSection:
+def size_advice(subject: Subject) -> Section:
     """Advice on the size of the dots."""
     marker, poses = subject.marker, subject.setting.poses
     found = advise(marker, subject.setting.camera, poses)
     if found is None:
-        return ReportSection(missing="Bare points have no size to print; design the marker with --dot above 0.")
+        return Section(missing="Bare points have no size to print; design the marker with --dot above 0.")
     rows = [
         [name, *(f"{number(value)} px" for value in (each.thinnest_px, each.center_px)), format_length(each.diameter)]
         for name, each in (("every pose", found.worst), (f"{PERCENTILE:g} % of the poses", found.most))
     ]
     header = ["in", "smallest dot", "at the center", f"diameter for {PIXELS:g} px"]
     title = f"Short axis of the image of a {format_length(marker.dot_diameter)} dot"
-    return ReportSection(advice_sentences(found, marker, poses), tables=[Table(title, header, rows)])
+    return Section(advice_sentences(found, marker, poses), tables=[Table(title, header, rows)])
 
 
 def command(subject: Subject) -> str:

@@ -18,12 +18,10 @@ from markergen.objectives import Setting
 from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
 from markergen.optimize.packing import largest_diameter
 from markergen.presentation import tables
-from markergen.presentation.plots import Plot
-from markergen.presentation.tables import Table
 from markergen.units import format_length
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.expectation import Expectation
-from markergen.validation.headline import cells_of, headline, middle, source_of
+from markergen.validation.headline import cells_of, headline, source_of
 from markergen.validation.metrics import rms
 
 if TYPE_CHECKING:
@@ -40,16 +38,6 @@ GROUPINGS = (("tilt", "by_polar_angle", "tilt, deg"), ("distance", "by_distance"
 UNIT_NOISE_PX = 1.0
 """Noise for the bounds if that of the results is missing or 0."""
 SOURCES = {"image": "image noise", "print": "print", "camera": "calibration", "total": "total"}
-
-
-@dataclass
-class ReportSection:
-    """Contents of a section in order; `missing` says how to obtain absent results."""
-
-    sentences: list[str] = field(default_factory=list)
-    plots: list[Plot] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-    missing: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,20 +183,6 @@ def pose_bins(found: Expected) -> list[PoseBin]:
         PoseBin(distance, tilt, both, rms(rotation[both]), rms(translation[both]))
         for (distance, tilt), both in cells_of(found.poses).items()
     ]
-
-
-def interval(group: str, groups: list[str]) -> tuple[float, float]:
-    """Range of a group: that of a bin as in its name, or for a single value halfway to its neighbors."""
-    if ".." in group:
-        low, high = (float(end) for end in group.split(".."))
-        return low, high
-    values = sorted(middle(name) for name in groups)
-    i = values.index(middle(group))
-    steps = np.diff(values)
-    if not steps.size:
-        return 0.9 * values[0], 1.1 * values[0] or 1.0
-    before, after = steps[max(i - 1, 0)], steps[min(i, len(steps) - 1)]
-    return float(values[i] - before / 2), float(values[i] + after / 2)
 
 
 @dataclass(frozen=True)

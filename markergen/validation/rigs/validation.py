@@ -328,7 +328,7 @@ class RigValidation(ValidationResult):
             table(results) for table in (expected_table, trial_table) if table is expected_table or results["runs"]
         ]
         found += [tables.budget_table(results), *([view_table(results["views"])] if results["views"] else [])]
-        return rig_report(self.rig, self.series.camera, results, sentences(results), found, self.plot, shown)
+        return rig_report(sight(self.series), results, sentences(results), found, self.plot, shown)
 
     def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
         return pictures(self.series, views)

@@ -1,10 +1,10 @@
 import csv
 import io
-import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from html_pages import check
 from markergen_paper import estimated_seconds, run_paper
 from markergen_paper import study as paper_study
 from markergen_paper.claims import CLAIMS
@@ -47,14 +47,14 @@ def test_everything_is_written_and_told(written):
 
 def test_figures_are_svg_and_on_the_page(written):
     folder, paths, _ = written
-    page = (folder / "index.html").read_text()
+    files = {path.name for path in paths}
+    page = check((folder / "index.html").read_bytes(), files)
     figures = {path.name for path in paths if path.suffix == ".svg"}
     assert len(figures) == 14
     for name in figures:
         ET.parse(folder / name)
-    assert set(re.findall(r'src="([^"]+)"', page)) == figures
-    links = set(re.findall(r'href="([^"]+)"', page))
-    assert links == {path.name for path in paths if path.suffix == ".csv"}
+    assert len(page.of("svg")) == len(figures)
+    assert {a["href"] for a in page.of("a")} & files == {name for name in files if name.endswith(".csv")}
 
 
 def test_tables_are_tidy(written):
@@ -74,7 +74,7 @@ def test_claims_are_in_all_three_places(written):
     assert names == {claim.name for claim in CLAIMS}
     for claim in CLAIMS:
         assert f"## {claim.words}" in text
-    assert page.count("<h3>") == len(CLAIMS)
+    assert page.count("<details>") == len(CLAIMS)
 
 
 def test_the_same_results_give_the_same_tables(written, study):

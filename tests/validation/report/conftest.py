@@ -15,7 +15,7 @@ from markergen.presentation.results import json_bytes
 from markergen.render import DEFAULT_OPTICS
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
-from markergen.validation.report import html_report, measured, overview
+from markergen.validation.report import html_report, measured, overview, pose_dome
 from markergen.validation.report.plots import draw_errors
 from markergen.validation.report.subject import Subject
 from markergen.validation.validation import validate
@@ -166,8 +166,8 @@ def new_axes():
 def quick(monkeypatch):
     """Leave the drawing out: it costs two seconds a page."""
 
-    def drawn(draw, name, alt, caption, size=plots.SIZE):
+    def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
         return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
 
-    for module in (overview, measured):
+    for module in (overview, measured, pose_dome):
         monkeypatch.setattr(module, "plot", drawn)

@@ -9,20 +9,17 @@ from markergen.validation.report import measured
 from markergen.validation.report.plots import (
     QUANTILE_95,
     budget_over_tilt,
-    camera_centers,
     carried_over,
     compared,
     distribution,
     draw_errors,
     ellipse,
     errors_over,
-    fan,
-    pose_sphere,
     ranked,
     share_inside,
     variance_shares,
 )
-from markergen.validation.report.subject import bound, interval, number, pose_bins
+from markergen.validation.report.pose_dome import camera_centers, pose_sphere
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
@@ -34,7 +31,7 @@ def test_camera_centers_are_where_the_paper_puts_them(few):
 def test_sphere_shows_every_pose_the_larger_the_worse(pentagon, few, ax):
     values = np.arange(1.0, len(few.poses) + 1)
     values[3] = np.inf
-    assert pose_sphere(pentagon, few.poses, values, "error", ax) is ax
+    assert pose_sphere([], camera_centers(few.poses), values, "error", ax) is ax
     points = ax.collections[0]
     assert len(points.get_offsets()) == len(few.poses) - 1
     order = np.argsort(points.get_array())
@@ -42,24 +39,8 @@ def test_sphere_shows_every_pose_the_larger_the_worse(pentagon, few, ax):
 
 
 def test_sphere_of_equal_errors(pentagon, few, ax):
-    pose_sphere(pentagon, few.poses, np.ones(len(few.poses)), "error", ax)
+    pose_sphere([], camera_centers(few.poses), np.ones(len(few.poses)), "error", ax)
     assert np.ptp(ax.collections[0].get_sizes()) == 0
-
-
-def test_fan_tells_the_number_of_every_cell(pentagon, few, ax):
-    table = pose_bins(bound(pentagon, few, 0.2))
-    values = [each.rotation_deg for each in table]
-    assert fan(table, values, 0.15, ax) is ax
-    shown = [text.get_text() for text in ax.texts]
-    assert all(number(value, 2) in shown for value in values)
-    assert len(ax.patches) == len(table)
-
-
-def test_groups_reach_halfway_to_their_neighbors_and_bins_as_far_as_they_say():
-    assert interval("35", ["0", "17.5", "35", "70"]) == (26.25, 52.5)
-    assert interval("0", ["0", "20"]) == (-10, 10)
-    assert interval("30..40", ["20..30", "30..40"]) == (30, 40)
-    assert interval("1", ["1"]) == pytest.approx((0.9, 1.1))
 
 
 def test_errors_over_tilt_draws_the_statistics(results, ax):

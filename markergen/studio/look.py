@@ -1,0 +1,351 @@
+"""What a layout is worth, fast enough to follow a dot that is dragged; and what takes longer to say."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources, PoseBudget
+from markergen.model.boundary import Boundary
+from markergen.model.goal import parse_goal
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import AUTO, USUAL_PRINT, Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.observation import DotNoise
+from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
+from markergen.optimize.design import Design, dress
+from markergen.optimize.dot_count import at_a_glance, marker_budget, sources_of
+from markergen.optimize.dot_size import choose_dots
+from markergen.optimize.given import Fault, faults, size_given
+from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
+from markergen.read.poses import poses_from
+from markergen.render import DEFAULT_OPTICS
+from markergen.studio.state import Options, design_of, plain, spec_of_options
+from markergen.validation import headline
+from markergen.validation.baselines import line_up
+from markergen.validation.bounds import budget_of
+from markergen.validation.expectation import expect
+from markergen.validation.metrics import rms
+from markergen.validation.tables import limit_sentences
+from markergen.validation.views import SyntheticViews
+
+Array = NDArray[np.float64]
+
+USUAL_COUNT = 8
+"""Number of dots that a page begins with where a search is to choose it."""
+
+COUNTS = (5, 6, 8, 10, 12, 16, 20, 24, 30, 40, 60, 80, 100)
+"""Numbers of dots that are told beside a layout."""
+
+RIVALS = ("aruco:DICT_4X4_50", "apriltag:36h11", "circles:5x5", "charuco:5x5")
+"""Contestants of `compare` told beside a layout, by the photometric bound of their patterns."""
+
+BOUND_POSES = 10
+"""Number of poses, spread over the distribution, of photometric bounds."""
+
+ROOMS = 64
+"""Number of rooms, with their dots, of which the best value is remembered."""
+
+_RIVALS: dict[str, list[dict[str, Any]]] = {}
+"""Bounds of the rivals by room."""
+
+_KNOWN: dict[str, tuple[float, float]] = {}
+"""Values of the regular polygon and of the best layout looked at, by room."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A layout, right or wrong, as a marker in its setting.
+
+    Attributes
+    ----------
+    spec : Spec
+    marker : Marker
+        Without the provenance that a design gives it.
+    setting : Setting
+    region : FeasibleRegion
+    faults : list of Fault
+    """
+
+    spec: Spec
+    marker: Marker
+    setting: Setting
+    region: FeasibleRegion
+    faults: list[Fault]
+
+    @property
+    def points(self) -> Array:
+        """Control points (n, 2 or 3) in m."""
+        return np.array(self.spec.points)
+
+    @property
+    def sources(self) -> ErrorSources:
+        """Print and calibration of the spec; the usual print where it has an exact one."""
+        found = sources_of(self.spec)
+        return found if found.print_sigma else replace(found, print_sigma=USUAL_PRINT)
+
+    @property
+    def series(self) -> SyntheticViews:
+        """The marker in its setting with these errors, as `validate` takes it."""
+        return SyntheticViews(self.marker, self.setting.camera, self.setting.poses, 0, errors=self.sources)
+
+    @property
+    def budget(self) -> PoseBudget:
+        """Error budget of every pose, to first order."""
+        if self.spec.relief:
+            return budget_of(self.series)
+        return marker_budget(self.points, self.marker.dot_diameter, self.setting, self.spec.image_noise, self.sources)
+
+
+def sketch(options: Options) -> Sketch:
+    """Dress a layout without judging it; one without points begins with a regular polygon, or what fits.
+
+    Raises
+    ------
+    InputError
+        If the options make no spec, or no pose sees the room.
+    """
+    spec = _begun(spec_of_options(options))
+    poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
+    dots = size_given(spec, poses)
+    setting = Setting(spec.boundary, spec.camera, poses)
+    if spec.noise_model == "image":
+        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    points = np.array(spec.points)
+    return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region))
+
+
+def _begun(spec: Spec) -> Spec:
+    """Return a spec with points: its own, or those of a regular polygon, or of a random layout if that does not fit."""
+    if spec.points:
+        return spec
+    spec = replace(spec, n=USUAL_COUNT, dot=None, target="") if spec.n == AUTO else spec
+    spec = replace(spec, dot=None) if spec.dot == "auto" else spec
+    poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
+    dots = choose_dots(spec, poses)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    layouts = comparison_layouts(region, spec.n, spec.seed)
+    batch = next((layouts[name] for name in ("ngon", "random") if len(layouts.get(name, ()))), None)
+    if batch is None:
+        raise InputError(f"{spec.n} dots that fit", "no room found at once", "optimize, or use fewer or smaller dots")
+    points = np.round(batch[0], 5)
+    rows = np.column_stack([points, np.zeros(spec.n)]) if spec.relief else points
+    return replace(spec, points=tuple(map(tuple, rows.tolist())))
+
+
+def look(options: Any) -> dict[str, Any]:
+    """Say all that changes while a dot is moved: layout, room, faults, and errors of every pose to first order.
+
+    Lengths are in m, angles in degrees, translation errors in mm; values that are not finite are None.
+    """
+    state = plain(options)
+    found = sketch(state)
+    spec, poses, budget = found.spec, found.setting.poses, found.budget
+    rotation, translation = budget.rotation_deg, budget.translation
+    centers = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
+    variance = np.maximum(rotation["total"] ** 2, np.finfo(float).tiny)
+    shares = {"image": "image", "print": "print", "calibration": "camera"}
+    return clean(
+        {
+            "options": _with_points(state, spec),
+            "start": not state.get("points"),
+            "room": _room(spec),
+            "dots": _dots(found.marker),
+            "clearance": found.region.clearance,
+            "problems": [{"dots": list(each.dots), "line": each.words} for each in found.faults],
+            "camera": spec.camera.as_dict(),
+            "poses": {
+                **dict(zip("xyz", centers.T, strict=True)),
+                "tilt": poses.polar_angle_deg,
+                "azimuth": np.rad2deg(np.arctan2(centers[:, 1], centers[:, 0])),
+                "distance": poses.distance,
+                "rotation": rotation["total"],
+                "translation": 1e3 * translation["total"],
+                **{name: rotation[source] ** 2 / variance for name, source in shares.items()},
+            },
+            "expected": _expected(found, budget),
+            "limits": _limits(found, budget),
+            "objective": _objective(found),
+        }
+    )
+
+
+def _with_points(state: Options, spec: Spec) -> dict[str, Any]:
+    """Return a state with its points, which say how many dots there are."""
+    rest = {name: value for name, value in state.items() if name not in ("n", "target")}
+    rest = {name: value for name, value in rest.items() if (name, value) != ("dot", "auto")}
+    text = "; ".join(",".join(f"{round(1e3 * value, 7):g}mm" for value in row) for row in spec.points)
+    return {**rest, "points": state.get("points") or text}
+
+
+def _room(spec: Spec) -> dict[str, Any]:
+    tag = spec.placed_tag
+    return {
+        "outlines": _outlines(spec.boundary),
+        "keep_outs": [_outlines(each) for each in spec.keep_outs],
+        "holes": [_outlines(each) for each in spec.substrate.rims],
+        "tag": {"name": str(tag), "side": tag.side, "center": tag.center} if tag else None,
+        "radius": spec.boundary.radius,
+    }
+
+
+def _outlines(shape: Boundary) -> list[Any]:
+    return [np.round(outline, 6) for outline in shape.outlines()]
+
+
+def _dots(marker: Marker) -> list[dict[str, Any]]:
+    return [
+        {
+            "id": point.id,
+            **dict(zip("xyz", xyz, strict=True)),
+            "diameter": point.feature.diameter,
+            "inner": point.feature.inner_diameter,
+            "kind": "ring" if point.feature.inner_diameter else "dot",
+        }
+        for point, xyz in zip(marker.control_points, marker.xyz.tolist(), strict=True)
+    ]
+
+
+def _expected(found: Sketch, budget: PoseBudget) -> dict[str, Any]:
+    """RMS errors over all poses, and where they are largest, to first order."""
+    poses, rotation = found.setting.poses, budget.rotation_deg["total"]
+    translation = 1e3 * budget.translation["total"]
+    cells = headline.cells_of(poses)
+    (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
+    hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
+    hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
+    turned, moved = rms(rotation), rms(translation)
+    source = headline.source_of(1e3 * found.sources.print_sigma, found.sources.camera_covariance is not None)
+    sentence = (
+        f"{headline.amount(turned)} deg and {headline.amount(moved)} mm RMS over {len(poses)} poses, to first order, "
+        f"with {source}; where it is hardest, at a tilt of {tilt} deg and {distance} m, "
+        f"{headline.amount(rms(rotation[mask]))} deg."
+    )
+    return {"rotation_deg": turned, "translation_mm": moved, "hardest": hardest, "sentence": sentence}
+
+
+def _limits(found: Sketch, budget: PoseBudget) -> list[str]:
+    parts = {
+        "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
+        "translation_pct": {
+            name: rms(part) for name, part in budget.translation_pct(found.setting.poses.translation).items()
+        },
+        "camera_exact": found.sources.camera_covariance is None,
+    }
+    return limit_sentences({"budget": parts})
+
+
+def _objective(found: Sketch) -> dict[str, Any]:
+    """Value of the objective, of the regular polygon beside it, and the best of this room that was looked at."""
+    spec, region = found.spec, found.region
+    goal = parse_goal(spec.objective)
+    unit, factor = "", 1.0
+    if len(goal.terms) == 1 and (criterion := OBJECTIVES[goal.lead].criterion):
+        unit, factor = criterion.title.rpartition(" ")[2], criterion.factor
+    room = replace(spec, points=())
+    objective = objective_of(spec, found.setting, reference(room, region, found.setting))
+    value = float(objective(found.points[None])[0])
+    key = f"{room.hash} {region.diameter:g}"
+    if key not in _KNOWN:
+        layouts = comparison_layouts(region, room.n, room.seed, found.setting).get("ngon", np.zeros((0, room.n, 2)))
+        _KNOWN[key] = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf, np.inf
+        for old in list(_KNOWN)[:-ROOMS]:
+            del _KNOWN[old]
+    ngon, best = _KNOWN[key]
+    _KNOWN[key] = ngon, min(best, np.inf if found.faults else value)
+    every = {"value": value, "ngon": ngon, "best_known": _KNOWN[key][1]}
+    return {"name": spec.objective, "unit": unit, **{name: factor * each for name, each in every.items()}}
+
+
+def _raised(layouts: Array, spec: Spec) -> Array:
+    """Flat layouts (B, n, 2) as those of the spec are, at height 0 if it has a relief."""
+    return np.pad(layouts, ((0, 0), (0, 0), (0, 1))) if spec.relief else layouts
+
+
+def more(options: Any) -> dict[str, Any]:
+    """Say of a layout without faults what takes seconds: labels, bounds, more dots, other patterns, what to plan with.
+
+    Raises
+    ------
+    InputError
+        As `markergen.design`, which refuses a layout with faults.
+    """
+    state = plain(options)
+    state = _with_points(state, sketch(state).spec)
+    design, found = design_of(state), sketch(state)
+    series, seed = found.series, found.spec.seed
+    claim = headline.of(expect(series, seed=seed), series, 0.0, seed)
+    return clean(
+        {
+            "plan": headline.sentences(claim),
+            "labels": {"sentence": design.labels.sentence, "least_px": design.labels.least} if design.labels else None,
+            "bound": design.certificate.sentence,
+            "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),
+            "more_dots": _more_dots(found),
+            "beside": _beside(found, design),
+            "advice": [*filter(None, [design.outlook]), *design.warnings],
+        }
+    )
+
+
+def _more_dots(found: Sketch) -> list[dict[str, Any]]:
+    """Errors of other numbers of dots, of the best size for each, in the order of their number."""
+    if found.spec.relief:
+        return []
+    try:
+        known = at_a_glance(found.spec, found.setting.poses, found.sources).by_count(most=1)
+    except InputError:
+        return []
+    rows = []
+    for n in sorted({*COUNTS} & known.keys()):
+        each = known[n]
+        budget = marker_budget(each.points, each.diameter, found.setting, found.spec.image_noise, found.sources)
+        turned, moved = rms(budget.rotation_deg["total"]), 1e3 * rms(budget.translation["total"])
+        rows.append({"n": n, "diameter": each.diameter, "rotation_deg": turned, "translation_mm": moved})
+    return rows
+
+
+def _beside(found: Sketch, design: Design) -> list[dict[str, Any]]:
+    """Photometric bounds of this marker and of common patterns of its size, exactly printed, RMS over some poses."""
+    if found.spec.relief:
+        return []
+    spec, poses = found.spec, found.setting.poses
+    key = replace(spec, points=(), n=USUAL_COUNT).hash
+    if key not in _RIVALS:
+        _RIVALS[key] = _bounds(RIVALS, design.marker, poses)
+        for old in list(_RIVALS)[:-ROOMS]:
+            del _RIVALS[old]
+    return _bounds((), design.marker, poses) + _RIVALS[key]
+
+
+def _bounds(rivals: tuple[str, ...], marker: Marker, poses: PoseDistribution) -> list[dict[str, Any]]:
+    """Bounds of a marker, or of rivals of its size."""
+    own = "this marker"
+    contestants, setting = line_up([own, *(rivals or RIVALS[:1])], poses, given={own: marker})
+    chosen = contestants[1:] if rivals else contestants[:1]
+    every = np.linspace(0, len(setting.poses) - 1, BOUND_POSES).round().astype(int)
+    rows = []
+    for each in chosen:
+        bounds = [
+            each.bound(setting.camera, setting.poses.taken(every[[k]], 0), DEFAULT_OPTICS) for k in range(len(every))
+        ]
+        turned, moved = (rms(np.array(part)) for part in zip(*bounds, strict=True))
+        rows.append({"name": each.name, "rotation_deg": turned, "translation_pct": moved})
+    return rows
+
+
+def clean(value: Any) -> Any:
+    """Return plain JSON values: six digits, and None for what is not finite."""
+    if isinstance(value, dict):
+        return {key: clean(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [clean(each) for each in value]
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.6g}") if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value

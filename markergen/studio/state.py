@@ -1,0 +1,169 @@
+"""The state of the studio: options of a design as a page holds them, and what to type to get there again."""
+
+import json
+import shlex
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+from markergen import __version__
+from markergen.api.design import design, request_of
+from markergen.drawing.paper import PAPERS
+from markergen.errors import InputError, brief
+from markergen.exporters import catalog
+from markergen.model.fabrication import PROCESSES
+from markergen.model.marker import Marker
+from markergen.model.poses import POSES
+from markergen.model.spec import NOISE_MODELS, Spec
+from markergen.objectives import OBJECTIVES
+from markergen.objectives.aggregates import AGGREGATES
+from markergen.optimize.design import Design
+from markergen.options import GROUPS, REPEATABLE, declared
+from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.read.templates import read_template, templates
+from markergen.studio.no_files import refuse_files
+
+Options = Mapping[str, Any]
+
+ELSEWHERE = (*OUTSIDE_FILES, "ids")
+"""Options of a design that are not part of a state: files to write, and families."""
+
+KEPT = 16
+"""Number of designs in memory."""
+
+
+def declared_options() -> dict[str, Any]:
+    """All that a page needs to show the options: groups with help and defaults, choices, formats and templates."""
+    known = {name: option for name, option in declared(DesignKeywords).items() if name not in ELSEWHERE}
+    groups = [
+        {
+            "name": group,
+            "options": [
+                {
+                    "name": each.name,
+                    "flag": each.flag,
+                    "kind": each.kind,
+                    "help": each.help,
+                    "default": each.default,
+                    "shown": each.shown,
+                    "metavar": each.metavar,
+                    "repeatable": each.kind in REPEATABLE,
+                }
+                for each in known.values()
+                if each.group == group
+            ],
+        }
+        for group in GROUPS
+    ]
+    return {
+        "version": __version__,
+        "groups": [group for group in groups if group["options"]],
+        "choices": {
+            "objective": OBJECTIVES.names(),
+            "aggregate": AGGREGATES.names(),
+            "coordinates": ["unit", "metric", "pixel", "hartley"],
+            "noise_model": list(NOISE_MODELS),
+            "orientation": ["portrait", "landscape"],
+            "paper": list(PAPERS),
+            "process": PROCESSES.names(),
+            "poses": POSES.names(),
+        },
+        "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
+        "templates": [_template(name) for name in templates()],
+        "defaults": {name: option.default for name, option in known.items() if option.default is not None},
+    }
+
+
+def _template(name: str) -> dict[str, Any]:
+    values = read_template(name)
+    return {"name": name, "title": str(values.pop("title", "")), "options": values}
+
+
+def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
+    """Return a state without empty values, numbers written as text turned into numbers; or options of another table.
+
+    Raises
+    ------
+    InputError
+        If it is no mapping, has an option that a state cannot have, or names a file.
+    """
+    if not isinstance(options, Mapping):
+        raise InputError("the options of a design", brief(options), "send a table of names and values")
+    known, found = declared(table), {}
+    for name, value in options.items():
+        if name in ELSEWHERE:
+            raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
+        if value is None or value in ("", [], {}):
+            continue
+        kind = known[name].kind if name in known else ""
+        found[name] = _number(value, kind) if isinstance(value, str) else value
+    refuse_files(found, table)
+    return found
+
+
+def _number(text: str, kind: str) -> Any:
+    """Number of a kind from text as it is typed; other text as it is."""
+    try:
+        return {"int": int, "int or auto": int, "float": float}[kind](text)
+    except (KeyError, ValueError):
+        return text
+
+
+def spec_of_options(options: Any) -> Spec:
+    """Return the spec of a state; raises InputError as `markergen.design`."""
+    return request_of(plain(options)).spec
+
+
+def design_of(options: Any) -> Design:
+    """Return the design of a state with points, as the command makes it, with all that it says; the latest are kept.
+
+    Raises
+    ------
+    InputError
+        As `markergen.design`, or if the state has no points, which would take a search.
+    """
+    state = plain(options)
+    if "points" not in state:
+        raise InputError("the points of a layout", "none", "optimize first, or place the dots")
+    return _designed(json.dumps(state, sort_keys=True))
+
+
+@lru_cache(maxsize=KEPT)
+def _designed(state: str) -> Design:
+    return design(**json.loads(state))
+
+
+def marker_of_options(options: Any) -> Marker:
+    """Return the marker of a state with points (see `design_of`)."""
+    return design_of(options).marker
+
+
+def words(options: Any) -> dict[str, str]:
+    """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker.
+
+    What cannot be typed in a line, such as a boundary that was drawn, refers the command to the spec file.
+    """
+    import tomli_w
+
+    state = plain(options)
+    spec = tomli_w.dumps(state)
+    if any(_nested(value) for value in state.values()):
+        command = "markergen design --template marker.toml -o marker.pdf"
+    else:
+        known = declared(DesignKeywords)
+        typed = [word for name, value in state.items() for word in _typed(known[name].flag, value)]
+        command = shlex.join(["markergen", "design", *typed, "-o", "marker.pdf"])
+    given = "".join(f"\n    {name}={value!r}," for name, value in state.items())
+    python = f'import markergen as mg\n\ndesign = mg.design({given}\n)\ndesign.marker.save("marker.pdf")\n'
+    return {"command": command, "python": python, "spec": spec}
+
+
+def _nested(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, list) and any(not isinstance(each, str) for each in value))
+
+
+def _typed(flag: str, value: Any) -> list[str]:
+    """Words of the command line for an option; a flag that is switched off is named --no-..."""
+    if isinstance(value, bool):
+        return [flag if value else flag.replace("--", "--no-", 1)]
+    return [word for each in (value if isinstance(value, list) else [value]) for word in (flag, str(each))]

@@ -1,0 +1,168 @@
+"""The dome of poses of a report: camera centers over a marker or around a rig, to turn, and as a still picture."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import RigMarker
+from markergen.presentation.pages import dome
+from markergen.presentation.plots import FAINT, INK, Plot, color_steps, plot, ticks
+from markergen.validation.report.subject import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+COLORS = "YlOrBr"
+"""Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""
+UNITS = {"rotation": "deg", "translation": "mm"}
+_ELEVATION, _AZIMUTH = np.deg2rad([24.0, -60.0])
+"""Viewing direction of the sphere."""
+_MOST_POSES = 1500
+"""Maximum number of poses in a still picture, taken at equal strides."""
+
+
+def pose_dome(
+    markers: Sequence[RigMarker],
+    poses: PoseDistribution,
+    errors: Mapping[str, Array],
+    source: str,
+    words: Sequence[str] = (),
+) -> list[Plot]:
+    """Draw the camera positions and the errors expected there: to turn, and as stills.
+
+    Parameters
+    ----------
+    markers : sequence of RigMarker
+        What the cameras look at; a single marker stands in its own frame.
+    errors : mapping of str to array (P,)
+        RMS ``rotation`` in deg and ``translation`` in mm; not finite where nothing is known.
+    source : str
+        Sources of the errors, in words.
+    words : sequence of str
+        More about each pose.
+    """  # fmt: skip
+    around = 2 * np.pi * np.arange(24) / 24
+    circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1) / 2
+    outlines, dots, faces = [], [], []
+    # The farthest first; of what shows its back, only the outline, and only in the picture to turn.
+    for each in sorted(markers, key=lambda each: _seen(each.shift)[2]):
+        normal = each.turn[:, 2]
+        rings = [each.to_rig(np.pad(ring, ((0, 0), (0, 1)))) for ring in each.marker.boundary.outlines()]
+        sizes = [point.feature.diameter for point in each.marker.control_points]
+        places = each.to_rig(each.marker.xyz)
+        outlines += rings
+        dots += [
+            {**dict(zip("xyz", place, strict=True)), "diameter": size, "normal": normal.round(5).tolist()}
+            for place, size in zip(places.round(5).tolist(), sizes, strict=True)
+        ]
+        if _seen(normal)[2] > 0:
+            turned = circle @ each.turn.T
+            faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
+    centers = camera_centers(poses)
+    made = [
+        dome(
+            centers,
+            errors,
+            outlines,
+            dots,
+            f"Each mark is a camera: {len(poses)} poses, with {source}. Drag to turn, or use the arrow keys; click a "
+            "camera, or move the slider, to read its errors.",
+            words,
+        )
+    ]
+    for name, values in errors.items():
+        known = values[np.isfinite(values)]
+        low, high = (number(float(end), 2) for end in (known.min(initial=np.inf), known.max(initial=-np.inf)))
+        unit = UNITS[name]
+        made.append(
+            plot(
+                partial(pose_sphere, faces, centers, values, f"RMS {name} error, {unit}"),
+                f"sphere-{name}",
+                f"Camera positions, stronger in color where the {name} error is larger: {low} to {high} {unit}.",
+                f"Each mark is a camera, with {source}. The stronger its color, the larger the {name} error.",
+                (4.9, 3.2),
+                "still",
+            )
+        )
+    return made
+
+
+def camera_centers(poses: PoseDistribution) -> Array:
+    """Centers (P, 3) of the cameras in the marker frame, m: -R' t."""
+    return -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
+
+
+def pose_sphere(
+    faces: Sequence[tuple[list[Array], list[Array]]], centers: Array, values: Array, label: str, ax: "Axes"
+) -> "Axes":
+    """Draw camera centers (P, 3) around an object in an oblique view, darker and larger for larger values (P,).
+
+    The object's faces are drawn in their order: outlines and dots, points (m, 3) each.
+    """
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.patches import Polygon
+
+    distance = np.linalg.norm(centers, axis=1)
+    tilt = np.rad2deg(np.arccos(np.clip(centers[:, 2] / distance, -1, 1)))
+    for circle in _sphere(float(distance.max()), max(float(tilt.max()), 10.0)):
+        ax.plot(*_seen(circle)[:, :2].T, color=FAINT, linewidth=0.7, zorder=1)
+    for rings, dots in faces:
+        for part, color in [*((ring, "#ffffff") for ring in rings), *((dot, INK) for dot in dots)]:
+            ax.add_patch(Polygon(_seen(part)[:, :2], facecolor=color, edgecolor=INK, linewidth=0.7, zorder=2))
+
+    chosen = np.flatnonzero(np.isfinite(values))
+    chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POSES))]
+    if len(chosen):
+        spots = _seen(centers[chosen])
+        shown = values[chosen]
+        spread = shown.min() > 0 and shown.max() > 1.001 * shown.min()
+        norm = LogNorm(shown.min(), shown.max()) if spread else Normalize(0, max(float(shown.max()), 1e-12))
+        order = np.argsort(spots[:, 2])
+        points = ax.scatter(
+            spots[order, 0], spots[order, 1], c=shown[order], s=8 + 40 * np.asarray(norm(shown[order]), dtype=float),
+            cmap=color_steps(COLORS), norm=norm, edgecolors=INK, linewidths=0.5, zorder=4,
+        )  # fmt: skip
+        bar = ax.figure.colorbar(points, ax=ax, shrink=0.75, pad=0.02, aspect=28)
+        bar.set_label(label)
+        if spread:
+            labels = _plain_numbers(float(shown.min()), float(shown.max()))
+            bar.set_ticks(labels, labels=[f"{tick:g}" for tick in labels])
+            bar.minorticks_off()
+    ax.set_aspect("equal")
+    ax.axis("off")
+    return ax
+
+
+def _seen(points: Array) -> Array:
+    """Oblique parallel projection (..., 3) of points (..., 3): right, up, and toward the viewer."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    right = -np.sin(_AZIMUTH) * x + np.cos(_AZIMUTH) * y
+    away = np.cos(_AZIMUTH) * x + np.sin(_AZIMUTH) * y
+    up = np.cos(_ELEVATION) * z - np.sin(_ELEVATION) * away
+    return np.stack([right, up, np.sin(_ELEVATION) * z + np.cos(_ELEVATION) * away], axis=-1)
+
+
+def _sphere(distance: float, steepest_deg: float) -> list[Array]:
+    """Parallels and meridians (m, 3) of the cap down to the steepest tilt."""
+    around = np.linspace(0, 2 * np.pi, 121)
+    down = np.deg2rad(np.linspace(0, steepest_deg, 40))
+    rings = [_direction(np.full_like(around, np.deg2rad(steepest_deg * part)), around) for part in (1 / 3, 2 / 3, 1)]
+    meridians = [_direction(down, np.full_like(down, angle)) for angle in 2 * np.pi * np.arange(12) / 12]
+    return [distance * line for line in rings + meridians]
+
+
+def _direction(polar: Array, azimuth: Array) -> Array:
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def _plain_numbers(low: float, high: float) -> list[float]:
+    """Round numbers between two values, or the two if there are none."""
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    found = [float(f"{step}e{power}") for power in powers for step in ticks(low, high)]
+    return [tick for tick in found if low <= tick <= high] or [float(f"{low:.2g}"), float(f"{high:.2g}")]

@@ -1,0 +1,126 @@
+import json
+import shlex
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from markergen.cli import main
+from markergen.errors import InputError
+from markergen.studio.look import clean, look, more, sketch
+from markergen.studio.state import declared_options, design_of, marker_of_options, plain, words
+from markergen.validation.bounds import error_budget
+
+POINTS = "0mm,120mm; -110mm,-20mm; 10mm,-100mm; 90mm,30mm; 0mm,0mm"
+MOVED = {"points": POINTS, "dot": "30mm", "radius": "150mm"}
+
+
+def test_errors_are_those_of_validate() -> None:
+    found, series = look(MOVED), sketch(MOVED).series
+    budget = error_budget(series)
+    assert found["expected"]["rotation_deg"] == pytest.approx(budget["rotation_deg"]["total"], rel=0.01)
+    parts = {name: np.array(found["poses"][name]) for name in ("image", "print", "calibration")}
+    np.testing.assert_allclose(sum(parts.values()), 1, atol=1e-5)
+    mean = np.sqrt(np.mean(parts["print"] * np.array(found["poses"]["rotation"]) ** 2))
+    assert mean == pytest.approx(budget["rotation_deg"]["print"], rel=0.01)
+
+
+def test_the_objective_is_that_of_the_design() -> None:
+    found, design = look(MOVED)["objective"], mg.design(**MOVED)
+    assert found["value"] == pytest.approx(1e3 * design.value, rel=1e-4)
+    assert found["ngon"] == pytest.approx(1e3 * design.criteria["ngon"]["pose_m"], rel=1e-3)
+
+
+def test_without_points_it_begins_with_the_regular_polygon_as_a_state_with_points() -> None:
+    found = look({"n": "6"})
+    assert found["start"]
+    assert len(found["dots"]) == 6
+    assert not found["problems"]
+    again = look(found["options"])
+    assert not again["start"]
+    assert again["dots"] == found["dots"]
+
+
+def test_faults_are_said_and_do_not_stop_the_numbers() -> None:
+    found = look({**MOVED, "points": POINTS.replace("0mm,0mm", "10mm,-90mm")})
+    assert [each["dots"] for each in found["problems"]] == [[2, 4]]
+    assert found["expected"]["rotation_deg"] > 0
+    assert look({**MOVED, "points": POINTS.replace("0mm,120mm", "0mm,200mm")})["problems"][0]["dots"] == [0]
+
+
+def test_a_relief_a_tag_and_keep_outs_are_drawn() -> None:
+    relief = look({"points": "0mm,50mm,10mm; -50mm,0mm,0mm; 0mm,-50mm,5mm; 50mm,0mm,0mm", "relief": "10mm"})
+    assert [dot["z"] for dot in relief["dots"]] == [0.01, 0, 0.005, 0]
+    found = look({"n": 5, "keep_out": ["circle:5mm@0,0.05"], "tag": "aruco:DICT_4X4_50:7", "mount": ["4xM4@240mm"]})
+    assert len(found["room"]["keep_outs"]) == 1
+    assert found["room"]["tag"]["name"] == "aruco:DICT_4X4_50:7"
+    assert len(found["room"]["holes"]) == 4
+
+
+@pytest.mark.long
+def test_more_says_what_takes_longer() -> None:
+    found = more({"points": POINTS, "dot": "30mm", "poses": "cone:count=12"})
+    assert found["plan"][0].startswith("Plan with")
+    assert [row["name"] for row in found["beside"]][:2] == ["this marker", "aruco:DICT_4X4_50"]
+    errors = [row["rotation_deg"] for row in found["more_dots"]]
+    assert errors[0] > errors[-1] > 0
+    assert json.dumps(found)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "options of a design"),
+        ({"output": "marker.pdf"}, "output="),
+        ({"sideways": 1}, "no such option"),
+        ({"n": "many"}, "a whole number"),
+        ({"radius": "1 parsec"}, "length"),
+        ({"points": "0,0"}, "4 to 200 dots"),
+    ],
+)
+def test_states_that_are_none_are_refused(options: object, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        look(options)
+
+
+def test_a_design_needs_points() -> None:
+    with pytest.raises(InputError, match="the points of a layout"):
+        design_of({"n": 5})
+
+
+@pytest.mark.long
+def test_command_python_and_spec_make_the_marker_of_the_state(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    state = {**MOVED, "keep_out": ["circle:5mm@0,0.05"], "n": "", "tile": False}
+    found, marker = words(state), marker_of_options(state)
+    assert tomllib.loads(found["spec"]) == plain(state)
+    made: dict[str, Any] = {}
+    exec(found["python"].replace("design.marker.save", "str"), made)
+    assert made["design"].marker == marker
+    (tmp_path / "marker.toml").write_text(found["spec"])
+    typed = shlex.split(found["command"].replace("marker.pdf", "typed.json"))
+    for line in (typed, ["markergen", "design", "--template", "marker.toml", "-o", "spec.json"]):
+        assert main(line[1:]) == 0
+    assert mg.Marker.load("typed.json") == mg.Marker.load("spec.json") == marker
+
+
+def test_a_drawn_boundary_goes_to_the_spec_file() -> None:
+    drawn = {"kind": "polygon", "outlines": [[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]]}
+    found = words({"boundary": drawn, "n": 4})
+    assert "--template marker.toml" in found["command"]
+    assert tomllib.loads(found["spec"])["boundary"] == drawn
+
+
+def test_a_page_can_show_all_options() -> None:
+    found = json.loads(json.dumps(declared_options()))
+    names = {option["name"] for group in found["groups"] for option in group["options"]}
+    assert {"n", "points", "radius", "camera", "paper", "mount"} <= names
+    assert not names & {"output", "template", "ids"}
+    assert {"pose", "condition"} <= {*found["choices"]["objective"]}
+    assert {".pdf", ".step"} <= {each["suffix"] for each in found["formats"]}
+
+
+def test_values_that_are_not_finite_become_null() -> None:
+    assert clean({"a": np.array([1.0, np.inf]), "b": (np.float32(0.5), np.nan)}) == {"a": [1.0, None], "b": [0.5, None]}
