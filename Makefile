@@ -6,13 +6,13 @@ BIN = $(VENV)/bin
 # The tests start hundreds of interpreters, each of which would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-docs test-long test-outside test-package lint bench docs numbers clean
+.PHONY: demo test test-browser test-docs test-long test-outside test-package lint bench docs numbers clean
 
 demo: $(VENV)/installed $(VENV)/kernel
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
 test: lint $(VENV)/kernel
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside and not browser"
 
 test-long: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m pytest -m long
@@ -24,6 +24,11 @@ test-docs: $(VENV)/developed
 # Our files in slicers, CAD, viewers and simulators. Installs none of these; what is missing is skipped by name.
 test-outside: $(VENV)/developed
 	$(BIN)/python -m pytest -rs -m outside tests/outside
+
+# Our pages in an installed Chromium: what they show, react to, and whether everyone can read them.
+test-browser: $(VENV)/developed $(VENV)/kernel
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group browser
+	$(BIN)/python -m pytest -rs -m browser tests/browser
 
 # Builds, installs without and with extras, runs every command: needs the package index, and 3 GB for a while.
 test-package: $(VENV)/packaged

@@ -107,7 +107,6 @@ class Step:
 
     Attributes
     ----------
-    step : int
     stage : str
         Stage of the search: ``start``, ``descent``, ``polish`` and so on.
     objective : float

@@ -131,7 +131,7 @@ const dome = (() => {
       picture.setAttribute("aria-label", `${points.length} camera positions around the marker, colored by ${name}: `
         + `${range}. Arrow keys turn the picture; the slider below picks a pose.`);
       drawLegend(name + "," + unit, along);
-      pick(picked < points.length ? picked : order.at(-1) ?? -1);
+      pick(picked < points.length ? picked : order.findLast((i) => Number.isFinite(values[i] ?? NaN)) ?? order.at(-1) ?? -1);
     }
 
     function drawLegend(title, along) {
@@ -188,6 +188,7 @@ const dome = (() => {
         if (i >= 0) {
           mark.setAttribute("cx", places[i][0].toFixed(1));
           mark.setAttribute("cy", places[i][1].toFixed(1));
+          if (steepest > 95) mark.setAttribute("opacity", toward < 0 ? 0.4 : 1);
           mark.setAttribute("r", (mark.size * (0.9 + (0.2 * toward) / reach)).toFixed(2));
         }
         body.append(mark);
@@ -205,7 +206,7 @@ const dome = (() => {
       }
     }
 
-    // Plates with their dots, the farthest first; of plates that show their backs, only the outline.
+    // Plates, the farthest first, and on them the dots that face the viewer: no plate of a convex rig hides another's.
     function drawObject(line) {
       const faces = (data.room?.outlines ?? []).map((path) => {
         const middle = [0, 1, 2].map((k) => path.reduce((sum, point) => sum + (point[k] ?? 0), 0) / path.length);
@@ -217,10 +218,10 @@ const dome = (() => {
         const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
         const u = cross(normal, first), v = cross(normal, u), r = diameter / 2 / (Math.hypot(...u) || 1);
         const around = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330].map((angle) => [x, y, z].map((each, k) =>
-          each + r * (Math.cos(angle * RAD) * u[k] + Math.sin(angle * RAD) * v[k]) + 1e-3 * diameter * normal[k]));
-        return [[seen([x, y, z])[2] + 1e-3 * reach, made("path", { d: line(around) + "Z", fill: "#1a1a1a" })]];
+          each + r * (Math.cos(angle * RAD) * u[k] + Math.sin(angle * RAD) * v[k])));
+        return [made("path", { d: line(around) + "Z", fill: "#1a1a1a" })];
       });
-      object.replaceChildren(...[...faces, ...dots].sort((a, b) => a[0] - b[0]).map(([, each]) => each));
+      object.replaceChildren(...faces.sort((a, b) => a[0] - b[0]).map(([, each]) => each), ...dots);
     }
 
     function words(i) {

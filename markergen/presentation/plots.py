@@ -155,6 +155,9 @@ def plot(
 def inline(svg: bytes, name: str, alt: str, caption: str, kind: str = "") -> Plot:
     """Return a drawing made by `svg_bytes` as part of a page; parameters as for `plot`."""
     text = _inline(svg.decode(), name, alt)
+    if "paper" not in kind and "<image" in text:
+        # Pixels keep their colors.
+        kind = f"{kind} paper".strip()
     return Plot(text if "paper" in kind else _recolored(text), caption, kind)
 
 

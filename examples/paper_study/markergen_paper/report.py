@@ -256,10 +256,7 @@ def index_page(
     """The page, with the same bytes for the same results; of each figure its name, its file, and its caption."""
     verdicts = [verdict(_own(group)) for _, group in findings]
     held, refuted = verdicts.count("holds"), verdicts.count("does not hold")
-    rows = [
-        [claim.words, words, _measured(_own(group)), verdict(group)]
-        for words, (claim, group) in zip(verdicts, findings, strict=True)
-    ]
+    rows = [[claim.words, words, verdict(group)] for words, (claim, group) in zip(verdicts, findings, strict=True)]
     each_of = [
         (
             claim.words,
@@ -282,9 +279,7 @@ def index_page(
                         f"Of {len(findings)} claims {held} hold in the paper's own setting and {refuted} do not; "
                         f"{len(findings) - held - refuted} hold in part, or are open."
                     ],
-                    tables=[
-                        Table("Claims", ["claim", "in the paper's setting", "measured there", "in all settings"], rows)
-                    ],
+                    tables=[Table("Claims", ["claim", "in the paper's setting", "in all settings"], rows)],
                     folded=each_of,
                     files=["claims.csv"],
                     book=("what is computed", "paper.md#what-is-computed"),

@@ -218,11 +218,12 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
     ]
     shown = [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]]
     more = f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else ""
-    drawn = [inline(each.svg, each.name, each.caption, each.caption, "wide") for each in plots]
+    kind = "wide" if roles_of(sweep).panels else ""
+    drawn = [inline(each.svg, each.name, each.caption, each.caption, kind) for each in plots]
     failed = Section(tables=[Table("Points of the grid", ["point", "reason"], errors)]) if errors else None
     return page_of(
-        "Study",
         sweep.name,
+        "study",
         [
             ("errors", "Errors", Section(plots=drawn)),
             ("failed", "What could not be computed", failed),
@@ -237,7 +238,7 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
                 ),
             ),
         ],
-        f"{sweep.name}: {_summary(sweep)}",
+        _summary(sweep),
         "The same study gives the same page.",
     )
 

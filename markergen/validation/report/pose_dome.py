@@ -23,8 +23,8 @@ COLORS = "YlOrBr"
 UNITS = {"rotation": "deg", "translation": "mm"}
 _ELEVATION, _AZIMUTH = np.deg2rad([24.0, -60.0])
 """Viewing direction of the sphere."""
-_MOST_POSES = 1500
-"""Maximum number of poses in a still picture, taken at equal strides."""
+_MOST_POSES, _MOST_TO_TURN = 1500, 4000
+"""Maximum number of poses in a still picture and in a dome to turn, taken at equal strides."""
 
 
 def pose_dome(
@@ -65,15 +65,18 @@ def pose_dome(
             turned = circle @ each.turn.T
             faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
     centers = camera_centers(poses)
+    hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]
+    every = -(-len(centers) // _MOST_TO_TURN)
+    kept = np.union1d(np.arange(0, len(centers), every), hardest) if every > 1 else np.arange(len(centers))
     made = [
         dome(
-            centers,
-            errors,
+            centers[kept],
+            {name: values[kept] for name, values in errors.items()},
             outlines,
             dots,
-            f"Each mark is a camera: {len(poses)} poses, with {source}. Drag to turn, or use the arrow keys; click a "
-            "camera, or move the slider, to read its errors.",
-            words,
+            f"Each mark is a camera: {len(kept)} {f'of {len(poses)} ' if every > 1 else ''}poses, with {source}. Drag, "
+            "or use the arrow keys, to turn; click a camera, or move the slider, to read its errors.",
+            [words[k] for k in kept.tolist()] if words else (),
         )
     ]
     for name, values in errors.items():

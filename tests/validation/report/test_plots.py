@@ -1,10 +1,14 @@
 """The report's plots draw what the results say."""
 
+import html
+import json
 import re
 
 import numpy as np
 import pytest
 
+from markergen.model.poses import paper
+from markergen.model.rig import RigMarker
 from markergen.validation.report import measured
 from markergen.validation.report.plots import (
     QUANTILE_95,
@@ -19,7 +23,7 @@ from markergen.validation.report.plots import (
     share_inside,
     variance_shares,
 )
-from markergen.validation.report.pose_dome import camera_centers, pose_sphere
+from markergen.validation.report.pose_dome import camera_centers, pose_dome, pose_sphere
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
@@ -124,3 +128,20 @@ def test_bars_of_the_comparison_are_the_bounds(ax):
     assert [bar.get_width() for bar in ax.patches] == [0.7, 2.0, 0.0]
     assert [text.get_text() for text in ax.texts] == ["0.700", "2.00", "unbounded"]
     np.testing.assert_allclose(ax.lines[0].get_xdata(), [0.8])
+
+
+def test_dome_of_very_many_poses_keeps_the_hardest(pentagon, monkeypatch):
+    monkeypatch.setattr("markergen.validation.report.pose_dome._MOST_TO_TURN", 40)
+    poses = paper()
+    errors = {"rotation": np.ones(len(poses)), "translation": np.full(len(poses), np.inf)}
+    errors["rotation"][[7, 11]] = 3.0, np.inf
+    errors["translation"][13] = 1.0
+    alone = RigMarker("marker", pentagon, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
+    turned, *stills = pose_dome([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
+    data = json.loads(html.unescape(turned.markup.split("'")[1]))
+    assert [set(each) for each in data["dots"]] == 5 * [{"x", "y", "z", "diameter", "normal"}]
+    assert {"pose 0", "pose 7", "pose 13", "pose 390"} <= set(data["poses"]["words"])
+    assert len(data["poses"]["x"]) == len(data["poses"]["translation"]) == 42
+    assert data["poses"]["rotation"].count(3.0) == 1
+    assert "42 of 400 poses" in turned.caption
+    assert 'larger: 1.0 to 3.0 deg."' in stills[0].markup

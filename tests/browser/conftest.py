@@ -1,0 +1,47 @@
+"""A browser for pages: Chromium, offline, that tells what goes wrong in a page."""
+
+import os
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: make test-browser installs it")
+    path = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    if not path:
+        pytest.skip("no Chromium in the path")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def opened(chromium):
+    """Open an address; when closed, the page must have thrown no error and asked for nothing but `allowed`."""
+
+    @contextmanager
+    def opened(address, allowed=lambda url: False, **looks):
+        context = chromium.new_context(**looks)
+        page, wrong = context.new_page(), []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.on(
+            "request",
+            lambda asked: (
+                None
+                if asked.url == address or asked.url.startswith("data:") or allowed(asked.url)
+                else wrong.append(asked.url)
+            ),
+        )
+        page.goto(address)
+        yield page
+        context.close()
+        assert not wrong
+
+    return opened
