@@ -307,8 +307,7 @@ class Design(Result):
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and make it a marker.
 
-    Equal specs give equal markers, traced and watched or not. `progress(stage, done, total)` is called along the way,
-    and `watch(stage, points, value)` with the best layout so far.
+    Equal specs give equal markers, traced and watched or not. For `progress` and `watch` see `markergen.options`.
 
     Raises
     ------
