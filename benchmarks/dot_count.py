@@ -24,7 +24,7 @@ from markergen.model.spec import AUTO, USUAL_PRINT, Spec
 from markergen.optimize.design import design
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
-from markergen.validation.views import SyntheticViews, take_view
+from markergen.validation.views import SyntheticViews
 
 ROOMS: dict[str, Boundary] = {
     "disk": Circle(0.15),
@@ -66,7 +66,7 @@ def row(spec: Spec, count: int) -> str:
     off, seen, wrong, spent = list[float](), list[int](), 0, 0.0
     for k in range(count):
         begin = time.process_time()
-        view = take_view(series, k)
+        view = series.take(k)
         spent += time.process_time() - begin
         wrong += view.wrong
         if view.detected and view.detection.pose is not None:

@@ -10,7 +10,7 @@ from markergen.detect.presentation import overlay
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 from markergen.render import Optics
-from markergen.validation.views import SyntheticViews, take_view
+from markergen.validation.views import SyntheticViews
 
 
 def main(path: Path) -> None:
@@ -18,7 +18,7 @@ def main(path: Path) -> None:
     found = design(Spec())
     setting = found.setting
     series = SyntheticViews(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))
-    view = take_view(series, 1)
+    view = series.take(1)
     path.write_bytes(overlay(view.image, found.marker, setting.camera, [view.detection]))
     print(f"pose {view.pose}: {'found' if view.detection.found else view.detection.reason}")
     print(f"largest error of a dot's center: {view.error_px.max():.4f} px")

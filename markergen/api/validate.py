@@ -140,8 +140,9 @@ def validate(
     setting = setting_of(judged, settled["poses"], camera_of(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     series = SyntheticViews(
-        judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
-        ErrorSources(settled["print_sigma"], covariance, scale_sigma=settled["scale_sigma"]), settled["refine"],
+        judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"],
+        ErrorSources(settled["print_sigma"], covariance, scale_sigma=settled["scale_sigma"]),
+        settled["hide"], settled["refine"],
     )  # fmt: skip
     check_pictures(targets, views)
     targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))

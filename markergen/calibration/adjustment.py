@@ -213,8 +213,6 @@ def adjust(
 
     Parameters
     ----------
-    network : Network
-    views : Views
     weights : array (v, n), optional
         Factors on the weights of the measurements, 1 if not given; 0 leaves one out.
     places : array (n, 3), optional, m

@@ -64,7 +64,6 @@ class CameraChoice:
         Parameters to estimate.
     camera : Camera
         Start for the adjustment, with a lens that has all of them.
-    freedom : CameraFreedom
     tried : tuple of Trial
         In the order tried.
     notes : tuple of str
@@ -79,7 +78,7 @@ class CameraChoice:
 
 
 def choose_camera(
-    network: Network, views: Views, photo: Index, weights: Array | None = None, seed: int = 0
+    network: Network, views: Views, photo: Index, weights: Array | None = None
 ) -> CameraChoice | NotJudged:
     """Choose the parameters of an unknown camera that left-out photographs justify.
 
@@ -92,19 +91,16 @@ def choose_camera(
     ----------
     network : Network
         Its camera is the start; the freedom of the camera is ignored.
-    views : Views
     photo : array (v,) of int
         Photograph of each view.
     weights : array (v, n), optional
         As of `adjust`.
-    seed : int
-        For the random folds.
     """
     weights = np.ones(views.seen.shape) if weights is None else weights
     # Dots that take no part, as if they were never seen: a network of fewer.
     weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
     network = replace(network, camera=_with_lens(network.camera))
-    trials = _Trials(network, views, weights, photo, seed)
+    trials = _Trials(network, views, weights, photo)
     tried: list[Trial] = []
     names: tuple[str, ...] = ()
     current, left = None, None
@@ -170,7 +166,6 @@ class _Trials:
     views: Views
     weights: Array
     photo: Index
-    seed: int
 
     def possible(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return those of the names that the camera's lens has."""
@@ -195,7 +190,7 @@ class _Trials:
             views = replace(views, rotation=whole[0].views.rotation, translation=whole[0].views.translation)
         places = network.design.copy()
         places[kept] = whole[0].places
-        result = predictions(network, views, self.weights, self.photo, places, self.seed, compared=False)[0]
+        result = predictions(network, views, self.weights, self.photo, places, compared=False)[0]
         return whole[0], result if np.isfinite(result.squares).sum() >= LEAST_JUDGED else None
 
 

@@ -92,7 +92,6 @@ class Paired:
         Mean, and its 95 % interval (Student's t of the logarithms).
     chance : float
         Probability of a ratio as large as this one if the true one is 1.
-    photos : int
     """
 
     ratio: float
@@ -223,7 +222,7 @@ class Halves:
         return f"two halves of the photographs agree within their claimed errors: {numbers}"
 
 
-def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> CrossValidation | NotJudged:
+def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | NotJudged:
     """Predict left-out photographs, with the measured print and with the design.
 
     Every photograph is left out once, alone or with a fifth of all. Dots that fewer than two others show do not count.
@@ -234,11 +233,9 @@ def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> Cross
         Of all photographs.
     photo : array (v,) of int
         Photograph of each view.
-    seed : int
-        For the random folds.
     """
     network = continued(adjustment.network, adjustment.camera)
-    found = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places, seed)
+    found = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places)
     photos, (measured, nominal, refitted) = np.unique(photo), found
     if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
         return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
@@ -247,7 +244,7 @@ def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> Cross
     return CrossValidation(photos, measured, nominal, refitted if len(network.freedom) else None, gain)
 
 
-def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halves | NotJudged:
+def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
     """Measure the print twice, by two halves of the photographs, and compare.
 
     Photographs that are alike in tilt, roll and distance are paired, and one of each pair goes to each half. With the
@@ -261,8 +258,6 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
         Of all photographs.
     photo : array (v,) of int
         Photograph of each view.
-    seed : int
-        For which of a pair goes where.
     """
     from scipy.stats import chi2 as chi2_distribution
 
@@ -270,7 +265,7 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
     photos, first_view, own = np.unique(photo, return_index=True, return_inverse=True)
     if len(photos) < 2 * LEAST_IN_HALF:
         return NotJudged(f"two halves need {2 * LEAST_IN_HALF} photographs or more, found {len(photos)}")
-    second = _second_half(views.take(first_view), np.random.default_rng(seed))
+    second = _second_half(views.take(first_view), np.random.default_rng(0))
     sides = [~second[own], second[own]]
     network = continued(adjustment.network, adjustment.camera)
     kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
@@ -313,7 +308,7 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
 
 
 def predictions(
-    network: Network, views: Views, weights: Array, photo: Index, places: Array, seed: int = 0, compared: bool = True
+    network: Network, views: Views, weights: Array, photo: Index, places: Array, compared: bool = True
 ) -> tuple[LeftOut, LeftOut, LeftOut]:
     """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera, too.
 
@@ -325,14 +320,12 @@ def predictions(
         Photograph of each view.
     places : array (n, 3), m
         Start for the dots.
-    seed : int
-        For the random folds.
     compared : bool
         False leaves out the second and the third.
     """
     photos, own = np.unique(photo, return_inverse=True)
     sums = [_Sums(len(photos)) for _ in range(3)]
-    for left in _folds(len(photos), seed):
+    for left in _folds(len(photos)):
         out = np.isin(own, left)
         found = adjusted_part(network, views, weights, places, ~out)
         if found is None:
@@ -401,10 +394,10 @@ class _Sums:
         return LeftOut(self.squares, self.chi2, self.dots, self.freedom)
 
 
-def _folds(photos: int, seed: int) -> Iterator[Index]:
+def _folds(photos: int) -> Iterator[Index]:
     """Numbers of the photographs that are left out together."""
     count = photos if photos <= ALONE else FOLDS
-    order = np.random.default_rng(seed).permutation(photos)
+    order = np.random.default_rng(0).permutation(photos)
     for fold in range(count):
         yield np.sort(order[fold::count])
 

@@ -161,8 +161,6 @@ def alternatives(
 
     Parameters
     ----------
-    guess : Guess
-    group : sequence of Relabeling
     points, radii : arrays (n, 3) and (n,), m
     dots : (centers (b, 2), covariance (b, 2, 2), areas (b,))
         All dots of the photograph, labeled or not, px.
@@ -202,7 +200,6 @@ class Settled:
         One for each photograph.
     chi2, runner_up : float
         Variance factors of the network with these labels, and with the best others; inf if there are none.
-    degrees_of_freedom : int
     """
 
     guesses: tuple[Guess, ...]

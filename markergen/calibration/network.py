@@ -137,7 +137,6 @@ class Network:
         Radii of the dots, whose images are ellipses; 0 for points.
     camera : Camera
         Camera, or the start for it.
-    freedom : CameraFreedom
     marker : array (n,) of int
         Marker that a dot is on; a view sees dots of one.
     free : bool

@@ -141,7 +141,6 @@ class NextPhotos:
         Dots of the marker.
     names : tuple of str
         Their names.
-    camera : Camera
     earlier : arrays (v, 3, 3) and (v, 3)
         Poses of the photographs taken.
     """

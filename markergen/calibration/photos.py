@@ -67,7 +67,6 @@ def find_dots(
 
     Parameters
     ----------
-    markers : sequence of Marker
     photos : path, folder, pattern, array (h, w[, 3]), or several of these
     camera : Camera or None
         None: some photographs are searched without a camera, a camera is estimated from what was found, and all are

@@ -55,7 +55,6 @@ def projection_uncertainty(camera: Camera, covariance: Array, near: bool = False
 
     Parameters
     ----------
-    camera : Camera
     covariance : array (k, k)
         Covariance of `Camera.parameter_names`; the sum of two for the expected `camera_difference` of two calibrations.
     near : bool

@@ -53,7 +53,6 @@ class Known:
 
     Attributes
     ----------
-    camera : Camera or None
     covariance : array (k, k) or None
         Covariance of its parameters; None takes it as exact.
     free : bool
@@ -261,7 +260,7 @@ def _result(
         cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
         _scale_source(designs[adjustment.network.marker[0]], adjustment.network, known.scale_sigma),
-        tuple(_sentence(note) for note in notes),
+        tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
         cross,
         halves,
         flex,
@@ -308,10 +307,6 @@ def _unflipped(network: Network, views: Views) -> Cleaned:
             own.rotation[k], own.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
             changed = True
     return adjust_robustly(network, own) if changed else cleaned
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].rstrip(".") + "."
 
 
 def _measured(

@@ -88,7 +88,6 @@ def findings(
 
     Parameters
     ----------
-    adjustment : Adjustment
     print_sigma : float, m
         Standard deviation of a printed dot along x and y, with which the design is used.
     poses : arrays (P, 3, 3) and (P, 3), m, optional

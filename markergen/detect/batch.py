@@ -32,8 +32,6 @@ class Outcome:
 
     Attributes
     ----------
-    path : Path
-    image : Image or None
     size : tuple (width, height) or None
         Size of the image, px.
     notes : tuple of str

@@ -61,7 +61,6 @@ class Sought:
 
     Attributes
     ----------
-    markers : tuple of Marker
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
     bodies : tuple of Body

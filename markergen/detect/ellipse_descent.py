@@ -70,7 +70,6 @@ class EllipseDescent:
 
     Parameters
     ----------
-    pixels : OutlinePixels
     unknowns : array (B, 15)
         Initial values.
     ring : array (B,) of bool

@@ -370,7 +370,6 @@ class TagReader:
     Parameters
     ----------
     image : array (h, w) of uint8 or uint16
-    families : collection of str
     """
 
     def __init__(self, image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> None:

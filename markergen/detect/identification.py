@@ -89,10 +89,8 @@ class View:
 
     Attributes
     ----------
-    layout : DotLayout
     camera : Camera
         Defines pixels; its calibration is used only if `calibrated`.
-    calibrated : bool
     print_sigma : float, m
         Standard deviation of a dot's place in the print along each axis; used only with a calibration.
     """
@@ -114,7 +112,6 @@ class Search:
 
     Attributes
     ----------
-    view : View
     candidates : Labelings
         Best first.
     bound : array (A,), px

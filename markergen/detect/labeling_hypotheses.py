@@ -56,7 +56,6 @@ class Labelings:
         See `misfits`; inf for labelings of fewer than four dots.
     model : Poses or Planes
         Fitted model.
-    layout : DotLayout
     cut : bool
         True if the search ended before all guesses were tried.
     """
@@ -93,7 +92,6 @@ def find_labelings(
     layout: DotLayout,
     px: float,
     calibrated: bool = True,
-    rings_tell: bool = True,
     judge: Judge | None = None,
     thorough: bool = True,
 ) -> Labelings:
@@ -107,8 +105,6 @@ def find_labelings(
         Pixels per unit of the normalized coordinates.
     calibrated : bool
         True to fit poses, False to fit homographies.
-    rings_tell : bool
-        True if rings match only rings, and disks only disks.
     judge : callable
         Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
     thorough : bool
@@ -116,13 +112,13 @@ def find_labelings(
     """
     judge = judge or _never
     pool, cut = none(layout, calibrated), False
-    ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
+    ringed = bool(layout.rings.any() and ellipses.ring.any())
     phases = [True] * ringed + [False] * (thorough or not layout.rings.any())
     for phase in phases:
-        rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase, not thorough)
+        rounds = _guesses(ellipses, layout, px, calibrated, phase, not thorough)
         for model, start, left_out in _likely_first(rounds, layout, thorough):
             cut |= left_out
-            fresh = _followed(model, start, ellipses, layout, px, rings_tell)
+            fresh = _followed(model, start, ellipses, layout, px)
             pool = joined(pool, fresh)
             if judge(fresh)[1].any():
                 pool = pool.take(np.flatnonzero(pool.count >= LEAST_DOTS))
@@ -133,7 +129,7 @@ def find_labelings(
         enough = np.flatnonzero(pool.count >= LEAST_DOTS)
         best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
         for _ in range(ROUNDS if thorough and len(best) else 0):
-            labelings, origin = _next(best, ellipses, layout, px, rings_tell, trim=True)
+            labelings, origin = _next(best, ellipses, layout, px, rings_tell=True, trim=True)
             if not len(labelings):
                 break
             fresh = _fitted(labelings, best.model.take(origin), ellipses, layout, px)
@@ -191,12 +187,10 @@ def none(layout: DotLayout, calibrated: bool) -> Labelings:
     return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, layout)
 
 
-def _followed(
-    model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
-) -> Labelings:
+def _followed(model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> Labelings:
     """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots if there are no others."""
     if isinstance(model, Poses) and kernel.library() is not None:
-        return _compiled(model, start, None, ellipses, layout, px, rings_tell)
+        return _compiled(model, start, None, ellipses, layout, px, rings_tell=True)
     few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
     drawn = model.outlines(layout)
     if layout.near.shape[1] < count - 1:
@@ -204,18 +198,18 @@ def _followed(
         close = np.zeros(drawn.seen.shape, dtype=bool)
         np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)
         near = replace(drawn, seen=drawn.seen & close)
-        blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
+        blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell=True)
         chosen = distinct(blobs, distance)
         chosen = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
         model = model.take(chosen).fitted(blobs[chosen], ellipses, layout, px)
         drawn = model.outlines(layout)
-    blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
+    blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell=True)
     chosen = distinct(blobs, distance)
     enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
         chosen = chosen[:few]
         return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), layout)
-    return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell)
+    return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell=True)
 
 
 def fit_labelings(
@@ -318,16 +312,16 @@ def _next(
 
 
 def _guesses(
-    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool, likely: bool
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, ringed: bool, likely: bool
 ) -> Iterator[tuple[Model, Indices, Indices] | None]:
     """Return rounds of guesses, with the control point that each starts from and its votes; None for those left out."""
     if calibrated:
-        for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed, likely):
+        for seeds in guess_poses(ellipses, layout, px, ringed=ringed, likely=likely):
             yield None if seeds is None else (Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes)
         return
     for factor in FOCAL_FACTORS:
         scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
-        for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed, likely):
+        for seeds in guess_poses(scaled, layout, px * factor, ringed=ringed, likely=likely):
             if seeds is None:
                 yield None
                 continue

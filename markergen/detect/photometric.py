@@ -218,7 +218,6 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot], invert
     image : array (h, w)
     camera : Camera
         Maps normalized coordinates to pixels of this image.
-    dots : one or more
     inverted : bool
         True for light dots in an inverted image: places without light have its highest grey level.
     """

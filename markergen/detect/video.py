@@ -44,7 +44,6 @@ class Watched:
 
     Attributes
     ----------
-    name : str
     frames, found : int
         Number of frames that were searched, and of those with a marker.
     dropped : int

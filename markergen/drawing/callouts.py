@@ -70,12 +70,10 @@ def place_callouts(
 
     Parameters
     ----------
-    callouts : sequence of Callout
     view : DrawingView
         View that the leaders point into.
     column : box
         Column for the words, mm on paper; leaders start on its left.
-    style : Style
     marks, lines : sequence
         Boxes of words, and lines on paper, that leaders should avoid.
     """

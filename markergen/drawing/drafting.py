@@ -76,7 +76,6 @@ class Lettering(FilledPath):
 
     Attributes
     ----------
-    words : str
     start : (x, y)
         Start of the baseline, mm.
     height : float
@@ -190,19 +189,19 @@ def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
     return [Line(run, THIN * 0.7, "", GRAY) for run in runs if dist(*run) > 0.05]
 
 
-def center_line(a: Point, b: Point, style: Style, color: str = BLACK) -> list[Shape]:
+def center_line(a: Point, b: Point, style: Style) -> list[Shape]:
     """Chain line: alternating long and short dashes, with a long one at both ends."""
     long, gap, short = 6.0 * style.scale, 1.0 * style.scale, 0.6 * style.scale
     length = hypot(b[0] - a[0], b[1] - a[1])
     if length < 2 * long:
-        return [Line((a, b), THIN, "", color)]
+        return [Line((a, b), THIN)]
     count = max(int((length - long) / (long + 2 * gap + short)), 1)
     long = (length - count * (2 * gap + short)) / (count + 1)
     shapes: list[Shape] = []
 
     def part(start: float, end: float) -> Line:
         ends = ((a[0] + (b[0] - a[0]) * at / length, a[1] + (b[1] - a[1]) * at / length) for at in (start, end))
-        return Line(tuple(ends), THIN, "", color)
+        return Line(tuple(ends), THIN)
 
     at = 0.0
     for _ in range(count):
@@ -298,10 +297,10 @@ def _size(words: str, x: float, y: float, style: Style, align: str = "left", upr
     return [*on_white(word), frame_lines((left - pad, bottom - pad, right + pad, top + pad), THIN)]
 
 
-def on_white(words: Lettering, color: str = WHITE) -> list[Shape]:
+def on_white(words: Lettering) -> list[Shape]:
     """Words on a background of their own, so that no line runs through them."""
     left, bottom, right, top = bounds(words)
-    return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", color), words]
+    return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", WHITE), words]
 
 
 def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:

@@ -74,7 +74,6 @@ class Datum:
 
     Attributes
     ----------
-    letter : str
     kind : {"face", "rim", "edge", "hole"}
     words : str
         The feature: ``face that shows the dots``.
@@ -125,7 +124,6 @@ class SectionView:
 
     Attributes
     ----------
-    title : str
     faces : tuple of ViewFace
         Faces in (along the cut, z), clipped to the box.
     box : (left, bottom, right, top)
@@ -201,7 +199,6 @@ class Workpiece:
 
     Attributes
     ----------
-    block : TitleBlock
     front, side : tuple of ViewFace
         Views from +z with y up, and from -y with z up; x is to the right in both.
     back : tuple of ViewFace
@@ -220,13 +217,8 @@ class Workpiece:
         Tolerance of that face.
     datums : tuple of Datum
         The first is that face.
-    labels : tuple of DotLabel
-    holes : tuple of DotLabel
-    callouts : tuple of Callout
     heights : tuple of Dimension
         Dimensions of the side view along z.
-    sections : tuple of SectionView
-    tables : tuple of DrawingTable
     key : tuple of (material, words)
         What fills and hatches mean: ``light`` or ``dark`` material, ``engraved``.
     notes : tuple of str

@@ -84,7 +84,6 @@ class FrontPage:
 
     Attributes
     ----------
-    frame : Frame
     scale : float
         Lengths on paper over lengths of the marker.
     origin : (x, y)

@@ -25,7 +25,6 @@ class Figure:
 
     Attributes
     ----------
-    marker : Marker
     factor : (x, y)
         Ratio of drawn to nominal lengths: (1, 1), or the inverse of the printer's scale.
     ink : str

@@ -31,7 +31,6 @@ def place_numbers(
 
     Parameters
     ----------
-    dots : sequence of Disk
     labels : sequence of str
         One per dot.
     height : float

@@ -94,8 +94,6 @@ def draw_artwork(
 
     Parameters
     ----------
-    figure : Figure
-    colors : Colors
     scale : float
         Scale of numbers and ticks.
     room : box

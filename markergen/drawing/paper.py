@@ -78,7 +78,6 @@ class Frame:
 
     Attributes
     ----------
-    paper : Paper
     edge : float or None
         Distance of all ink from the paper's edge, mm; None for about `12 * scale`, more than any printer's margin.
 
@@ -169,7 +168,6 @@ class SheetOptions:
         Width of the strip that neighboring tiles both print.
     compensate : bool
         True to draw a marker that was measured on a print (`print_scale`) so that the same printer prints it true.
-    colors : Colors
 
     Raises
     ------

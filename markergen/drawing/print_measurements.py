@@ -41,13 +41,10 @@ def ruler(
     start : (x, y)
     length : int
         Nominal length, mm; drawn `factor` times as long.
-    axis : int
     scale : float
         Scale of ticks and numbers.
-    factor : float
     inward : int
         Side of the base line with the ticks: 1 up or right, -1 down or left.
-    name : str
     """
 
     def at(along: float, aside: float) -> Point:
@@ -97,7 +94,6 @@ def place_ruler(
         Dots, whose quiet zones the ruler avoids.
     shapes : iterable of Shape
         Other shapes that it must not touch.
-    name : str
     """
     dots, others = list(disks), list(shapes)
     free = [(strip, inward, _free_spans(strip, axis, dots, others, AIR * scale)) for strip, inward in strips]

@@ -71,7 +71,6 @@ class RigView:
         ``seen from -y``.
     faces : tuple of ViewFace
         The farthest first.
-    names : tuple of FaceName
     axes : (str, str)
         Axes of the rig frame to the right and up.
     """

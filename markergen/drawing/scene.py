@@ -123,7 +123,6 @@ class Sheet:
 
     Attributes
     ----------
-    paper : Paper
     scene : Scene
         Scene in mm from the page's lower left corner; layers ``dots``, ``tag`` if there is one, ``cut``, ``marks`` and
         ``text``, and below them ``ground`` if the paper's color is printed.

@@ -22,7 +22,6 @@ def draw_footer(
 
     Parameters
     ----------
-    frame : Frame
     markers : sequence of Marker
         Those on the page.
     factor : (x, y)

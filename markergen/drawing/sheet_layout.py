@@ -61,7 +61,6 @@ def pages_for(
     ----------
     markers : sequence of Marker
         At least one.
-    options : SheetOptions
     beside : sequence of tuple of Shape
         Labels around the outline of each marker, mm, marker frame; not on tiles.
 

@@ -36,14 +36,12 @@ def text(
 
     Parameters
     ----------
-    string : str
     x, y : float
         Start, middle or end of the baseline, as given by `align`; mm.
     height : float
         Cap height, mm.
     align : {"left", "center", "right"}
     face : {"regular", "bold"}
-    color, name : str
     """
     glyphs, cap = _glyphs(string, face)
     scale = height / cap

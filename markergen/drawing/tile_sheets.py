@@ -74,9 +74,6 @@ def tile_sheets(
 
     Parameters
     ----------
-    figure : Figure
-    options : SheetOptions
-    tiles : Tiling
     page : (number, total)
         Number of the plan among the pages of the file.
     smaller : str

@@ -47,7 +47,6 @@ class Correspondences:
     object_points : array (n, 2 or 3) or (T, n, 2 or 3), m, marker frame; n is 4 or more
     image_points : array (T, n, 2), undistorted px
         Image points in `camera.ideal`, the camera without lens distortion; see `from_distorted`.
-    camera : Camera
 
     Raises
     ------
@@ -146,7 +145,6 @@ class Estimator(ABC, Generic[E]):
 
     Attributes
     ----------
-    name : str
     planar_only : bool
         True if it requires coplanar control points.
     """

@@ -185,7 +185,6 @@ def pose_budget(
     rotation, translation : arrays (P, 3, 3) and (P, 3), m
     image_covariance : array broadcastable to (P, n, 2, 2), px^2
         Covariance of the image points, in distorted px.
-    sources : ErrorSources
 
     Returns
     -------
@@ -256,7 +255,6 @@ def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: E
     points : array (n, 2 or 3), m, marker frame
         For points in the plane z = 0 the print error is in the plane; otherwise it is along z as well.
     rotation : array (P, 3, 3)
-    sources : ErrorSources
 
     Returns
     -------

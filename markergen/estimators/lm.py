@@ -46,7 +46,6 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
 
     Parameters
     ----------
-    batch : Correspondences
     rotation, translation : arrays (T, 3, 3) and (T, 3)
         Initial pose; a trial whose initial pose is nan or has a point behind the camera stays there.
 
@@ -73,7 +72,6 @@ class Reprojection(LeastSquares):
     image_points : array (T, n, 2), undistorted px
     lens : array (T, n, 2, 2) or None
         See `Correspondences.lens`.
-    camera : Camera
     """
 
     object_points: Array

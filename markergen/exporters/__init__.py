@@ -47,8 +47,6 @@ class Output:
 
     Attributes
     ----------
-    data : bytes
-    notes : tuple of str
     beside : mapping
         Accompanying files: bytes by name relative to the file's folder, such as ``meshes/marker.glb``.
     """

@@ -40,7 +40,6 @@ def save(
     Parameters
     ----------
     markers : Marker, sequence of Marker, or Rig
-    paths : sequence of Path
     options : ExportOptions, optional
     inputs : sequence of Path
         Files that must not be overwritten, not even by accompanying files.

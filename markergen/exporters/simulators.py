@@ -51,10 +51,8 @@ class Shown:
     ----------
     name : str
         The material, and a number from the second file on.
-    material : str
     path : str
         Path of its STL, relative to the file that refers to it.
-    stl : bytes
     """
 
     name: str
@@ -79,7 +77,6 @@ class Collision:
 
     Attributes
     ----------
-    name : str
     shape : {"box", "cylinder", "mesh"}
     size : tuple of float
         Width, depth and height of a box, or radius and length of a cylinder; m.
@@ -126,21 +123,16 @@ class Simulated:
 
     Attributes
     ----------
-    name : str
     link : {"marker", "rig"}
         Name of the link, and of its frame.
-    shown : tuple of Shown
     sites : tuple of Site
         Frames of a rig's markers, and dots as designed.
-    mass : float
     center : array (3,)
         Center of mass.
     inertia : array (3, 3)
         Inertia about the center of mass.
-    collisions : tuple of Collision
     engraved : bool
         True if a material is only seen on flat marks, a mesh without volume.
-    notes : tuple of str
     """
 
     name: str

@@ -27,9 +27,6 @@ class Designed:
 
     Attributes
     ----------
-    name : str
-    subject : Marker or Rig
-    made : Made or RigMade
     notes : tuple of str
         Sentences for the user.
     beside : mapping

@@ -121,7 +121,6 @@ class Inset:
         Center x, y and radius, and 1 with the region inside, -1 with the region outside.
     depth : callable
         Depth (P,) of points (P, 2), exact inside the region.
-    inset : float
     slack : float
         Tolerance for rounding errors.
     """

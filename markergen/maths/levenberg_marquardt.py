@@ -116,10 +116,8 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
 
     Parameters
     ----------
-    problems : LeastSquares
     unknowns : tuple of array
         Initial values.
-    damping : Damping
     steps : int
         Maximum number of steps.
 

@@ -172,7 +172,6 @@ class Camera:
 
         Parameters
         ----------
-        path : str or path
         covariance : array (k, k) or (k,), or None
             Covariance or standard deviations of `parameter_names`, which ``--camera-covariance`` reads from the file;
             other programs skip the key.

@@ -166,7 +166,6 @@ class Plate:
 
     Attributes
     ----------
-    name : str
     rotation : tuple of tuple of float
         R (3, 3) of T_marker_plate: X_marker = R X_plate + t.
     translation : tuple of float
@@ -445,7 +444,6 @@ def check_supported(marker: Marker, doing: str, light: bool = True) -> None:
 
     Parameters
     ----------
-    marker : Marker
     doing : str
         Action, for the message: ``to detect``.
     light : bool

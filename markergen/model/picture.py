@@ -36,7 +36,7 @@ def svg(marker: "Marker") -> str:
     blocked = [*marker.keep_outs, *marker.substrate.rims]
     parts = [
         _path(outlines, f'fill="{"#000" if marker.light else "none"}" stroke="#888" stroke-width="{margin / 8:.4g}"'),
-        _path(_rings(blocked), 'fill="#ddd"') if blocked else "",
+        _path([ring for region in blocked for ring in region.outlines()], 'fill="#ddd"') if blocked else "",
         _path(marker.tag.outlines, 'fill="#000"') if marker.tag else "",
         *(_dot(point, margin) for point in marker.control_points),
     ]
@@ -55,10 +55,6 @@ def _plates(marker: "Marker") -> Iterable[tuple[Array, Array]]:
 
 def _in_marker(pose: Array, ring: Array) -> Array:
     return ring @ pose[:2, :2].T + pose[:2, 3]
-
-
-def _rings(regions: Iterable[Boundary]) -> list[Array]:
-    return [ring for region in regions for ring in region.outlines()]
 
 
 def _path(rings: Sequence[Array], style: str) -> str:

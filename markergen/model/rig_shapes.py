@@ -59,7 +59,6 @@ class RigShape:
     ----------
     text : str
         Such as ``cube`` or ``prism:6``.
-    faces : tuple of Face
     poses : str
         Poses T_camera_rig of a camera around it, by default.
     measures : mapping of str to float

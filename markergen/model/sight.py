@@ -79,7 +79,6 @@ class Coverage:
     ----------
     points : array (n, 2 or 3), m
     diameters : array (n,), m
-    poses : PoseDistribution
     seen : array (P, n) of bool
         See `dots_in_view`.
     """

@@ -129,7 +129,6 @@ class Substrate:
         Width of the 45 degree chamfer around the upper face, m.
     outline : Boundary or None
         Outline of the plate; None is the boundary, with an edge around a disk or a rectangle.
-    holes : tuple of Hole
 
     Raises
     ------

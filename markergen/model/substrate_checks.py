@@ -48,7 +48,6 @@ def check_holes(marker: Marker, face: Region | None = None) -> None:
 
     Parameters
     ----------
-    marker : Marker
     face : Region, optional
         The plate's upper face in m, if not that of `plate_face`.
 

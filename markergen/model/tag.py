@@ -53,7 +53,6 @@ class Tag:
     ----------
     family : str
         A key of `FAMILIES`, such as ``aruco:DICT_4X4_50`` or ``apriltag:36h11``.
-    id : int
     side : float
         Side of the black square, m; the white quiet zone, one cell wide, lies outside it.
     center : (x, y)

@@ -53,7 +53,7 @@ class Sight:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Carrier:
     """The body that a marker is a plate of, in the marker frame: the pose that counts is the body's.
 
     Attributes
@@ -74,15 +74,13 @@ class Setting:
 
     Attributes
     ----------
-    boundary : Boundary
-    camera : Camera
     poses : PoseDistribution
         Poses that see the whole boundary.
     noise : DotNoise or None
         Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
     sight : Sight or None
         Dots that the poses see, for objectives of a pose; None if all see every dot, and nothing else.
-    body : Body or None
+    carrier : Carrier or None
         Body whose pose counts, for objectives of a pose; None for the marker itself.
     """
 
@@ -91,7 +89,7 @@ class Setting:
     poses: PoseDistribution
     noise: DotNoise | None = None
     sight: Sight | None = None
-    body: Body | None = None
+    carrier: Carrier | None = None
 
     @property
     def noise_words(self) -> str:
@@ -142,7 +140,6 @@ class Objective(ABC):
 
     Parameters
     ----------
-    setting : Setting
     aggregate : str
         Name of an aggregate, such as ``rms`` or ``cvar:0.9``; empty takes the objective's own default.
     coordinates : str

@@ -86,8 +86,6 @@ class DotNoise:
 
     Attributes
     ----------
-    diameter : float
-    image : ImageNoise
     print_sigma : float
         Standard deviation in m of a dot's position along each axis of the marker plane.
     """
@@ -111,7 +109,6 @@ class DotWeights:
 
     Parameters
     ----------
-    noise : DotNoise
     plane : array (P, k, 2)
         T.
     center : array (P, 2, k)

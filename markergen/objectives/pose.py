@@ -41,6 +41,6 @@ class PoseObjective(PoseCovarianceObjective):
     criterion = Criterion("pose_m", "pose mm", 1e3, place=1)
 
     def _weight(self) -> Array:
-        body = self.setting.body
-        points = body.points if body else self.setting.boundary.rim(RIM_POINTS)
+        carrier = self.setting.carrier
+        points = carrier.points if carrier else self.setting.boundary.rim(RIM_POINTS)
         return displacement_weight(points, self.setting.poses.rotation)

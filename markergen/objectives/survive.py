@@ -24,7 +24,6 @@ class SurvivalObjective(Objective):
 
     Parameters
     ----------
-    objective : Objective
     lost : int
         1 to 3; 4 dots or more must remain, and there must be no more than 2000 sets.
     """
@@ -95,7 +94,6 @@ class HiddenDots:
 
     Attributes
     ----------
-    hidden : int
     worst, mean : mapping
         Worst and mean value of each criterion separately, over all sets of `hidden` dots.
     worst_dots : tuple of int

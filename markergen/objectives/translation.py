@@ -26,10 +26,10 @@ class TranslationObjective(PoseCovarianceObjective):
     criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)
 
     def _weight(self) -> Array:
-        poses, body = self.setting.poses, self.setting.body
-        if body:
-            place = poses.rotation @ body.origin + poses.translation
+        poses, carrier = self.setting.poses, self.setting.carrier
+        if carrier:
+            place = poses.rotation @ carrier.origin + poses.translation
             share = 100 / np.linalg.norm(place, axis=-1)
-            return displacement_weight(body.origin[None], poses.rotation) * share[:, None, None] ** 2
+            return displacement_weight(carrier.origin[None], poses.rotation) * share[:, None, None] ** 2
         share = 100 / poses.distance
         return np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * share[:, None, None] ** 2

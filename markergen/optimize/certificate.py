@@ -106,7 +106,6 @@ class Certificate:
 
     Attributes
     ----------
-    n : int
     value : float
         Value of the layout that was found, in the objective's unit.
     lower_bound : float

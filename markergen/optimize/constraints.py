@@ -156,7 +156,6 @@ class Contacts:
 
     Attributes
     ----------
-    walls : Walls
     dot, wall : arrays (a,)
         Indices of dot and wall of each pair.
     signed : array (a,) of bool

@@ -219,7 +219,6 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         Room and objective; the pose's if that is no error of a pose.
     setting : Setting
         Camera and poses.
-    sources : ErrorSources
     """
 
     def degrees(points: Array, diameter: float) -> str:
@@ -276,10 +275,8 @@ class Forecaster:
 
     Parameters
     ----------
-    spec : Spec
     seen : PoseDistribution
         Poses that see the whole marker, in which dots are to be detected.
-    sources : ErrorSources
     judged : PoseDistribution or None
         Poses of the objective, if other ones.
     count : int

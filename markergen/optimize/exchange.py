@@ -163,7 +163,6 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
 
     Parameters
     ----------
-    table : ExchangeTable
     spacing : float
         Smallest distance in m between control points.
     layout : array (n,)

@@ -173,7 +173,7 @@ def asymmetric_search(
     if record:
         record("shaken", np.tile(free.points, (len(shaken), 1, 1)), shaken)
     starts = np.concatenate([shaken, region.sample(restarts or RANDOM, n, rng)])
-    found = [_Candidate(free.points, free.value, _safety(objective, free.points))]
+    found = [_Candidate(free.points, free.value, layout_safety(free.points, objective.setting, keyed=False))]
     if found[0].safety.least < px:
         looked = representative(objective.setting.poses, LOOKED)
         followed = representative(objective.setting.poses, FOLLOWED)
@@ -296,10 +296,6 @@ def _image_rows(points: Array, camera: Camera, rotation: Array, translation: Arr
     in_plane = rotation[:, None, :, :2]
     rows = (in_plane[..., :2, :] - normalized[..., None] * in_plane[..., 2:, :]) / seen[..., 2:, None]
     return camera.pixel_jacobian(normalized) @ rows
-
-
-def _safety(objective: Objective, points: Array) -> LabelSafety:
-    return layout_safety(points, objective.setting, keyed=False)
 
 
 def _cut(

@@ -82,7 +82,6 @@ class LabelSafety:
         Row i: index of the dot that each dot is taken for by the nearest rival labeling that moves dot i.
     pose : array (n,) of int
         Index of the pose of that rival.
-    poses : PoseDistribution
     ids : tuple of int
         Ids of the dots in sentences.
     """

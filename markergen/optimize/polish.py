@@ -90,7 +90,6 @@ class Clearances:
 
     Parameters
     ----------
-    region : FeasibleRegion
     start : array (n, 2), m
     reach : float
         Maximum change in m; inf includes all constraints.

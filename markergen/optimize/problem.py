@@ -178,7 +178,6 @@ class FeasibleRegion:
 
     Attributes
     ----------
-    boundary : Boundary
     diameter, clearance : float
         Diameter and clearance of the dots, m.
     gap : float

@@ -193,7 +193,6 @@ class Sights:
 
     Attributes
     ----------
-    room : ReliefRoom
     triples : array (m, 3)
         Indices of dot, pillar and eye.
     """

@@ -148,7 +148,6 @@ def design_rig(
 
     Parameters
     ----------
-    shape : RigShape
     spec : Spec
         Of all plates: number of dots, camera, poses T_camera_rig and so on; its boundary and tag are ignored.
     tags : sequence of str

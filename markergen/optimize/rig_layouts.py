@@ -18,7 +18,7 @@ from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.base import Body, Sight
+from markergen.objectives.base import Carrier, Sight
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.comparisons import reference
@@ -55,7 +55,6 @@ class Seen:
 
     Attributes
     ----------
-    face : Face
     index : array (p,) of int
         Poses that see the whole plate from its front.
     poses : PoseDistribution
@@ -119,10 +118,8 @@ class RigLayouts:
 
     Parameters
     ----------
-    plates : sequence of Seen
     specs : sequence of Spec
         Of each plate; equal in everything but boundary, poses, dots and tag.
-    dots : sequence of DotSize
     fixed : mapping of int to array (n, 2)
         Layouts of plates whose markers are given.
     count : int
@@ -216,9 +213,9 @@ class RigLayouts:
                 rest += self.information(other)
         known = moved_information(rest[plate.index], plate.offset)
         turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
-        body = Body((self._body - shift) @ turn, -shift @ turn)
+        carrier = Carrier((self._body - shift) @ turn, -shift @ turn)
         seen = np.ones((len(plate.index), len(self.layouts[k])), dtype=bool)
-        return replace(self.setting(k), sight=Sight(seen, known), body=body)
+        return replace(self.setting(k), sight=Sight(seen, known), carrier=carrier)
 
     def information(self, k: int) -> Array:
         """Information (P, 6, 6) of a plate's dots on the rig's pose; 0 where it is not seen."""

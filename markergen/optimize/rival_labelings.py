@@ -110,7 +110,6 @@ class SeenLayout:
     points : array (n, 3), m
     kinds : array (n,) of int
         Dots of different kinds differ in appearance; dots of the same kind differ only in position.
-    camera : Camera
     poses : PoseDistribution
         P poses.
     rays : array (P, n, 2)

@@ -95,7 +95,7 @@ def reach(spec: Spec, progress: Progress | None = None) -> Choice:
             return _choice(chosen, spec, target, error, shrinks)
         bound *= target.error / error
     # The least of all forecasts may be above the target, and what refining makes of it below.
-    best = _refined(_best(whole, target), whole, target)
+    best = _refined(min(_forecasts(whole, target).values(), key=lambda each: each.value), whole, target)
     error = sampled_error(best, whole, target)
     if error > target.error:
         raise _unreachable(best, error, whole, target)
@@ -176,10 +176,6 @@ def _forecaster(spec: Spec, target: Target) -> Forecaster:
 
 def _refined(forecast: Forecast, spec: Spec, target: Target) -> Forecast:
     return _forecaster(spec, target).refined(forecast)
-
-
-def _best(spec: Spec, target: Target) -> Forecast:
-    return min(_forecasts(spec, target).values(), key=lambda each: each.value)
 
 
 def _forecasts(spec: Spec, target: Target, most: int | None = None) -> dict[int, Forecast]:

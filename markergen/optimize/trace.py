@@ -66,7 +66,6 @@ class Step:
 
     Attributes
     ----------
-    step : int
     stage : str
         Stage of the search: ``start``, ``descent``, ``polish`` and so on.
     objective : float

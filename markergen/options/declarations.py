@@ -19,7 +19,6 @@ from markergen.options import (
     SOLID,
     TRIALS,
     VIEW,
-    CameraLike,
     File,
     Files,
     IntOrAuto,
@@ -34,10 +33,14 @@ from markergen.options import (
     Texts,
 )
 from markergen.options.shared import (
+    Aggregate,
     Calibrated,
+    Camera,
     PlateKeywords,
     Printed,
     ProcessKeyword,
+    Restarts,
+    Seed,
     SheetKeywords,
     Workers,
 )
@@ -121,15 +124,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     template: Annotated[
         File, Option(LAYOUT, "Start from a ready-made spec; see markergen templates.", metavar="NAME|FILE")
     ]
-    camera: Annotated[
-        CameraLike,
-        Option(
-            VIEW,
-            "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
-            otherwise="the paper's camera",
-            metavar="FILE",
-        ),
-    ]
+    camera: Camera
     poses: Annotated[
         Poses,
         Option(
@@ -240,15 +235,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             metavar="NAME",
         ),
     ]
-    aggregate: Annotated[
-        str,
-        Option(
-            SEARCH,
-            "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
-            otherwise="depends on the objective",
-            metavar="NAME",
-        ),
-    ]
+    aggregate: Aggregate
     coordinates: Annotated[
         str,
         Option(
@@ -259,10 +246,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         int,
         Option(SEARCH, "Minimize the error after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
     ]
-    seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
-    restarts: Annotated[
-        int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")
-    ]
+    seed: Seed
+    restarts: Restarts
     output: Annotated[
         Files,
         Option(

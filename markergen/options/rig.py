@@ -8,7 +8,6 @@ from markergen.options import (
     LAYOUT,
     SEARCH,
     VIEW,
-    CameraLike,
     Files,
     Length,
     LengthOrAuto,
@@ -16,7 +15,7 @@ from markergen.options import (
     Poses,
     Texts,
 )
-from markergen.options.shared import SheetKeywords
+from markergen.options.shared import Aggregate, Camera, Restarts, Seed, SheetKeywords
 
 
 class RigKeywords(SheetKeywords, total=False):
@@ -45,15 +44,7 @@ class RigKeywords(SheetKeywords, total=False):
         Option(LAYOUT, "Face to leave out, such as -z of a body on a stand; may be repeated.", metavar="FACE"),
     ]
     n: Annotated[int, Option(LAYOUT, "Number of control points of each plate, 4 to 200.", 6)]
-    camera: Annotated[
-        CameraLike,
-        Option(
-            VIEW,
-            "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
-            otherwise="the paper's camera",
-            metavar="FILE",
-        ),
-    ]
+    camera: Camera
     poses: Annotated[
         Poses,
         Option(
@@ -94,19 +85,9 @@ class RigKeywords(SheetKeywords, total=False):
         str,
         Option(SEARCH, "What to minimize of the joint pose: pose, rotation or translation.", "pose", metavar="NAME"),
     ]
-    aggregate: Annotated[
-        str,
-        Option(
-            SEARCH,
-            "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
-            otherwise="depends on the objective",
-            metavar="NAME",
-        ),
-    ]
-    seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
-    restarts: Annotated[
-        int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")
-    ]
+    aggregate: Aggregate
+    seed: Seed
+    restarts: Restarts
     output: Annotated[
         Files,
         Option(

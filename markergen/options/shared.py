@@ -1,8 +1,8 @@
-"""Options that several functions have: the sheet, the plate, the process, print and calibration, and workers."""
+"""Options that several functions have: the sheet, the plate, the process, print and calibration, search and workers."""
 
 from typing import Annotated, TypedDict
 
-from markergen.options import ERRORS, RUN, SHEET, SOLID, File, Length, Option, Shape, Texts
+from markergen.options import ERRORS, RUN, SEARCH, SHEET, SOLID, VIEW, CameraLike, File, Length, Option, Shape, Texts
 
 Printed = Annotated[Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")]
 Calibrated = Annotated[
@@ -14,6 +14,26 @@ Calibrated = Annotated[
         metavar="FILE",
     ),
 ]
+Camera = Annotated[
+    CameraLike,
+    Option(
+        VIEW,
+        "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
+        otherwise="the paper's camera",
+        metavar="FILE",
+    ),
+]
+Aggregate = Annotated[
+    str,
+    Option(
+        SEARCH,
+        "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
+        otherwise="depends on the objective",
+        metavar="NAME",
+    ),
+]
+Seed = Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
+Restarts = Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")]
 Workers = Annotated[int, Option(RUN, "Number of parallel workers.", otherwise="one for each processor", metavar="N")]
 
 

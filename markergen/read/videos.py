@@ -173,7 +173,6 @@ class Video:
 
     Attributes
     ----------
-    name : str
     live : bool
         Only the newest frame is kept, and others are dropped.
     rate : float or None

@@ -37,7 +37,6 @@ class Prism:
         Counterclockwise.
     holes : tuple of Contour
         Clockwise.
-    bottom, top : float
     chamfer : float
         Leg of a 45 degree chamfer around the upper outer edge, for which arcs of the outline must be tangent to their
         neighbors.
@@ -79,7 +78,6 @@ class Revolved:
 
     Attributes
     ----------
-    x, y : float
     profile : Contour
         In (radius, z), radius >= 0, counterclockwise with the radius to the right and z up. Sides may lie on the axis;
         a profile away from the axis makes a ring.

@@ -82,7 +82,6 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
 
     Parameters
     ----------
-    marker : Marker
     plate : Region
         Outline in mm.
     bottom : float

@@ -178,10 +178,6 @@ def _back_texts(made: Made) -> tuple[BackText, ...]:
     )
 
 
-def _title(made: Made) -> engraving.EngravedText | None:
-    return next((text for text in made.engraved if text.lines[0].startswith("markergen")), None)
-
-
 def _key(made: Made, back: bool, sections: bool) -> tuple[tuple[str, str], ...]:
     """What fills and hatches mean, of those that there are."""
     dark = any(part.material == "dark" for part in made.parts)
@@ -433,7 +429,7 @@ def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequen
 
 
 def _engraved(made: Made, cross: bool, dots: int) -> str:
-    title = _title(made)
+    title = next((text for text in made.engraved if text.lines[0].startswith("markergen")), None)
     names = [int(text.lines[0]) for text in made.engraved if text.lines[0].isdecimal()]
     ids = sorted({text.height for text in made.engraved if text.lines[0].isdecimal()})
     parts = []

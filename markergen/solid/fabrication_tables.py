@@ -12,7 +12,6 @@ from markergen.solid.dot_geometry import dots_of
 from markergen.solid.fabrication_sections import centered, recesses_of, use_words
 from markergen.solid.fabrication_tolerances import (
     DIAMETER,
-    PlateHole,
     cutouts_of,
     holes_of,
     is_rectangle,
@@ -46,7 +45,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
                 hole.label,
                 _fixed(hole.x),
                 _fixed(hole.y),
-                _diameter(hole),
+                f"{DIAMETER}{millimeters(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else ""),
                 millimeters(2 * hole.sink) if hole.sink else "-",
                 use_words(hole),
             )
@@ -72,10 +71,6 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
             DrawingTable(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,))
         )
     return (*tables, _part_list(made.parts))
-
-
-def _diameter(hole: PlateHole) -> str:
-    return f"{DIAMETER}{millimeters(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else "")
 
 
 @dataclass(frozen=True)

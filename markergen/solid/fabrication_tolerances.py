@@ -49,7 +49,6 @@ class PlateHole:
     ----------
     label : str
         Its name on the drawing: ``H1``.
-    x, y, radius : float
     sink : float
         Radius of its countersink; 0 for none.
     use : {"dowel", "mount", "drawn"}

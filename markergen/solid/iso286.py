@@ -37,7 +37,6 @@ class Limits:
         Such as ``h7``.
     diameter : float
         Nominal diameter, which the deviations refer to.
-    upper, lower : float
     """
 
     name: str
@@ -72,7 +71,6 @@ class DiscFit:
 
     Attributes
     ----------
-    disc, pocket : Limits
     gap : float
         Minimum clearance on each side, mm; 0 for an interference fit.
     play : float

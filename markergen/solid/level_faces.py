@@ -25,7 +25,6 @@ class Rim:
     ----------
     z : float
         Height.
-    contour : Contour
     side : int
         1 if the cap to the left of the contour has its outside above, -1 if below.
     like : Contour
@@ -55,7 +54,6 @@ class PlanarFace:
 
     Attributes
     ----------
-    z : float
     up : bool
         True if its outside is above.
     rims : tuple of Rim

@@ -41,7 +41,6 @@ class Footprint:
 
     Attributes
     ----------
-    name : str
     points : tuple of (x, y)
         One point, or the corners of a polygon.
     radius : float
@@ -59,7 +58,6 @@ class SolidPlate:
 
     Attributes
     ----------
-    outlines : tuple of Outline
     thickness, chamfer : float
         mm.
     holes : tuple of Hole

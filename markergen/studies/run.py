@@ -113,7 +113,6 @@ def open_store(folder: Path, identity: Mapping[str, Any], resume: bool) -> Itera
 
     Parameters
     ----------
-    folder : Path
     identity : mapping
         Plain JSON values that identify the study. The versions of the software are added.
     resume : bool
@@ -160,13 +159,10 @@ def run_cells(
     ----------
     work : callable
         Computes the arrays of a cell; a module-level function.
-    cells : sequence of Cell
     folder : Path
         Folder of the study; new, empty, or with `resume` that of the same study.
     identity : mapping
         Plain JSON values that identify the study.
-    engine : Engine
-    resume : bool
     progress : callable or None
     cost : callable or None
         Relative cost of a cell, to estimate the time left; equal for all if None.

@@ -33,13 +33,8 @@ class Series:
 
     Attributes
     ----------
-    contestants : tuple of Contestant
-    camera : Camera
-    poses : PoseDistribution
     count : int
         Number of views; one pose is drawn from each of `count` equal stretches of the distribution.
-    seed : int
-    optics : Optics
     print_sigma : float, m
         Standard deviation along each axis of the printed position of every dot or square corner, drawn anew per view.
     stage : int

@@ -119,19 +119,22 @@ def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | Non
     return float(bound / measured) if bound > 0 and measured > 0 else None
 
 
-def mean_nees_interval(count: int, confidence: float = 0.99) -> tuple[float, float]:
-    """Interval that contains the mean NEES of `count` trials with this probability if the covariance is right.
+CONFIDENCE = 0.99
+
+
+def mean_nees_interval(count: int) -> tuple[float, float]:
+    """Interval that contains the mean NEES of `count` trials with probability `CONFIDENCE` if the covariance is right.
 
     The sum of the trials' NEES is chi-square with 6 * count degrees of freedom.
     """
     from scipy.special import gammaincinv
 
-    tail = (1 - confidence) / 2
+    tail = (1 - CONFIDENCE) / 2
     low, high = gammaincinv(POSE_PARAMETERS * count / 2, [tail, 1 - tail]) * 2 / count
     return float(low), float(high)
 
 
-def share_interval(successes: int, count: int, confidence: float = 0.99) -> tuple[float, float]:
+def share_interval(successes: int, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Clopper-Pearson interval of a probability from the number of successes among `count` independent trials."""
     from scipy.special import betaincinv
 

@@ -93,14 +93,8 @@ class Experiment:
     points : array (n, 3), m
     radius : float
         Radius of the marker in m, which scales the validation grid.
-    camera : Camera
-    poses : PoseDistribution
-    bounds : PoseBounds
-    noise_px : float
     runs : int
         Trials per pose.
-    seed : int
-    estimators : tuple of str
     seen : array (P, n) of bool or None
         Points that each pose sees; None if all.
     """
@@ -127,7 +121,6 @@ class TrialResults:
 
     Attributes
     ----------
-    marker : Marker
     experiment : Experiment
         Camera, poses that see the entire marker, bounds, noise, runs, and seed.
     errors : mapping
@@ -246,9 +239,6 @@ def run_experiment(
 
     Parameters
     ----------
-    marker : Marker
-    camera : Camera
-    poses : PoseDistribution
     noise_px : float
         Standard deviation of the Gaussian noise on every image coordinate.
     runs : int

@@ -14,7 +14,6 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import constellations_of
 from markergen.objectives.homography import validation_grid
-from markergen.pool import map_counted, ranges, workers_for
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import (
     POSE_PARAMETERS,
@@ -26,17 +25,13 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.views import SyntheticViews, View, take_view
+from markergen.validation.views import SyntheticViews, View, take_views
 
 Array = NDArray[np.float64]
 
 DETECTOR = "detect"
 """Name of the pose that the detection itself reports, from weighted image points, with its covariance."""
 
-AT_ONCE = 10
-"""Number of views per chunk of work."""
-WORTH_A_WORKER = 60
-"""Number of views below which starting another process does not pay."""
 NOMINAL_COVERAGE = 0.95
 
 CONDITIONS: dict[str, Callable[[SyntheticViews], SyntheticViews]] = {
@@ -57,9 +52,6 @@ class Record:
 
     Attributes
     ----------
-    index, pose : int
-    detected, wrong : bool
-    failure : str
     found : array (m,) of int
         Indices of the control points that were found; empty for a view that counts as not detected.
     error : array (m, 2), px
@@ -116,13 +108,11 @@ def take_records(
     series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[Record]:
     """Take all views of a series, distributed over processes; the records do not depend on the number of processes."""
-    workers = workers_for(workers, 1 + series.count // WORTH_A_WORKER)
-    parts = map_counted(partial(_chunk, series), ranges(series.count, AT_ONCE), workers, progress)
-    return [each for part in parts for each in part]
+    return take_views(partial(_record, series), series.count, workers, progress)
 
 
-def _chunk(series: SyntheticViews, indices: Iterable[int]) -> list[Record]:
-    return [record(series, take_view(series, k)) for k in indices]
+def _record(series: SyntheticViews, k: int) -> Record:
+    return record(series, series.take(k))
 
 
 def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:

@@ -1,10 +1,12 @@
-"""Synthetic views of a marker, detected like photos and compared with the truth, and pictures of some of them."""
+"""Synthetic views of markers and rigs, detected like photos and compared with the truth; pictures of some of them."""
 
 import re
-from collections.abc import Container, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,8 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.pool import map_counted, ranges, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
 from markergen.validation.print_error import misprinted
@@ -31,30 +35,33 @@ MOST_VIEWS = 1_000_000
 FAILURES, WORST, TYPICAL = 6, 3, 3
 """Maximum number of pictures of each kind."""
 
+AT_ONCE = 10
+"""Number of views per chunk of work."""
+WORTH_A_WORKER = 60
+"""Number of views below which starting another process does not pay."""
+
+T = TypeVar("T")
+
+
+Subject = TypeVar("Subject", Marker, Rig)
+
 
 @dataclass(frozen=True, eq=False)
-class SyntheticViews:
+class ViewSeries(ABC, Generic[Subject]):
     """Parameters of a series of synthetic views; equal ones give the same images in any process at any time.
 
     Attributes
     ----------
-    marker : Marker
-    camera : Camera
     poses : PoseDistribution
+        T_camera_marker or T_camera_rig.
     count : int
         Number of views; one pose is drawn from each of `count` equal stretches of the distribution, so that poses
         repeat, with other noise, if it has fewer. May be 0.
-    seed : int
-    optics : Optics
     background : str
         ``plain``: unbounded substrate; or a name from render's table of backgrounds.
-    hidden : int
-        Number of covered dots, chosen anew for every view.
     errors : ErrorSources
         `print_sigma` displaces every dot of every view's print, except measured dots, which are displaced by their
         covariance instead; the detection's covariance accounts for all of it.
-    refine : str
-        ``none`` or ``photometric``.
 
     Raises
     ------
@@ -62,34 +69,104 @@ class SyntheticViews:
         If a number is out of range, a name is unknown, or a dot has no size.
     """
 
-    marker: Marker
+    subject: Subject
     camera: Camera
     poses: PoseDistribution
     count: int = 20
     seed: int = 0
     optics: Optics = DEFAULT_OPTICS
     background: str = "plain"
-    hidden: int = 0
     errors: ErrorSources = field(default_factory=lambda: ErrorSources(print_sigma=0.0))
-    refine: str = "none"
 
     def __post_init__(self) -> None:
         if not 0 <= self.count <= MOST_VIEWS:
             raise InputError(f"0 to {MOST_VIEWS} views", f"views={self.count}", "give --views a number such as 100")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
-        if self.count and min(point.feature.diameter for point in self.marker.control_points) == 0:
-            raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
-        if not 0 <= self.hidden <= len(self.marker):
-            raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
         if self.background != "plain":
             _ = BACKGROUNDS[self.background]
-        check_refinement(self.refine)
 
     def pose_of(self, k: int) -> int:
         """Return the index into the pose distribution for view k."""
         jitter = np.random.default_rng([self.seed, self.count, k, 3]).random()
         return int((k + jitter) * len(self.poses) / self.count)
+
+    def streams(self, k: int) -> list[np.random.Generator]:
+        """Return the random streams of view k for noise, print error and surroundings.
+
+        Each source has its own, so that switching off the print error changes nothing else.
+        """
+        return [np.random.default_rng([self.seed, self.count, k, part]) for part in range(3)]
+
+    def behind(self, rng: np.random.Generator) -> NDArray[np.float32] | None:
+        """Return the background of one view, for `Scenery`."""
+        return None if self.background == "plain" else BACKGROUNDS[self.background](self.camera, rng)
+
+    @abstractmethod
+    def take(self, k: int) -> "View":
+        """Render and detect view k (0 to count - 1)."""
+
+    @abstractmethod
+    def words(self, sample: Mapping[str, Any]) -> tuple[str, str]:
+        """Say where a view of the summary was taken, and how far off it is if it was detected."""
+
+
+@dataclass(frozen=True, eq=False)
+class SyntheticViews(ViewSeries[Marker]):
+    """A series of views of a marker.
+
+    Attributes
+    ----------
+    hidden : int
+        Number of covered dots, chosen anew for every view.
+    refine : str
+        ``none`` or ``photometric``.
+    """
+
+    hidden: int = 0
+    refine: str = "none"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.count and min(point.feature.diameter for point in self.marker.control_points) == 0:
+            raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
+        if not 0 <= self.hidden <= len(self.marker):
+            raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
+        check_refinement(self.refine)
+
+    @property
+    def marker(self) -> Marker:
+        """Marker in the views."""
+        return self.subject
+
+    def take(self, k: int) -> "View":
+        """See `ViewSeries.take`."""
+        marker, camera, pose = self.marker, self.camera, self.pose_of(k)
+        rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
+        noise, misprint, surroundings = self.streams(k)
+        printed = misprinted(marker, self.errors, misprint)
+        hidden = np.sort(surroundings.choice(len(marker), self.hidden, replace=False))
+        scenery = Scenery(
+            self.behind(surroundings), hiding(printed, hidden, camera, rotation, translation, surroundings)
+        )
+        image = render_view(printed, camera, rotation, translation, self.optics, noise, scenery)
+        found = detect(image, marker, camera, self.errors)
+        if self.refine == "photometric" and found.found:
+            found = refine(image, marker, camera, found, self.errors)
+        truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
+        ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
+        return View(k, pose, image, found, truth, ids, hidden)
+
+    def words(self, sample: Mapping[str, Any]) -> tuple[str, str]:
+        """See `ViewSeries.words`."""
+        where = f"{sample['polar_angle_deg']:g} deg at {sample['distance']:.3g} m"
+        if "reason" in sample:
+            return where, sample["reason"]
+        found = f"dots off by {sample['point_px_rms']:.4f} px"
+        if sample["rotation_deg"] is None:
+            return where, found
+        turned, moved = sample["rotation_deg"], sample["translation_pct"]
+        return where, f"{found}, rotation by {turned:.3f} deg, translation by {moved:.3f} %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +178,10 @@ class View:
     index, pose : int
         Number of the view in its series, and of its pose in the distribution.
     image : array (height, width)
-    detection : Detection
     truth : array (n, 2), px
         Images of the dots' centers as printed, including the print error.
+    ids : array (n,) of int
+        Ids of the dots.
     hidden : array (h,) of int
         Indices of the covered control points.
     """
@@ -113,8 +191,8 @@ class View:
     image: NDArray[np.uint8] | NDArray[np.uint16]
     detection: Detection
     truth: Array
-    hidden: NDArray[np.intp]
     ids: NDArray[np.intp]
+    hidden: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def found(self) -> NDArray[np.intp]:
@@ -155,26 +233,17 @@ class View:
         return self.detection.reason
 
 
-def take_view(series: SyntheticViews, k: int) -> View:
-    """Render and detect view k (0 to count - 1) of a series."""
-    marker, camera = series.marker, series.camera
-    pose = series.pose_of(k)
-    rotation, translation = series.poses.rotation[pose], series.poses.translation[pose]
-    # Each source has its own random stream, so that switching off the print error changes nothing else.
-    noise, misprint, surroundings = (np.random.default_rng([series.seed, series.count, k, part]) for part in range(3))
-    printed = misprinted(marker, series.errors, misprint)
-    hidden = np.sort(surroundings.choice(len(marker), series.hidden, replace=False))
-    scenery = Scenery(
-        background=None if series.background == "plain" else BACKGROUNDS[series.background](camera, surroundings),
-        occluders=hiding(printed, hidden, camera, rotation, translation, surroundings),
-    )
-    image = render_view(printed, camera, rotation, translation, series.optics, noise, scenery)
-    found = detect(image, marker, camera, series.errors)
-    if series.refine == "photometric" and found.found:
-        found = refine(image, marker, camera, found, series.errors)
-    truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
-    ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
-    return View(k, pose, image, found, truth, hidden, ids)
+def take_views(
+    take: Callable[[int], T], count: int, workers: int | None, progress: Callable[[int, int], None] | None
+) -> list[T]:
+    """Take what `take` makes of each view, distributed over processes; it does not depend on their number."""
+    workers = workers_for(workers, 1 + count // WORTH_A_WORKER)
+    parts = map_counted(partial(_chunk, take), ranges(count, AT_ONCE), workers, progress)
+    return [each for part in parts for each in part]
+
+
+def _chunk(take: Callable[[int], T], indices: Iterable[int]) -> list[T]:
+    return [take(k) for k in indices]
 
 
 @dataclass(frozen=True)
@@ -185,8 +254,6 @@ class Picture:
     ----------
     name : str
         Usable as a file name.
-    title, caption : str
-    png : bytes
     """
 
     name: str
@@ -195,23 +262,26 @@ class Picture:
     png: bytes
 
 
-def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Picture]:
+def pictures(series: ViewSeries[Any], views: Mapping[str, Any]) -> Iterator[Picture]:
     """Render views worth a closer look, with the detection drawn in: failures, the worst, and typical ones.
 
     Parameters
     ----------
     views : mapping
-        Summary of the same series by `view_records.summarize`.
+        Summary of the same series.
     """
-    failures = views["failures"]
-    # Evenly spaced among all failures, since neighbors look alike.
-    for each in spread(failures, FAILURES):
-        yield _picture(series, each, "failure", each["reason"])
     ranked = sorted(views["samples"], key=lambda each: -(each["rotation_deg"] or 0.0))
-    for each in ranked[:WORST]:
-        yield _picture(series, each, "worst", _errors(each))
-    for each in spread(ranked[WORST:], TYPICAL):
-        yield _picture(series, each, "typical", _errors(each))
+    # Evenly spaced among all failures, since neighbors look alike.
+    kinds = {"failure": spread(views["failures"], FAILURES)}
+    kinds |= {"worst": ranked[:WORST], "typical": spread(ranked[WORST:], TYPICAL)}
+    for kind, chosen in kinds.items():
+        for each in chosen:
+            view, (where, said) = series.take(each["view"]), series.words(each)
+            marks = [view.detection] if view.detection.found else []
+            yield Picture(
+                f"{kind}-{each['view']:04d}", f"{kind.capitalize()}: {where}", f"View {each['view']}, {where}: {said}.",
+                overlay(view.image, series.subject, series.camera, marks),
+            )  # fmt: skip
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
@@ -224,20 +294,3 @@ def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
 def spread(items: list[Any], count: int) -> list[Any]:
     """Return at most `count` of the items, evenly spaced."""
     return items if len(items) <= count else [items[(2 * i + 1) * len(items) // (2 * count)] for i in range(count)]
-
-
-def _errors(each: Mapping[str, Any]) -> str:
-    found = f"dots off by {each['point_px_rms']:.4f} px"
-    if each["rotation_deg"] is None:
-        return found
-    return f"{found}, rotation by {each['rotation_deg']:.3f} deg, translation by {each['translation_pct']:.3f} %"
-
-
-def _picture(series: SyntheticViews, each: Mapping[str, Any], kind: str, said: str) -> Picture:
-    view = take_view(series, each["view"])
-    where = f"{each['polar_angle_deg']:g} deg at {each['distance']:.3g} m"
-    marks = [view.detection] if view.detection.found else []
-    return Picture(
-        f"{kind}-{each['view']:04d}", f"{kind.capitalize()}: {where}", f"View {each['view']}, {where}: {said}.",
-        overlay(view.image, series.marker, series.camera, marks),
-    )  # fmt: skip

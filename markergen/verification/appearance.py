@@ -62,7 +62,6 @@ def shown_findings(
         The marker's dots as found, mm.
     names : sequence of int
         Their ids.
-    picture : PagePicture
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
     tolerance : float

@@ -59,7 +59,6 @@ class Check:
 
     Attributes
     ----------
-    path : str
     kind : str
         File format, such as ``PDF``.
     dots : int

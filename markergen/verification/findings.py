@@ -40,7 +40,6 @@ class Verdict:
         Its index.
     scale : (x, y)
         Ratio of distances between dots in the file to those in marker.json, along the marker's axes; nan if unknown.
-    findings : tuple of Finding
     motion : (rotation (2, 2), shift (2,)) or None
         Motion from the marker's frame to the page, mm.
     used : array of int

@@ -44,8 +44,6 @@ class CutLine:
     ----------
     name : str
         Such as ``the outline`` or ``the hole M3 at x 40, y 0 mm``.
-    contour : Contour
-    hole : bool
     """
 
     name: str
@@ -134,15 +132,9 @@ def among(segments: Array) -> Seek:
     return seek
 
 
-def in_picture(sample: Callable[[Array], Array], grain: float, reach: float = NEAREST) -> Seek:
-    """Seek the ink of thin lines across the wanted line in a picture: points (k, 2) to grey levels, `grain` mm a pixel.
-
-    Parameters
-    ----------
-    reach : float
-        Maximum distance in mm.
-    """
-    steps = np.arange(-reach, reach + grain / 4, grain / 2)
+def in_picture(sample: Callable[[Array], Array], grain: float) -> Seek:
+    """Seek thin lines of ink across the wanted one in a picture: points (k, 2) to grey levels, `grain` mm a pixel."""
+    steps = np.arange(-NEAREST, NEAREST + grain / 4, grain / 2)
 
     def seek(points: Array, normals: Array) -> Array:
         seen = sample((points[:, None] + steps[:, None] * normals[:, None]).reshape(-1, 2)).reshape(len(points), -1)
@@ -170,13 +162,11 @@ def line_findings(
     tolerance: float,
     free: Callable[[Array], Mask] | None = None,
     outliers: float = 0.0,
-    remedy: str = DRAW_AGAIN,
 ) -> list[Finding]:
     """Lines that are missing, misplaced, of another size, or polygons instead of circles.
 
     Parameters
     ----------
-    wanted : sequence of CutLine
     seek : callable
         See `among` and `in_picture`.
     tolerance : float
@@ -189,10 +179,10 @@ def line_findings(
     findings = []
     for line in wanted:
         said = _compared(line, seek, tolerance, free, outliers)
-        findings += [Finding("hole" if line.hole else "outline", f"{line.name} {each}", remedy) for each in said]
+        findings += [Finding("hole" if line.hole else "outline", f"{line.name} {each}", DRAW_AGAIN) for each in said]
     if len(findings) > MOST_LISTED:
         rest = len(findings) - MOST_LISTED
-        findings = [*findings[:MOST_LISTED], Finding("outline", f"{rest} more lines are wrong", remedy)]
+        findings = [*findings[:MOST_LISTED], Finding("outline", f"{rest} more lines are wrong", DRAW_AGAIN)]
     return findings
 
 

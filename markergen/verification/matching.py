@@ -118,7 +118,6 @@ class Match:
     ----------
     found : array (n,) of int
         Index of the found dot for each of the marker's dots, or -1.
-    mirror : bool
     strange : int
         Number of rings in place of disks and of disks in place of rings.
     rms : float

@@ -48,7 +48,6 @@ class TilePage:
 
     Attributes
     ----------
-    page : Page
     crosses : array (k, 2)
         Points in mm where two lines of equal length bisect each other.
     trim : (left, bottom, right, top) or None for each

@@ -37,7 +37,6 @@ class Placement:
 
     Attributes
     ----------
-    finding : Finding
     reading : Reading
         The solid without it.
     times : float

@@ -48,7 +48,6 @@ class Placed:
 
     Attributes
     ----------
-    verdict : Verdict
     turn, shift : array (3, 3) and (3,)
         Its pose in the file, mm.
     points : array (m, 3)
@@ -195,13 +194,9 @@ def _compared(rig: Rig, kind: str, views: Sequence[View], tolerance: float, fram
     check = Check(
         "", kind, sum(len(each.used) for each in verdicts), 1, largest / 1e3, worst,
         (float(scales[:, 0].mean()), float(scales[:, 1].mean())), (None,), tolerance,
-        tuple(_told_once(findings)), tuple(dict.fromkeys(notes)),
+        tuple(list(dict.fromkeys(findings))[: 3 * MOST_LISTED]), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
     return _Compared(check, verdicts)
-
-
-def _told_once(findings: Sequence[Finding]) -> list[Finding]:
-    return list(dict.fromkeys(findings))[: 3 * MOST_LISTED]
 
 
 def _placements(each: RigMarker, views: Sequence[View], tolerance: float) -> list[Placed]:

@@ -42,7 +42,6 @@ class LevelFace:
 
     Attributes
     ----------
-    z : float
     edges : tuple of Contour
         The outer one first.
     color : (red, green, blue) or None
@@ -78,7 +77,6 @@ class Ball:
 
     Attributes
     ----------
-    x, y, z, radius : float
     hole : float
         Radius of the circle around its vertical axis inside which the top is cut away; 0 for a whole cap.
     rim : float
@@ -121,7 +119,6 @@ class SolidPart:
         Corners of its bounding box.
     faces : tuple of LevelFace
         Level faces that face up.
-    balls : tuple of Ball
     backs : tuple of LevelFace
         Level faces that face down.
     tool : str
@@ -171,7 +168,6 @@ class Surface:
 
     Attributes
     ----------
-    parts : tuple of SolidPart
     views : callable
         Returns other views of the same solid, with another of its sides up: rotations (3, 3) from the frame of the
         file to that of the view, and the view.

@@ -160,7 +160,6 @@ class _Painted:
 
     Attributes
     ----------
-    pieces : sequence of Piece
     scale : float
         mm per unit of the pieces.
     fill, stroke : (grey level, opacity); opacity 0 for none

@@ -14,7 +14,7 @@ from markergen.optimize.label_ambiguity import label_safety
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.validation.report import overview
 from markergen.validation.report.subject import Subject
-from markergen.validation.views import SyntheticViews, take_view
+from markergen.validation.views import SyntheticViews
 
 POSES = paper()
 SAFE = 1e-3 * np.array([[-119.8, 46.2], [-103.4, -76.1], [2.7, -128.4], [128.3, -4.9], [13.9, 127.6]])
@@ -53,7 +53,7 @@ def test_a_section_on_telling_the_dots_apart(pentagon, setting):
 def test_without_a_ring_the_layout_tells_the_labels(safe, hidden):
     series = SyntheticViews(safe, PAPER_CAMERA, POSES, count=12, hidden=hidden)
     for k in range(series.count):
-        view = take_view(series, k)
+        view = series.take(k)
         assert view.detected, view.failure
         unaided = detect(view.image, safe)
         # Four dots have a homography with any labels.

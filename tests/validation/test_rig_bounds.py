@@ -12,7 +12,7 @@ from markergen.model.poses import PoseDistribution, named_poses
 from markergen.model.rig import Rig, RigMarker
 from markergen.validation import bounds
 from markergen.validation.metrics import mean_nees_interval
-from markergen.validation.rigs.bounds import _budget_at, budget_of, dot_noise, sight
+from markergen.validation.rigs.bounds import _budget_at, budget_of, dot_noise, visibility
 from markergen.validation.rigs.trials import run_trials
 from markergen.validation.rigs.views import RigViews
 from markergen.validation.views import SyntheticViews
@@ -29,7 +29,7 @@ def series(rig, errors=EXACT, poses=AROUND):
 def test_a_rig_of_one_marker_has_the_errors_of_that_marker():
     marker, poses = plate(0), named_poses("cone:distance=0.3..0.4m,tilt=10..50,count=5")
     rig, errors = Rig((RigMarker("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), ErrorSources(1e-4)
-    shown = sight(series(rig, errors, poses))
+    shown = visibility(series(rig, errors, poses))
     assert shown.seen.all()
     expected = bounds.budget_of(SyntheticViews(marker, PAPER_CAMERA, poses, 0, errors=errors))
     for found in (budget_of(shown), budget_of(shown, alone=True)):
@@ -39,7 +39,7 @@ def test_a_rig_of_one_marker_has_the_errors_of_that_marker():
 
 def test_the_information_of_plates_adds_up():
     every = series(cube())
-    shown, noise = sight(every), dot_noise(every)
+    shown, noise = visibility(every), dot_noise(every)
     joint = budget_of(shown).image
     for pose in np.flatnonzero((shown.of_plates[:, :] != 0).sum(axis=1) > 1)[:8]:
         whole = [shown.dots(pose, k) for k in np.flatnonzero(shown.of_plates[pose] > 3)]
@@ -56,7 +56,7 @@ def test_what_moves_all_plates_together_moves_the_pose():
     moved = [np.block([[np.eye(3), np.zeros((3, 3))], [-skew(each.shift), np.eye(3)]]) for each in rig.markers]
     relation = np.concatenate(moved) @ motion @ motion.T @ np.concatenate(moved).T
     relation = (relation + relation.T) / 2
-    shown = sight(series(replace(rig, relation=relation.tolist())))
+    shown = visibility(series(replace(rig, relation=relation.tolist())))
     found = budget_of(shown).print
     for pose in np.flatnonzero(shown.served):
         turn = np.kron(np.eye(2), AROUND.rotation[pose])
@@ -68,7 +68,7 @@ def test_a_dot_counts_where_it_is_whole_and_large_enough():
     turn = np.diag([1.0, -1.0, -1.0])
     near, far, aside = (np.array(place) for place in ([0, 0, 0.07], [0, 0, 4.0], [0.12, 0, 0.4]))
     poses = PoseDistribution("", np.stack([turn] * 3), np.stack([near, far, aside]))
-    shown = sight(series(rig, poses=poses))
+    shown = visibility(series(rig, poses=poses))
     # From 3 cm above the upper face: what is in the image is within 12 x 9 mm; from 4 m: dots of 2.4 px.
     assert not shown.seen[:2].any()
     assert shown.served.tolist() == [False, False, True]
@@ -83,7 +83,7 @@ def test_a_dot_counts_where_it_is_whole_and_large_enough():
 
 
 def test_trials_reach_the_bound_and_one_plate_alone_does_not():
-    shown = sight(series(cube()))
+    shown = visibility(series(cube()))
     errors = run_trials(shown, 0.1, 60, 0, 1)
     several = shown.served & (shown.plates > 1)
     joint, alone = errors["joint"].summary(several), errors["alone"].summary(several)

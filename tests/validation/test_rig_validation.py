@@ -13,8 +13,8 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
 from markergen.presentation.results import json_bytes
-from markergen.validation.rigs.bounds import budget_of, sight
-from markergen.validation.rigs.views import RigViews, built, record, take_records, take_view
+from markergen.validation.rigs.bounds import budget_of, visibility
+from markergen.validation.rigs.views import RigViews, built, record, take_records
 from tests.support.rigs import cube
 
 AROUND = "sphere:distance=0.3..0.6m,count=20"
@@ -62,7 +62,7 @@ def test_what_is_said_has_the_numbers(found):
 
 def test_the_same_views_every_time(rig):
     series = RigViews(rig, PAPER_CAMERA, named_poses(AROUND), 4, errors=ErrorSources(1e-4))
-    one, again = take_view(series, 2), take_view(series, 2)
+    one, again = series.take(2), series.take(2)
     assert (one.image == again.image).all()
     assert (one.detection.pixels == again.detection.pixels).all()
 
@@ -91,11 +91,11 @@ def test_views_are_as_good_as_expected(rig):
         rig, PAPER_CAMERA, named_poses("sphere:distance=0.3..0.6m,count=400"), 400, background="clutter",
         errors=ErrorSources(1e-4),
     )  # fmt: skip
-    records, shown = take_records(series), sight(series)
+    records, shown = take_records(series), visibility(series)
     several = [each for each in records if shown.plates[each.pose] > 2 and each.detected]
     assert all(each.detected for each in records)
     expected = budget_of(shown).rotation_deg["total"][[each.pose for each in several]]
     # Some 170 views of three degrees of freedom: the standard error of the RMS is some 4 %.
     measured = np.sqrt(np.mean([each.rotation_deg**2 for each in several]))
     assert measured == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.15)
-    assert record(series, take_view(series, 0)).rotation_deg == records[0].rotation_deg
+    assert record(series, series.take(0)).rotation_deg == records[0].rotation_deg

@@ -12,7 +12,7 @@ from markergen.render import Optics
 from markergen.validation import view_records, views
 from markergen.validation.bounds import error_budget
 from markergen.validation.view_records import CONDITIONS, DETECTOR, record, stress, summarize, take_records
-from markergen.validation.views import SyntheticViews, take_view
+from markergen.validation.views import SyntheticViews
 
 POSES = paper()
 
@@ -119,7 +119,7 @@ def test_print_error_costs_what_the_budget_says(series):
 
 def test_hidden_dots_leave_poses_of_the_others(series):
     hiding = replace(series, hidden=1)
-    view = next(view for k in range(40) if (view := take_view(hiding, k)).hidden[0] != 0)
+    view = next(view for k in range(40) if (view := hiding.take(k)).hidden[0] != 0)
     kept = record(hiding, view)
     assert kept.detected
     assert len(kept.found) == len(kept.error) == len(kept.bound_px2) == 4

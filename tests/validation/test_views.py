@@ -10,7 +10,7 @@ from markergen.model.marker import light_marker
 from markergen.model.poses import PoseDistribution, paper
 from markergen.render import Optics
 from markergen.validation.view_records import summarize, take_records
-from markergen.validation.views import SyntheticViews, pictures, take_view
+from markergen.validation.views import SyntheticViews, pictures
 
 POSES = paper()
 
@@ -31,18 +31,18 @@ def test_more_views_than_poses(ngon):
     series = SyntheticViews(ngon(), PAPER_CAMERA, few, count=6)
     assert [series.pose_of(k) for k in range(6)] == [0, 0, 0, 1, 1, 1]
     # The same pose again, with other noise.
-    assert (take_view(series, 0).image != take_view(series, 1).image).any()
+    assert (series.take(0).image != series.take(1).image).any()
 
 
 def test_same_view_same_image_other_seed_another(series):
-    first, again = take_view(series, 7), take_view(series, 7)
+    first, again = series.take(7), series.take(7)
     np.testing.assert_array_equal(first.image, again.image)
-    other = take_view(replace(series, seed=1), 7)
+    other = replace(series, seed=1).take(7)
     assert (first.image != other.image).any()
 
 
 def test_truth_is_where_the_dots_are(series):
-    view = take_view(series, 13)
+    view = series.take(13)
     assert view.detected
     assert not view.failure
     # Measured 0.0044 px RMS over all poses; a dot ten times as far off would be another's.
@@ -51,14 +51,14 @@ def test_truth_is_where_the_dots_are(series):
 
 
 def test_print_error_moves_dots_and_truth_alike(series):
-    exact, printed = take_view(series, 13), take_view(replace(series, errors=ErrorSources(print_sigma=1e-3)), 13)
+    exact, printed = series.take(13), replace(series, errors=ErrorSources(print_sigma=1e-3)).take(13)
     # A millimeter is 0.5 to 1.3 px in these poses.
     assert 0.05 < np.abs(exact.truth - printed.truth).max() < 10
     assert printed.error_px.max() < 0.05
 
 
 def test_hidden_dots_are_not_found_and_the_others_are(series):
-    views = [take_view(replace(series, hidden=1), k) for k in range(6, 14)]
+    views = [replace(series, hidden=1).take(k) for k in range(6, 14)]
     assert len({int(view.hidden[0]) for view in views}) > 1
     for view in views:
         assert len(view.hidden) == 1
@@ -74,7 +74,7 @@ def test_hidden_dots_are_not_found_and_the_others_are(series):
 
 @pytest.mark.parametrize("background", ["clutter", "photo"])
 def test_background_is_behind_the_marker(series, background):
-    plain, before = take_view(series, 3), take_view(replace(series, background=background), 3)
+    plain, before = series.take(3), replace(series, background=background).take(3)
     assert (plain.image != before.image).mean() > 0.2
     inside = np.rint(plain.truth.mean(axis=0)).astype(int)
     # The middle of a pentagon is substrate; its noise has 2 grey levels.
@@ -82,9 +82,9 @@ def test_background_is_behind_the_marker(series, background):
 
 
 def test_views_of_light_dots(series):
-    light = replace(series, marker=light_marker(series.marker), background="photo", refine="photometric")
+    light = replace(series, subject=light_marker(series.marker), background="photo", refine="photometric")
     for k in (3, 13):
-        view = take_view(light, k)
+        view = light.take(k)
         assert view.detected, view.failure
         assert view.error_px.max() < 0.05
         inside = np.rint(view.truth.mean(axis=0)).astype(int)
@@ -92,8 +92,8 @@ def test_views_of_light_dots(series):
 
 
 def test_optics_are_used(ngon):
-    quiet = take_view(SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=0)), 0)
-    noisy = take_view(SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=8)), 0)
+    quiet = SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=0)).take(0)
+    noisy = SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=8)).take(0)
     corner = (slice(0, 20), slice(0, 20))
     assert quiet.image[corner].std() == 0
     # 400 samples know their standard deviation to 3.5 %.
@@ -101,7 +101,7 @@ def test_optics_are_used(ngon):
 
 
 def test_photometric_refinement_is_applied(series):
-    plain, refined = take_view(series, 3), take_view(replace(series, refine="photometric"), 3)
+    plain, refined = series.take(3), replace(series, refine="photometric").take(3)
     assert 0 < np.abs(plain.detection.pixels - refined.detection.pixels).max() < 0.1
 
 

@@ -28,7 +28,6 @@ class CameraRecord:
 
     Attributes
     ----------
-    camera : Camera
     covariance : array (k, k) or None
         Covariance of `Camera.parameter_names`.
     rms : float or None

@@ -121,7 +121,7 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
 
     `model_place` and `place` locate the name and the coefficients in the file.
     """
-    model = _opencv(coefficients) if name == "" else _named(name.lower(), model_place)
+    model = ("radtan" if len(coefficients) < 8 else "rational") if name == "" else _named(name.lower(), model_place)
     # Without coefficients a fisheye is still not a pinhole camera: its image is linear in the angle.
     if not coefficients and LENSES[model].opencv:
         return Distortion()
@@ -149,10 +149,6 @@ def _named(name: str, place: str) -> str:
         known = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
         raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(known)}")
     return aliases[name]
-
-
-def _opencv(coefficients: Sequence[float]) -> str:
-    return "radtan" if len(coefficients) < 8 else "rational"
 
 
 def make_camera(

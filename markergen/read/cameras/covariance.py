@@ -40,7 +40,6 @@ def camera_covariance(given: Path | str | Array | None, source: object, camera: 
         As for `read_camera_covariance`; ``none`` takes the calibration as exact.
     source : object
         What the camera was made from: a path or a mapping of a file's values may have its covariance.
-    camera : Camera
     """
     if is_exact(given):
         return None

@@ -26,11 +26,9 @@ class MeshObject(NamedTuple):
     ----------
     corners : array (m, 3, 3)
         Counterclockwise seen from outside.
-    name : str
     color : (red, green, blue) or None
     paints : array (m,) of int
         Index of each triangle's own color in `palette`, or -1 for the object's color.
-    palette : sequence of colors
     tool : str
         Number of the extruder that prints it, if the file has it.
     """

@@ -31,7 +31,6 @@ class Piece:
     ----------
     name : str
         Name that the user recognizes: kind, and id or layer.
-    curves : tuple of Curve
     closed : bool
         True if the last end is joined to the first start, by a line if they are apart.
     look : Look or None
@@ -75,10 +74,8 @@ class Drawing:
 
     Attributes
     ----------
-    pieces : list of Piece
     scale : float or None
         m per unit of the coordinates; None if the file does not state it.
-    y_down : bool
     others : list of str
         Kinds of contents that are not outlines (text, images), for the message that there are none.
     unread : list of (name, corners (4, 2))

@@ -62,7 +62,6 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
 
     Parameters
     ----------
-    path : path
     unit : str, optional
         One of `UNITS`: the length of one coordinate unit, overriding the file's own. For px, the pixels are those of
         the width and height of an SVG.

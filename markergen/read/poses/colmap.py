@@ -29,7 +29,7 @@ def _read(file: PoseFile) -> NDArray[np.float64]:
         image = _IMAGE.match(content) is not None
         if points:
             # If the empty lines were removed, lines of poses would be taken for points.
-            if image and not _only_numbers(content):
+            if image and not re.match(rb"[-+.0-9eE\s]*\Z", content):
                 raise InputError(
                     f"the points of an image, or an empty line, at {file.place(line)}",
                     "another image",
@@ -49,10 +49,6 @@ def _read(file: PoseFile) -> NDArray[np.float64]:
         points = not points
     values = rows.values()
     return numbers_of(values[:, 4:], values[:, [1, 2, 3, 0]], rows.place)
-
-
-def _only_numbers(content: bytes) -> bool:
-    return re.match(rb"[-+.0-9eE\s]*\Z", content) is not None
 
 
 POSE_FORMATS.register("colmap")(PoseFormat(f"lines of {FORM}, each with one of points", WHICH_WAY, _fits, _read))

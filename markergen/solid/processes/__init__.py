@@ -114,7 +114,6 @@ class Cutting:
 
     Attributes
     ----------
-    tool : Tool
     depth : float
         Depth of pockets and engraving.
     corner : float

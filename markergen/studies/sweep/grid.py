@@ -58,7 +58,6 @@ class GridPoint:
     ----------
     axes : mapping
         Value of each axis, as written in the file.
-    spec : Spec
     layout : str
         One of `LAYOUTS`.
     noise_px : float
@@ -80,7 +79,6 @@ class Sweep:
 
     Attributes
     ----------
-    name : str
     fixed : mapping
         Values of the keys that are constant, as plain JSON values.
     axes : mapping

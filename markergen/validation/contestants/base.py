@@ -99,11 +99,36 @@ class Contestant(ABC):
         """Independent displacements (k, 2) in m in one print, of the dots or of the corners of squares."""
 
     @abstractmethod
+    def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
+        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
+
+    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
+        """Photometric bound of an exact print in one pose, deg and %; nan if it is not computed."""
+        del camera, poses, optics
+        return np.nan, np.nan
+
+    @abstractmethod
+    def area(self, radius: float) -> float:
+        """Area in m^2 that it has for its ink."""
+
+    @abstractmethod
+    def ink(self, radius: float) -> float:
+        """Area in m^2 that is ink."""
+
+    @abstractmethod
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """Detect it and estimate its pose."""
+
+
+class FlatContestant(Contestant):
+    """A contestant in one plane, rendered from patches."""
+
+    @abstractmethod
     def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
         """Patches of a print with errors `moved` from `print_error`, as seen from a pose."""
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
-        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
+        """See `Contestant.render`."""
         return render_patches(self.patches(camera, pose, moved), camera, *pose, optics, rng)
 
     def scene(self, camera: Camera) -> Callable[[Array, Array], list[Patch]]:
@@ -112,16 +137,16 @@ class Contestant(ABC):
         return lambda rotation, translation: self.patches(camera, (rotation, translation), exact)
 
     def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """Photometric bound of an exact print in one pose, deg and %; nan if it is not computed."""
+        """See `Contestant.bound`."""
         found = photometric_bounds(self.scene(camera), camera, poses, optics)
         return float(found.rotation_deg[0]), float(found.translation_pct[0])
 
     def area(self, radius: float) -> float:
-        """Area in m^2 that it has for its ink: that of a circle of this radius."""
+        """See `Contestant.area`: that of a circle of this radius."""
         return np.pi * radius**2
 
     def ink(self, radius: float) -> float:
-        """Area in m^2 that is ink, inside a circle of this radius about the origin."""
+        """See `Contestant.ink`: inside a circle of this radius about the origin."""
         focal = _INK_PX * _INK_DISTANCE
         camera = Camera(2 * _INK_PX + 1, 2 * _INK_PX + 1, focal, focal, _INK_PX, _INK_PX)
         pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, _INK_DISTANCE * radius])
@@ -131,13 +156,9 @@ class Contestant(ABC):
         inside = x**2 + y**2 <= (_INK_PX + 0.5) ** 2
         return float(np.sum(1 - level[inside] / 255.0, dtype=float)) * (radius / _INK_PX) ** 2
 
-    @abstractmethod
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
-        """Detect it and estimate its pose."""
-
 
 @dataclass(frozen=True, eq=False)
-class Absent(Contestant):
+class Absent(FlatContestant):
     """A contestant whose library is not installed: it keeps its row, and says what to install."""
 
     name: str
@@ -164,7 +185,7 @@ class Absent(Contestant):
         return np.zeros((0, 2))
 
     def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `Contestant.patches`: none."""
+        """See `FlatContestant.patches`: none."""
         del camera, pose, moved
         return []
 

@@ -17,7 +17,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dot_size import CLEARANCE, ROOM, choose_dots
 from markergen.optimize.problem import FeasibleRegion
 from markergen.render import Patch, seen_patches
-from markergen.validation.contestants.base import KINDS, Arena, Contestant, Image, Kind, Pose, Sighting
+from markergen.validation.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
 from markergen.validation.print_error import displaced, displacement
 from markergen.validation.validation import median_layout
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class DotMarker(Contestant):
+class DotMarker(FlatContestant):
     """One of our markers, found by our detector."""
 
     name: str
@@ -46,7 +46,7 @@ class DotMarker(Contestant):
         return displacement(self.marker, ErrorSources(print_sigma=sigma), rng, axes=2)
 
     def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `Contestant.patches`."""
+        """See `FlatContestant.patches`."""
         return seen_patches(displaced(self.marker, moved), camera, *pose)
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:

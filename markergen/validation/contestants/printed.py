@@ -16,13 +16,13 @@ from markergen.estimators.lm import LM
 from markergen.model.camera import Camera
 from markergen.render import Patch, circle
 from markergen.render.patches import circle_vertices
-from markergen.validation.contestants.base import Contestant, Image, Pose, Sighting
+from markergen.validation.contestants.base import FlatContestant, Image, Pose, Sighting
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 
-class Printed(Contestant):
+class Printed(FlatContestant):
     """A flat pattern in black on a white disk that contains it with the white it needs.
 
     Attributes
@@ -52,7 +52,7 @@ class Printed(Contestant):
         """Find its points in an image."""
 
     def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `Contestant.patches`."""
+        """See `FlatContestant.patches`."""
         nearest = max(float(pose[1][2]) - self.radius, 0.1 * self.radius)
         # Few different scales, so that what is drawn once serves many views.
         scale_px = 2.0 ** ceil(log2(camera.focal.max() / nearest))

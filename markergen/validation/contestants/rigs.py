@@ -13,7 +13,6 @@ from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera
-from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.model.tag import Tag, parse_tag
 from markergen.render import Optics, Patch, render_rig
@@ -35,15 +34,6 @@ class RigContestant(Contestant):
 
     name: str
     rig: Rig
-
-    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `Contestant.patches`: none, as they are not in one plane's frame."""
-        raise NotImplementedError
-
-    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """See `Contestant.bound`: not computed."""
-        del camera, poses, optics
-        return np.nan, np.nan
 
     def area(self, radius: float) -> float:
         """See `Contestant.area`: that of all plates."""

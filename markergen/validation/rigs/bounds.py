@@ -23,12 +23,11 @@ NARROWEST_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Visibility:
     """What P poses of a rig show.
 
     Attributes
     ----------
-    series : RigViews
     seen : array (P, n) of bool
         Dots that are not hidden, wholly in the image, not seen at a steeper angle than `detect` uses them, and large
         enough there to be found: with a mean diameter of `Feature.least_pixels`, a short axis of `NARROWEST_PX`.
@@ -74,7 +73,7 @@ class Sight:
         return np.flatnonzero(seen)
 
 
-def sight(series: RigViews) -> Sight:
+def visibility(series: RigViews) -> Visibility:
     """Compute which dots each pose of a series shows."""
     rig, camera, poses = series.rig, series.camera, series.poses
     parts = []
@@ -90,7 +89,7 @@ def sight(series: RigViews) -> Sight:
         parts.append(whole & (narrow >= NARROWEST_PX))
     way = eyes_of(poses)[:, None] - rig.xyz
     facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
-    return Sight(series, facing & ~hidden(rig, poses) & np.concatenate(parts, axis=1))
+    return Visibility(series, facing & ~hidden(rig, poses) & np.concatenate(parts, axis=1))
 
 
 def dot_noise(series: RigViews) -> Array:
@@ -104,7 +103,7 @@ def dot_noise(series: RigViews) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def budget_of(shown: Sight, alone: bool = False) -> PoseBudget:
+def budget_of(shown: Visibility, alone: bool = False) -> PoseBudget:
     """Error budget (P, 6, 6) of T_camera_rig: from all dots seen, or from the plate whose own dots tell it best.
 
     The weights are those of `detect`: each dot's own noise, from the image, its print and the plates' relation. What

@@ -13,13 +13,13 @@ from markergen.presentation.tables import Table
 from markergen.units import format_length
 from markergen.validation.report import method, sample_views, seen_by
 from markergen.validation.report.pose_dome import pose_dome
-from markergen.validation.rigs.bounds import Sight, budget_of
+from markergen.validation.rigs.bounds import Visibility, budget_of
 from markergen.validation.tables import limit_sentences
 from markergen.validation.views import Picture
 
 
 def rig_report(
-    shown: Sight,
+    shown: Visibility,
     results: Mapping[str, Any],
     answer: Sequence[str],
     tables: Sequence[Table],
@@ -30,7 +30,7 @@ def rig_report(
 
     Parameters
     ----------
-    shown : Sight
+    shown : Visibility
         What each pose shows of the rig, with its camera.
     results : mapping
         In the form described in docs/rigs.md.

@@ -24,7 +24,7 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.rigs.bounds import Sight
+from markergen.validation.rigs.bounds import Visibility
 from markergen.validation.trials import NEES_OF, POSES_AT_ONCE, WORTH_A_WORKER, check_trials
 
 Array = NDArray[np.float64]
@@ -65,14 +65,14 @@ class RigErrors:
 
 @dataclass(frozen=True, eq=False)
 class _Trials:
-    shown: Sight
+    shown: Visibility
     noise_px: float
     runs: int
     seed: int
 
 
 def run_trials(
-    shown: Sight,
+    shown: Visibility,
     noise_px: float,
     runs: int,
     seed: int,

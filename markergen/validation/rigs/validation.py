@@ -25,11 +25,11 @@ from markergen.validation.headline import amount, source_of
 from markergen.validation.metrics import rms, share_interval, statistics
 from markergen.validation.report.plots import errors_over
 from markergen.validation.result import ValidationResult
-from markergen.validation.rigs.bounds import Sight, budget_of, dot_noise, sight
+from markergen.validation.rigs.bounds import Visibility, budget_of, dot_noise, visibility
 from markergen.validation.rigs.report import rig_report
 from markergen.validation.rigs.trials import run_trials
-from markergen.validation.rigs.views import RigRecord, RigViews, pictures, take_records
-from markergen.validation.views import Picture
+from markergen.validation.rigs.views import RigRecord, RigViews, take_records
+from markergen.validation.views import Picture, pictures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,7 +84,7 @@ def validate_rig(
     """
     for each in series.rig.markers:
         check_supported(each.marker, "to validate")
-    shown = sight(series)
+    shown = visibility(series)
     if not shown.served.any():
         raise InputError(
             "a pose that shows four dots of a plate, whole and large enough to be found",
@@ -144,7 +144,7 @@ def _errors_of(budget: PoseBudget, chosen: Mask) -> dict[str, float]:
     }
 
 
-def _headline(shown: Sight, joint: PoseBudget, alone: PoseBudget, series: RigViews) -> dict[str, Any]:
+def _headline(shown: Visibility, joint: PoseBudget, alone: PoseBudget, series: RigViews) -> dict[str, Any]:
     groups = shown.groups()
     hardest = [_errors_of(joint, mask) for mask in groups.values()]
     by_plates = {
@@ -162,7 +162,7 @@ def _headline(shown: Sight, joint: PoseBudget, alone: PoseBudget, series: RigVie
     }
 
 
-def _budget(shown: Sight, joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
+def _budget(shown: Visibility, joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
     served, errors = shown.served, shown.series.errors
     noise = np.trace(dot_noise(shown.series), axis1=-2, axis2=-1)[shown.seen & served[:, None]]
     translation = shown.series.poses.translation
@@ -185,7 +185,7 @@ def _budget(shown: Sight, joint: PoseBudget, alone: PoseBudget) -> dict[str, Any
     }
 
 
-def _views(shown: Sight, records: list[RigRecord], joint: PoseBudget) -> dict[str, Any]:
+def _views(shown: Visibility, records: list[RigRecord], joint: PoseBudget) -> dict[str, Any]:
     """Summarize the views, also by the number of plates that their poses show."""
     series = shown.series
     at = np.array([each.pose for each in records])
@@ -218,7 +218,7 @@ def _views(shown: Sight, records: list[RigRecord], joint: PoseBudget) -> dict[st
     }
 
 
-def _where(each: RigRecord, shown: Sight) -> dict[str, Any]:
+def _where(each: RigRecord, shown: Visibility) -> dict[str, Any]:
     return {
         "view": each.index,
         "pose": each.pose,
@@ -328,7 +328,7 @@ class RigValidation(ValidationResult):
             table(results) for table in (expected_table, trial_table) if table is expected_table or results["runs"]
         ]
         found += [tables.budget_table(results), *([view_table(results["views"])] if results["views"] else [])]
-        return rig_report(sight(self.series), results, sentences(results), found, self.plot, shown)
+        return rig_report(visibility(self.series), results, sentences(results), found, self.plot, shown)
 
     def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
         return pictures(self.series, views)
