@@ -175,12 +175,12 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#optimize:text-is('Stop')")
     studio.page.wait_for_selector("#optimize:text-is('Optimize')", timeout=60_000)
-    assert "no 6 dots in this room" in studio.said()
+    studio.until("() => document.getElementById('said').textContent.includes('no 6 dots in this room')")
     points = mg.design(n=6).marker.xyz[:, :2]
     found = [
         [float(each.removesuffix("mm")) for each in dot.split(",")] for dot in studio.state()["points"].split("; ")
     ]
-    np.testing.assert_allclose(np.array(found) / 1e3, points, atol=1e-10)
+    np.testing.assert_allclose(np.array(found, dtype=float) / 1e3, points, atol=1e-10)
     # What is downloaded is what the command makes that is offered for copying.
     monkeypatch.chdir(tmp_path)
     studio.page.select_option("#suffix", ".json")
@@ -323,7 +323,8 @@ def test_numbers_follow_a_dragged_dot_within_a_tenth_of_a_second(studio, record_
               const took = [], group = document.querySelectorAll('#canvas .dot')[1], body = document.body;
               const box = group.querySelector('.mark').getBoundingClientRect();
               const x = box.x + box.width / 2, y = box.y + box.height / 2;
-              const send = (name, on, dx) => on.dispatchEvent(new PointerEvent(name, {bubbles: true, pointerId: 1, button: 0, clientX: x + dx, clientY: y}));
+              const at = (dx) => ({bubbles: true, pointerId: 1, button: 0, clientX: x + dx, clientY: y});
+              const send = (name, on, dx) => on.dispatchEvent(new PointerEvent(name, at(dx)));
               const svg = document.querySelector('#canvas svg');
               svg.setPointerCapture = () => {};
               send('pointerdown', group, 0);
