@@ -52,7 +52,7 @@ ROOMS = 64
 _RIVALS: dict[str, list[dict[str, Any]]] = {}
 """Bounds of the rivals by room."""
 
-_KNOWN: dict[str, tuple[float, float]] = {}
+_KNOWN: dict[tuple[Spec, float], tuple[float, float]] = {}
 """Values of the regular polygon and of the best layout looked at, by room."""
 
 
@@ -249,7 +249,7 @@ def _objective(found: Sketch) -> dict[str, Any]:
     room = replace(spec, points=())
     objective = objective_of(spec, found.setting, reference(room, region, found.setting))
     value = float(objective(found.points[None])[0])
-    key = f"{room.hash} {region.diameter:g}"
+    key = room, region.diameter
     if key not in _KNOWN:
         layouts = comparison_layouts(region, room.n, room.seed, found.setting).get("ngon", np.zeros((0, room.n, 2)))
         _KNOWN[key] = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf, np.inf
@@ -342,6 +342,10 @@ def clean(value: Any) -> Any:
     """Return plain JSON values: six digits, and None for what is not finite."""
     if isinstance(value, dict):
         return {key: clean(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and np.isfinite(value).all():
+        # One by one, thousands of numbers would take longer than what they are computed by.
+        scale = 10.0 ** (5 - np.floor(np.log10(np.clip(np.abs(value), 1e-200, 1e200))))
+        return (np.round(value * scale) / scale).tolist()
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
