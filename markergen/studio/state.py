@@ -21,6 +21,7 @@ from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.read.templates import read_template, templates
+from markergen.studio.no_files import refuse_files
 
 Options = Mapping[str, Any]
 
@@ -78,17 +79,17 @@ def _template(name: str) -> dict[str, Any]:
     return {"name": name, "title": str(values.pop("title", "")), "options": values}
 
 
-def plain(options: Any) -> dict[str, Any]:
-    """Return a state without empty values, numbers written as text turned into numbers.
+def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
+    """Return a state without empty values, numbers written as text turned into numbers; or options of another table.
 
     Raises
     ------
     InputError
-        If it is no mapping, or has an option that a state cannot have.
+        If it is no mapping, has an option that a state cannot have, or names a file.
     """
     if not isinstance(options, Mapping):
         raise InputError("the options of a design", brief(options), "send a table of names and values")
-    known, found = declared(DesignKeywords), {}
+    known, found = declared(table), {}
     for name, value in options.items():
         if name in ELSEWHERE:
             raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
@@ -96,6 +97,7 @@ def plain(options: Any) -> dict[str, Any]:
             continue
         kind = known[name].kind if name in known else ""
         found[name] = _number(value, kind) if isinstance(value, str) else value
+    refuse_files(found, table)
     return found
 
 
