@@ -55,7 +55,7 @@ DIGITS = 6
 _RIVALS: dict[str, list[dict[str, Any]]] = {}
 """Bounds of the rivals by room."""
 
-_KNOWN: dict[str, tuple[float, float]] = {}
+_KNOWN: dict[tuple[Spec, float], tuple[float, float]] = {}
 """Values of the regular polygon and of the best layout looked at, by room."""
 
 
@@ -249,7 +249,7 @@ def _objective(found: Sketch) -> dict[str, Any]:
     room = replace(spec, points=())
     objective = objective_of(spec, found.setting, reference(room, region, found.setting))
     value = float(objective(found.points[None])[0])
-    key = f"{room.hash} {region.diameter:g}"
+    key = room, region.diameter
     if key not in _KNOWN:
         layouts = comparison_layouts(region, room.n, room.seed, found.setting).get("ngon", np.zeros((0, room.n, 2)))
         _KNOWN[key] = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf, np.inf
@@ -354,4 +354,4 @@ def _rounded(values: Array) -> Any:
     size = np.abs(np.where(finite & (values != 0), values, 1.0))
     scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
     rounded = np.round(np.where(finite, values, 0.0) * scale) / scale
-    return rounded.tolist() if finite.all() else np.where(finite, rounded, None).tolist()
+    return rounded.tolist() if finite.all() else np.where(finite, rounded.astype(object), [None]).tolist()

@@ -29,7 +29,7 @@ from markergen.studio.look import look, more
 from markergen.studio.opening import opened
 from markergen.studio.showing import detected, exported, parsed_request, scene, table_in, view
 from markergen.studio.state import declared_options, plain, words
-from markergen.studio.work import Job, design_rig, failure, optimize, streamed
+from markergen.studio.work import Job, Latest, design_rig, failure, optimize, streamed
 
 HOST = "127.0.0.1"
 
@@ -103,9 +103,11 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     mimetypes.add_type("text/javascript", ".js")
     begin = None if file is None else opened(file.name, read(file, "upload").data)
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
+    slow = Latest(more)
     known: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
-        "more": lambda asked: more(asked.get("options")),
+        # What cannot be used is refused here, at once.
+        "more": lambda asked: slow(plain(asked.get("options"))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
     }
@@ -171,7 +173,10 @@ def _answering(answer: Answer) -> Handler:
 
 
 def _json(value: Any, status: int = 200) -> Response:
-    text = json.dumps(as_json(value), allow_nan=False, separators=(",", ":"))
+    try:
+        text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    except (TypeError, ValueError):
+        text = json.dumps(as_json(value), allow_nan=False, separators=(",", ":"))
     return Response(text, status, media_type="application/json")
 
 

@@ -4,7 +4,7 @@ import asyncio
 import json
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from time import monotonic
 from typing import Any
 
@@ -16,6 +16,7 @@ from markergen.model.marker_json import to_json
 from markergen.model.rig_json import rig_to_json
 from markergen.optimize.design import Design
 from markergen.options.rig import RigKeywords
+from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json
 from markergen.read.rig_plates import SUFFIXES
 from markergen.studio.state import plain
@@ -88,6 +89,58 @@ async def streamed(job: Job) -> AsyncIterator[bytes]:
             yield (json.dumps(as_json(line), allow_nan=False) + "\n").encode()
     finally:
         stop.set()
+
+
+class Latest:
+    """A function whose calls are answered by another process, so that this one stays free; a new call ends an old one.
+
+    Parameters
+    ----------
+    function : callable
+        Takes and returns JSON values.
+    """
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
+        self._function, self._lock = function, Lock()
+        self._worker: Worker | None = None
+        self._busy = False
+
+    def __call__(self, asked: Any) -> Any:
+        """Return what the function returns.
+
+        Raises
+        ------
+        InputError
+            If a newer call has come meanwhile, or as the function.
+        """
+        with self._lock:
+            old, self._worker = self._worker, None
+            if old and self._busy:
+                old.end()
+                old = None
+            self._worker = worker = old or Worker()
+            self._busy = True
+        try:
+            return worker(self._function, asked)
+        except MarkergenError as error:
+            with self._lock:
+                newest = worker is self._worker
+                if newest and not isinstance(error, InputError):  # It has ended by itself.
+                    self._worker = None
+            if newest:
+                raise
+            raise InputError("the newest request", "an older one", "wait for the newer answer") from None
+        finally:
+            with self._lock:
+                if worker is self._worker:
+                    self._busy = False
+
+    def end(self) -> None:
+        """End the process."""
+        with self._lock:
+            if self._worker:
+                self._worker.end()
+            self._worker = None
 
 
 def failure(error: Exception) -> dict[str, str]:

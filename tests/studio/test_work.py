@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import threading
 import time
 from itertools import count
@@ -11,7 +12,7 @@ import pytest
 import markergen as mg
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
-from markergen.studio.work import Teller, settled, streamed
+from markergen.studio.work import Latest, Teller, settled, streamed
 
 from .conftest import TOKEN
 
@@ -101,6 +102,34 @@ def test_a_real_search_can_be_stopped():
     while threading.active_count() > before and time.monotonic() < began + 10:
         time.sleep(0.02)
     assert time.monotonic() < began + 10
+
+
+def test_the_newest_question_is_answered_by_a_process_that_is_kept():
+    """As the page asks for more while another layout is still being worked on."""
+    latest, refused = Latest(wait_for), threading.Event()
+
+    def ask_first():
+        with pytest.raises(mg.InputError, match="the newest request"):
+            latest(600)
+        refused.set()
+
+    first = threading.Thread(target=ask_first)
+    first.start()
+    while not latest._busy:
+        time.sleep(0.01)
+    number = latest(0)
+    assert refused.wait(10)
+    first.join()
+    assert latest(0) == number != os.getpid()
+    with pytest.raises(ValueError, match="negative"):
+        latest(-1)
+    assert latest(0) == number
+    latest.end()
+
+
+def wait_for(seconds):
+    time.sleep(seconds)
+    return os.getpid()
 
 
 def test_lines_are_few_and_the_last_of_a_stage_is_always_among_them():
