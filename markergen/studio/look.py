@@ -353,5 +353,6 @@ def _rounded(values: Array) -> Any:
     finite = np.isfinite(values)
     size = np.abs(np.where(finite & (values != 0), values, 1.0))
     scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
-    rounded = np.round(np.where(finite, values, 0.0) * scale) / scale
-    return rounded.tolist() if finite.all() else np.where(finite, rounded.astype(object), [None]).tolist()
+    rounded = np.asarray(np.round(np.where(finite, values, 0.0) * scale) / scale, dtype=object)
+    rounded[~finite] = None
+    return rounded.tolist()
