@@ -94,6 +94,8 @@ KINDS = {
     "artifact": Kind(
         "a file to verify", 1 << 30, "a PNG of a large sheet has some ten MB", "check it", "export it again",
     ),
+    "request": Kind("a request", 10_000_000, "an outline of thousands of corners, a marker.json", "reload the page"),
+    "upload": Kind("a file for the studio", 100_000_000, "a photograph has some ten MB", "use the command line for it"),
     "list": Kind("a list", 10_000_000, "a thousand points have 100 kB"),
     "SVG": Kind("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
     "PDF": Kind(

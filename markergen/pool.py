@@ -124,8 +124,6 @@ def as_completed_chunks(
     ProcessPoolExecutor watches its workers from a thread. On CPython 3.11 that thread tears its queues down when one
     dies while others are being started, as happens on a loaded machine, and the caller sees a closed handle instead.
     """
-    # A fresh interpreter, because fork would copy locks that threads of BLAS and OpenCV may hold at that moment.
-    context = multiprocessing.get_context("spawn")
     luggage = outside()
     team: dict[Connection, SpawnProcess] = {}
     busy: dict[Connection, int] = {}
@@ -141,12 +139,8 @@ def as_completed_chunks(
         script = nullcontext() if _needs_script(function, chunks, luggage) else _without_script()
         with _STARTING, _inherited_by_workers(), script:
             for _ in range(min(workers, len(chunks))):
-                ours, theirs = context.Pipe()
-                worker = context.Process(target=_work, args=(theirs, luggage))
-                worker.start()
+                ours, worker = _started(luggage)
                 team[ours] = worker
-                # Now only the worker holds that end, so ours reports its death.
-                theirs.close()
         for pipe in team:
             occupy(pipe)
         while busy:
@@ -168,6 +162,40 @@ def as_completed_chunks(
             pipe.close()
         for worker in team.values():
             worker.join()
+
+
+class Worker:
+    """One process that is kept for further calls, with all that they leave in its memory."""
+
+    def __init__(self) -> None:
+        with _STARTING, _inherited_by_workers(), _without_script():
+            self._pipe, self._process = _started(outside(), daemon=True)
+
+    def __call__(self, function: Callable[[C], R], chunk: C) -> R:
+        """Return function(chunk); raises what it raises, and MarkergenError if the process ends."""
+        with _broken_pipes_are_errors():
+            _unless_dead(self._pipe.send, (function, chunk))
+        failed, result = _unless_dead(self._pipe.recv)
+        if failed:
+            raise result
+        return result
+
+    def end(self) -> None:
+        """End the process at once, whatever it is doing."""
+        self._process.terminate()
+        self._process.join()
+
+
+def _started(luggage: Luggage, daemon: bool = False) -> tuple[Connection, SpawnProcess]:
+    """Start a worker, a daemon if it is to end with this process; return our end of its pipe, too."""
+    # A fresh interpreter, because fork would copy locks that threads of BLAS and OpenCV may hold at that moment.
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    worker = context.Process(target=_work, args=(theirs, luggage), daemon=daemon)
+    worker.start()
+    # Now only the worker holds that end, so ours reports its death.
+    theirs.close()
+    return ours, worker
 
 
 @contextmanager

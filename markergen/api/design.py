@@ -29,7 +29,7 @@ from markergen.optimize.design import design as find
 from markergen.optimize.pad_design import design_pad
 from markergen.optimize.ranges import needs_scales
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import Progress, check_progress, given, signature_of
+from markergen.options import Progress, Watch, check_progress, given, signature_of
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
@@ -42,13 +42,18 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords]) -> Design:
+def design(
+    *, progress: Progress | None = None, watch: Watch | None = None, **options: Unpack[DesignKeywords]
+) -> Design:
     """Find the layout of control points that gives the most accurate pose, and write it to files if asked to.
 
     Parameters
     ----------
     progress : callable, optional
         Called with a stage, the amount done, and the total.
+    watch : callable, optional
+        Called a few times a second with a stage, the best layout so far, an array (n, 2 or 3) in m, and its value,
+        while dots of one size are placed. What it or `progress` raises ends the search.
     **options
         As on the command line, ``markergen design --help``, with underscores. Lengths are in m, or text with a unit;
         ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;
@@ -74,6 +79,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     (4, ())
     """
     check_progress(progress)
+    check_progress(watch, "a stage, a layout, and its value")
     request = request_of(options)
     paths = request.paths
     targets = family_paths(paths, request.ids) if request.ids else paths
@@ -84,7 +90,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         check_figure(path)
     check_files([*targets, *request.traces, *request.coverages], request.inputs)
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
-    spec, found = request.find(lambda spec: _find(spec, progress, traced=bool(request.traces)))
+    spec, found = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
     if request.choices.sheet.colors.inverted:
         found = replace(found, marker=light_marker(found.marker))
     for warning in found.warnings:
@@ -114,7 +120,7 @@ def _coverage(found: Design) -> "Figure":
     return figure
 
 
-def _find(spec: Spec, progress: Progress | None, traced: bool) -> Design:
+def _find(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | None) -> Design:
     """Design with dots of several sizes where one size cannot serve all poses, and the number of dots is open."""
     if spec.n == AUTO and needs_scales(spec, poses_from(spec.poses)):
         if traced:
@@ -123,7 +129,7 @@ def _find(spec: Spec, progress: Progress | None, traced: bool) -> Design:
             return design_pad(spec, progress)
         except InputError as error:
             log.info("dots of one size, for want of room for several: %s", error)
-    return find(spec, progress, traced)
+    return find(spec, progress, traced, watch)
 
 
 @dataclass(frozen=True)

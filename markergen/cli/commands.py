@@ -10,6 +10,7 @@ import typer
 from markergen import __version__
 from markergen.cli import console
 from markergen.cli.options import GroupedCommand, Rows, with_options
+from markergen.cli.studio import studio
 from markergen.options import VIEW
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.declarations import (
@@ -486,3 +487,6 @@ def templates(
         return
     rows = [[known, str(read_template(known).get("title", ""))] for known in templates()]
     console.print_parts([Table("Templates", ["name", "purpose"], rows)])
+
+
+app.command(cls=GroupedCommand)(studio)

@@ -49,8 +49,8 @@ from markergen.optimize.ranges import needs_scales
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
-from markergen.optimize.trace import Recorder, Step, trace_of
-from markergen.options import Progress
+from markergen.optimize.trace import Recorder, Step, Watcher, trace_of
+from markergen.options import Progress, Watch
 from markergen.presentation.results import Result
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
@@ -304,10 +304,10 @@ class Design(Result):
         return found
 
 
-def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -> Design:
+def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and make it a marker.
 
-    Equal specs give equal markers, traced or not. `progress(stage, done, total)` is called along the way.
+    Equal specs give equal markers, traced and watched or not. For `progress` and `watch` see `markergen.options`.
 
     Raises
     ------
@@ -331,7 +331,8 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     objective = objective_of(spec, setting, ngon)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
-    more = spec.restarts, progress, rough_of(spec, setting, ngon), recorder
+    record = Watcher(objective, region, watch, recorder) if watch else recorder
+    more = spec.restarts, progress, rough_of(spec, setting, ngon), record
     optimum: Optimum | AsymmetricOptimum
     allowed: Callable[[Array], bool] | None = None
     others: dict[str, Array] = {}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import groupby
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,8 @@ from markergen.files import check_folder
 from markergen.maths.information import rotation_bound, translation_bound
 from markergen.objectives import OBJECTIVES, Objective
 from markergen.objectives.pose import PoseObjective
+from markergen.optimize.problem import FeasibleRegion
+from markergen.options import Watch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +29,9 @@ Record = Callable[[str, Array, Array], None]
 
 FORMATS = (".csv", ".svg", ".png")
 """File formats of a trace."""
+
+PAUSE = 0.1
+"""Seconds between two layouts that a `Watcher` judges: judging every step would take as long as the search."""
 
 _LABELED = 0.08
 """Minimum fraction of all steps for a stage to be labeled in the plot."""
@@ -58,6 +64,41 @@ class Recorder:
             place = source
         steps.append(("start", place))
         return [(stage, np.frombuffer(data).reshape(layout.shape)) for stage, data in reversed(steps)]
+
+
+class Watcher:
+    """Tells, a few times a second, of the best layout that a search has come upon; the search itself is the same.
+
+    Whether its labels are safe is not judged.
+
+    Parameters
+    ----------
+    objective : Objective
+        For all poses; a search ranks layouts by a subset of them.
+    region : FeasibleRegion
+    tell : callable
+        It may raise, which ends the search.
+    also : callable or None
+        Called with every step, besides.
+    """
+
+    def __init__(self, objective: Objective, region: FeasibleRegion, tell: Watch, also: Record | None = None) -> None:
+        self._objective, self._region, self._tell, self._also = objective, region, tell, also
+        self._points, self._value, self._next = np.empty((0, 2)), np.inf, -np.inf
+
+    def __call__(self, stage: str, before: Array, after: Array) -> None:
+        """Judge the layouts `after` (B, n, .) in m of a step, unless some were judged just before."""
+        if self._also:
+            self._also(stage, before, after)
+        if monotonic() < self._next:
+            return
+        if len(held := after[self._region.holds(after[..., :2])]):
+            values = self._objective(held)
+            if values.min() < self._value:
+                self._points, self._value = held[np.argmin(values)], float(values.min())
+        if len(self._points):
+            self._tell(stage, self._points, self._value)
+        self._next = monotonic() + PAUSE
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,9 @@ else:
 Progress = Callable[[str, int, int], None]
 """Progress callback: name of the stage, amount done, total."""
 
+Watch = Callable[[str, Any, float], None]
+"""Callback of a search: name of the stage, best layout so far as an array (n, 2 or 3) in m, value of the objective."""
+
 ACCEPTED = {
     "length": "float | str",
     "length or auto": "float | str",
@@ -269,12 +272,10 @@ def read_as(kind: str, value: Any, name: str) -> Any:
         raise InputError(f"{error.args[0]} for {name}", brief(value), f"give {name} such a value") from None
 
 
-def check_progress(progress: object) -> None:
+def check_progress(progress: object, takes: str = "a stage, what is done, and a total") -> None:
     """Refuse a progress callback that is not callable, before any work is done; raises InputError."""
     if progress is not None and not callable(progress):
-        raise InputError(
-            "a function for progress", brief(progress), "give one that takes a stage, what is done, and a total"
-        )
+        raise InputError("a function for progress", brief(progress), f"give one that takes {takes}")
 
 
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
@@ -20,7 +21,9 @@ from markergen.objectives.aggregates import AGGREGATES
 from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.read.layout import layout_of
 from markergen.read.templates import read_template, templates
+from markergen.studio.no_files import refuse_files
 
 Options = Mapping[str, Any]
 
@@ -78,25 +81,34 @@ def _template(name: str) -> dict[str, Any]:
     return {"name": name, "title": str(values.pop("title", "")), "options": values}
 
 
-def plain(options: Any) -> dict[str, Any]:
-    """Return a state without empty values, numbers written as text turned into numbers.
+def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
+    """Return a state without empty values, numbers written as text turned into numbers; or options of another table.
 
     Raises
     ------
     InputError
-        If it is no mapping, or has an option that a state cannot have.
+        If it is no mapping, has an option that a state cannot have, or names a file.
     """
     if not isinstance(options, Mapping):
         raise InputError("the options of a design", brief(options), "send a table of names and values")
-    known, found = declared(DesignKeywords), {}
+    known, found = declared(table), {}
     for name, value in options.items():
         if name in ELSEWHERE:
             raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
         if value is None or value in ("", [], {}):
             continue
         kind = known[name].kind if name in known else ""
+        if name == "points" and isinstance(value, list):
+            with suppress(ValueError):  # What is wrong with it is told with all else.
+                value = points_as_text(layout_of(value))
         found[name] = _number(value, kind) if isinstance(value, str) else value
+    refuse_files(found, table)
     return found
+
+
+def points_as_text(rows: Sequence[Sequence[float]]) -> str:
+    """Write points in m as they are typed, in mm, to a tenth of a nanometer."""
+    return "; ".join(",".join(f"{round(1e3 * value, 7) + 0.0!r}mm" for value in row) for row in rows)
 
 
 def _number(text: str, kind: str) -> Any:

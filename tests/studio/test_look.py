@@ -90,6 +90,7 @@ def test_a_design_needs_points() -> None:
         design_of({"n": 5})
 
 
+@pytest.mark.long
 def test_command_python_and_spec_make_the_marker_of_the_state(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     state = {**MOVED, "keep_out": ["circle:5mm@0,0.05"], "n": "", "tile": False}

@@ -36,7 +36,7 @@ _AROUND = np.linspace(0, 2 * np.pi, 121)
 LOOKS: dict[str, dict[str, Any]] = {
     "image": {"facecolor": "#9dc3e6", "hatch": ""},
     "print": {"facecolor": "#f4b183", "hatch": "////"},
-    "camera": {"facecolor": "#c5e0b4", "hatch": "...."},
+    "camera": {"facecolor": "#c5e0b4", "hatch": "\\\\\\\\"},
 }
 LEAST = 2000.0
 """Factor below the largest error at which smaller sources are omitted."""

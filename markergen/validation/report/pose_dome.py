@@ -104,7 +104,7 @@ def camera_centers(poses: PoseDistribution) -> Array:
 def pose_sphere(
     faces: Sequence[tuple[list[Array], list[Array]]], centers: Array, values: Array, label: str, ax: "Axes"
 ) -> "Axes":
-    """Draw camera centers (P, 3) around an object in an oblique view, darker and larger for larger values (P,).
+    """Draw camera centers (P, 3) around an object in an oblique view, darker and on top for larger values (P,).
 
     The object's faces are drawn in their order: outlines and dots, points (m, 3) each.
     """
@@ -126,10 +126,11 @@ def pose_sphere(
         shown = values[chosen]
         spread = shown.min() > 0 and shown.max() > 1.001 * shown.min()
         norm = LogNorm(shown.min(), shown.max()) if spread else Normalize(0, max(float(shown.max()), 1e-12))
-        order = np.argsort(spots[:, 2])
+        # Marks of one size are written as references to one path.
+        order = np.argsort(shown, kind="stable")
         points = ax.scatter(
-            spots[order, 0], spots[order, 1], c=shown[order], s=8 + 40 * np.asarray(norm(shown[order]), dtype=float),
-            cmap=color_steps(COLORS), norm=norm, edgecolors=INK, linewidths=0.5, zorder=4,
+            spots[order, 0], spots[order, 1], c=shown[order], s=20, cmap=color_steps(COLORS), norm=norm,
+            edgecolors=INK, linewidths=0.5, zorder=4,
         )  # fmt: skip
         bar = ax.figure.colorbar(points, ax=ax, shrink=0.75, pad=0.02, aspect=28)
         bar.set_label(label)

@@ -1,0 +1,31 @@
+"""``markergen studio``: the page in the browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def studio(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="Begin with this marker.json, rig.json, spec .toml or drawing."),
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=65535, help="Port to serve at. [default: a free one]")
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser. [default: yes]")
+    ] = True,
+) -> None:
+    """Design on a page in the browser, served to this computer alone: drag dots and see what to expect, download, share
+    by the address. Ctrl-C ends it.
+
+    \b
+    Example:
+      markergen studio
+      markergen studio marker.json --port 8000 --no-browser
+    """
+    from markergen.studio import serve
+
+    serve(file, port, browser)

@@ -1,0 +1,160 @@
+"""Files that are dropped on the page: read by the readers of the command line, and returned as what a state holds."""
+
+import json
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from markergen.errors import InputError, brief
+from markergen.guard import read, text_of
+from markergen.model.boundary import polygon_from
+from markergen.model.marker import Marker
+from markergen.model.marker_json import parsed, to_json
+from markergen.model.rig_json import is_rig, load_marker_or_rig, rig_to_json
+from markergen.model.spec import Spec
+from markergen.model.substrate import SCREWS
+from markergen.options.declarations import DesignKeywords
+from markergen.read.cameras import format_of, load_camera
+from markergen.read.cameras.document import Document
+from markergen.read.layout import read_layout
+from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.poses import read_poses
+from markergen.read.spec_file import spec_of
+from markergen.read.templates import read_template
+from markergen.studio.no_files import refuse_files, refuse_named_plates
+
+DRAWINGS = (".svg", ".dxf", ".geojson")
+GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
+RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
+"""Names in a stored spec of options that are called differently."""
+NOT_OPTIONS = ("title", "image_noise", "substrate", "target", "camera_covariance", "n")
+
+
+@contextmanager
+def uploaded(name: str, data: bytes) -> Iterator[Path]:
+    """Yield the path of a file with these bytes, for readers that take one; errors name the file as its sender does."""
+    last = re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip() or "file"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / last
+        path.write_bytes(data)
+        try:
+            yield path
+        except InputError as error:
+            raise InputError(*(part.replace(f"{folder}/", "") for part in error.args)) from None
+
+
+def opened(name: str, data: bytes, unit: str | None = None, layer: str | None = None) -> dict[str, Any]:
+    """Return what a file brings into a state, by its suffix and content.
+
+    Parameters
+    ----------
+    unit, layer : str or None
+        For a drawing, see `parse_boundary`.
+
+    Returns
+    -------
+    dict
+        ``title``, and one of ``options`` (of a marker.json, with ``marker``, its content, or of a spec), ``rig``,
+        ``boundary`` (of a drawing, for the options boundary and keep_out; with ``center``, the place in the drawing in
+        m that became its origin), ``camera``, ``poses`` and ``points``.
+
+    Raises
+    ------
+    InputError
+        If the file is none of these, or one that names others.
+    """
+    with uploaded(name, data) as path:
+        content = parsed(text_of(read(path, "marker or rig")), path.name) if path.suffix.lower() == ".json" else None
+        if path.suffix.lower() in DRAWINGS or (isinstance(content, Mapping) and content.get("type") in GEOJSON):
+            return {"title": path.name, **_drawn(path, unit, layer)}
+        return {"title": path.name, **(_opened(path) if content is None else _json(path, content))}
+
+
+def _drawn(path: Path, unit: str | None, layer: str | None) -> dict[str, Any]:
+    there = parse_boundary(path, unit, layer, "file")
+    return {"boundary": polygon_from(there.contours()).as_dict(), "center": there.center}
+
+
+def _opened(path: Path) -> dict[str, Any]:
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        values = read_template(str(path))
+        title = {"title": str(values["title"])} if "title" in values else {}
+        options = {RENAMED.get(key, key): value for key, value in values.items() if key != "title"}
+        refuse_files(options, DesignKeywords)
+        return {**title, "options": options}
+    content = read(path, "poses")
+    if format_of(Document(path.name, content.data)) is not None:
+        return {"camera": load_camera(path).as_dict()}
+    if suffix == ".csv" and _is_layout(content.data):
+        return {"points": [list(row) for row in read_layout(path)]}
+    if suffix in (".csv", ".txt", ".tum"):
+        return {"poses": read_poses(path).as_dict()}
+    raise _unknown(path)
+
+
+def _unknown(path: Path) -> InputError:
+    known = "a marker.json, rig.json, spec .toml, drawing .svg, .dxf or .geojson, camera file, poses or points .csv"
+    return InputError(known, brief(path.name), "open one of these")
+
+
+def _json(path: Path, content: object) -> dict[str, Any]:
+    if isinstance(content, Mapping) and is_rig(content):
+        refuse_named_plates(content)
+        return {"rig": json.loads(rig_to_json(load_marker_or_rig(path)))}  # type: ignore[arg-type]
+    if isinstance(content, Mapping) and "control_points" in content:
+        found = load_marker_or_rig(path)
+        assert isinstance(found, Marker)
+        return {"options": options_of(found), "marker": json.loads(to_json(found))}
+    if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
+        return {"camera": load_camera(path).as_dict()}
+    if isinstance(content, list):
+        return {"poses": read_poses(path).as_dict()}
+    raise _unknown(path)
+
+
+def _is_layout(data: bytes) -> bool:
+    """Whether a table has the places of dots: poses have rotations as well."""
+    words = data.partition(b"\n")[0].decode("latin-1").lower().split(",")
+    names = {re.split(r"[\s_\[(/]", word.strip())[0] for word in words}
+    return {"x", "y"} <= names and not names & {"qw", "rx", "r11", "tilt"}
+
+
+def options_of(marker: Marker) -> dict[str, Any] | None:
+    """Return the options that design a marker again without a search; None if its dots have several sizes."""
+    if len({point.feature.diameter for point in marker.control_points}) > 1:
+        return None
+    spec, usual = spec_of(marker), Spec().as_dict()
+    if spec is not None:
+        values = {key: value for key, value in spec.as_dict().items() if key == "boundary" or value != usual.get(key)}
+    else:
+        values = {"boundary": marker.boundary.as_dict(), "keep_outs": [each.as_dict() for each in marker.keep_outs]}
+        values |= {"tag": str(marker.tag), "tag_side": marker.tag.side} if marker.tag else {}
+        values |= {"substrate": marker.substrate.as_dict(), "relief": marker.height}
+    options = {
+        RENAMED.get(key, key): value
+        for key, value in values.items()
+        if key not in NOT_OPTIONS and value not in (None, "", 0, 0.0, [])
+    }
+    room = options["boundary"]
+    if room.get("kind") == "circle" and not any(room.get("center", (0, 0))):
+        options["radius"] = options.pop("boundary")["radius"]
+    options |= _plate(values.get("substrate", {}))
+    points = marker.xyz if marker.height else marker.xyz[:, :2]
+    return {**options, "dot": marker.dot_diameter, "points": points.tolist()}
+
+
+def _plate(substrate: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a plate, whose holes are texts."""
+    options = {key: value for key, value in substrate.items() if key != "holes" and value is not None}
+    alike = defaultdict[tuple[str, str], list[str]](list)
+    for hole in substrate.get("holes", ()):
+        kind = hole["name"] + "c" * bool(hole["sink"]) if hole["name"] in SCREWS else repr(hole["diameter"])
+        alike[hole["use"], kind].append(f"{hole['x']!r},{hole['y']!r}")
+    for (use, kind), places in alike.items():
+        options.setdefault(use, []).append(f"{kind}:{'; '.join(places)}")
+    return options

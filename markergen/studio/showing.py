@@ -1,0 +1,216 @@
+"""What a state looks like: camera views, files to download, bodies in 3-D, and what is found in a photograph."""
+
+import io
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+from zipfile import ZipFile, ZipInfo
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.api.design import design
+from markergen.api.export import choices_of, export
+from markergen.detect.detector import Detector
+from markergen.detect.presentation import overlay
+from markergen.errors import InputError, brief
+from markergen.exporters import RECORD
+from markergen.exporters.saving import table_for
+from markergen.files import Written
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.model.marker_json import load_marker
+from markergen.model.pose_sources.cone import Cone
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_rig
+from markergen.options import given
+from markergen.options.declarations import DesignKeywords
+from markergen.presentation.pages import data_uri
+from markergen.read.images import read_image
+from markergen.render import DEFAULT_OPTICS, render_rig, render_view
+from markergen.studio.look import sketch
+from markergen.studio.no_files import refuse_named_plates
+from markergen.studio.opening import uploaded
+from markergen.studio.state import plain
+from markergen.validation.rigs.validation import rig_setting
+from markergen.validation.validation import setting_of
+
+Array = NDArray[np.float64]
+
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+"""Same files, same bytes."""
+
+
+class File(NamedTuple):
+    """A file to download."""
+
+    name: str
+    data: bytes
+
+
+class Subject(NamedTuple):
+    """Marker or rig that a request is about, with the camera and poses that it is shown in."""
+
+    what: Marker | Rig
+    camera: Camera
+    poses: PoseDistribution
+
+
+def subject(request: Mapping[str, Any]) -> Subject:
+    """Return what a request is about: its ``rig``, ``marker`` or ``options``, whose layout is not judged.
+
+    Raises
+    ------
+    InputError
+        If it has none of these, or they cannot be used.
+    """
+    if "rig" in request:
+        content = table_in(request, "rig")
+        refuse_named_plates(content)
+        rig = load_rig(content)
+        return Subject(rig, *rig_setting(rig))
+    if "marker" in request:
+        marker = load_marker(table_in(request, "marker"))
+        setting = setting_of(marker)
+        return Subject(marker, setting.camera, setting.poses)
+    found = sketch(table_in(request, "options"))
+    return Subject(found.marker, found.setting.camera, found.setting.poses)
+
+
+def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a table of a request; raises InputError if it is none."""
+    value = request.get(key)
+    if not isinstance(value, Mapping):
+        raise InputError(f"a table under {key}", brief(value), "reload the page")
+    return value
+
+
+def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:
+    """Render the camera's view, without noise, from a pose by its index or by ``tilt``, ``azimuth`` and ``distance``.
+
+    Returns
+    -------
+    bytes, array (n, 2)
+        PNG, and the images of the dots' centers in px.
+    """
+    import cv2
+
+    what, camera, poses = subject(request)
+    rotation, translation = _pose(request.get("pose", 0), poses)
+    render: Any = render_rig if isinstance(what, Rig) else render_view
+    image = render(what, camera, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
+    dots = camera.project(what.xyz, rotation[None], translation[None])[0]
+    return bytes(cv2.imencode(".png", image)[1]), dots
+
+
+def _pose(wish: object, poses: PoseDistribution) -> tuple[Array, Array]:
+    if isinstance(wish, int) and not isinstance(wish, bool) and 0 <= wish < len(poses):
+        return poses.rotation[wish], poses.translation[wish]
+    try:
+        assert isinstance(wish, Mapping)
+        tilt, azimuth, distance = (float(wish[name]) for name in ("tilt", "azimuth", "distance"))
+    except (AssertionError, KeyError, TypeError, ValueError):
+        remedy = "give an index, or tilt and azimuth in deg and a distance in m"
+        raise InputError(f"a pose of 0 to {len(poses) - 1}", brief(wish), remedy) from None
+    cone = Cone((distance, distance), (tilt, tilt), (azimuth, azimuth), (0.0, 0.0), count=1)
+    rotation, translation = cone.sample()
+    return rotation[0], translation[0]
+
+
+def exported(request: Mapping[str, Any]) -> File:
+    """Make the file with a suffix, or a ZIP of it and of what comes with it: the same bytes as the command's.
+
+    Options without points are refused: a search has its own request.
+    """
+    suffix = request.get("suffix")
+    if not isinstance(suffix, str) or not re.fullmatch(r"(\.[a-z0-9]+){1,3}", suffix):
+        raise InputError("a suffix such as .pdf", brief(suffix), "choose a format of the list")
+    with TemporaryDirectory() as folder:
+        if "rig" in request or "marker" in request:
+            what = subject(request).what
+            target = Path(folder) / f"{'rig' if isinstance(what, Rig) else 'marker'}{suffix}"
+            written = export(what, target)
+        else:
+            state = plain(request.get("options"))
+            if "points" not in state:
+                raise InputError("dots to export", "none", "optimize first, or place them")
+            target = Path(folder) / f"marker{suffix}"
+            written = list(design(**state, output=target).written)
+        # A design comes with its record, which is a download of its own.
+        named = [each for each in written if suffix == RECORD or not _is_record(each)]
+        files = [File(each.path.relative_to(folder).as_posix(), each.path.read_bytes()) for each in named]
+    return files[0] if len(files) == 1 else _zipped(f"{target.name}.zip", files)
+
+
+def _is_record(file: Written) -> bool:
+    return file.path.name == f"marker{RECORD}"
+
+
+def _zipped(name: str, files: list[File]) -> File:
+    data = io.BytesIO()
+    with ZipFile(data, "w") as archive:
+        for file in files:
+            archive.writestr(ZipInfo(file.name, _ZIP_TIME), file.data)
+    return File(name, data.getvalue())
+
+
+def scene(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a body as GLB in base64, and its poses, for a view in 3-D."""
+    import base64
+
+    what, _, poses = subject(request)
+    shown = what if isinstance(what, Rig) else [what]
+    choices = choices_of(given(plain(request.get("options") or {}), DesignKeywords))
+    made = table_for(shown)[".glb"](shown, choices)
+    x, y, z = np.einsum("pji,pj->ip", poses.rotation, -poses.translation)
+    return {
+        "glb": base64.b64encode(made.data).decode(),
+        "poses": {
+            "x": x.tolist(), "y": y.tolist(), "z": z.tolist(),
+            "tilt": poses.polar_angle_deg.tolist(), "azimuth": np.rad2deg(np.arctan2(y, x)).tolist(),
+            "distance": poses.distance.tolist(),
+        },
+    }  # fmt: skip
+
+
+def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, Any]:
+    """Look for a marker or rig in a photograph.
+
+    Returns
+    -------
+    dict
+        ``found``; ``why`` not; ``line``, the result as the command prints it; ``dots`` with ``id``, ``x`` and ``y`` in
+        px; ``pose`` as in docs/detect.md, or None without ``camera``; ``notes`` on the file; ``overlay``, a data URI.
+    """
+    what, camera = subject(request).what, request.get("camera")
+    detector = Detector(what, None if camera is None else table_in(request, "camera"))
+    with uploaded(name, photo) as path:
+        image = read_image(path)
+    found = detector(image.grey)
+    first = found[0]
+    picture = overlay(image.grey, [what], detector.camera, [each.detection for each in found])
+    ids = first.ids.tolist() or [None] * len(first.pixels)
+    return {
+        "found": first.ok,
+        "why": first.reason,
+        "line": str(first),
+        "dots": [{"id": i, "x": x, "y": y} for i, (x, y) in zip(ids, first.pixels.tolist(), strict=True)],
+        "pose": first.as_dict()["pose"],
+        "notes": list(image.notes),
+        "overlay": data_uri(picture),
+    }
+
+
+def parsed_request(data: bytes) -> dict[str, Any]:
+    """Return the JSON object of a request; raises InputError if it is none."""
+    try:
+        request = json.loads(data)
+    except (ValueError, RecursionError):
+        request = None
+    if not isinstance(request, dict):
+        raise InputError("a JSON object", brief(data[:100]), "reload the page")
+    return request

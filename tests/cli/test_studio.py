@@ -1,0 +1,62 @@
+"""``markergen studio`` as it is started and ended."""
+
+import signal
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+from markergen.cli import main
+
+
+def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
+    (tmp_path / "mine.toml").write_text('title = "Mine"\nn = 6\n')
+    command = [sys.executable, "-m", "markergen", "studio", "mine.toml", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        line = process.stdout.readline()
+        address = line.removeprefix("server at ").partition(";")[0]
+        assert address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(f"{address}options", timeout=30) as answer:
+            assert b'"opened":{"title":"Mine","options":{"n":6}}' in answer.read()
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(address.rsplit("/", 2)[0] + "/", timeout=30)
+        process.send_signal(signal.SIGINT)
+        said, complaint = process.communicate(timeout=30)
+    assert (process.returncode, said, complaint) == (0, "", "")
+
+
+def test_what_cannot_be_served_is_told_in_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.json").write_text("")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        for arguments, words in (
+            (["--port", str(port)], f"--port {port}"),
+            (["--port", "70000"], "--port"),
+            (["missing.json"], "missing.json"),
+            (["empty.json"], "empty.json"),
+        ):
+            assert main(["studio", "--no-browser", *arguments]) == 2
+            said = capsys.readouterr()
+            assert said.out == ""
+            assert len(said.err.splitlines()) == 1
+            assert words in said.err
+
+
+@pytest.mark.parametrize("name", ["starlette", "uvicorn"])
+def test_without_the_extra_it_says_what_to_install(capsys, monkeypatch, name):
+    monkeypatch.delattr("markergen.studio.server", raising=False)
+    monkeypatch.delitem(sys.modules, "markergen.studio.server", raising=False)
+    monkeypatch.setattr("socket.socket.listen", None)  # Nothing is served if it is not told.
+    for module in [each for each in sys.modules if each.partition(".")[0] == name]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, name, None)
+    assert main(["studio", "--no-browser"]) == 2
+    said = capsys.readouterr().err
+    assert "pip install 'markergen[studio]'" in said
+    assert len(said.splitlines()) == 1

@@ -1,0 +1,106 @@
+"""Files that are dropped on the page."""
+
+import json
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from markergen.model.boundary import Boundary
+from markergen.model.marker_json import to_json
+from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig_json import rig_to_json
+from markergen.read.spec_file import spec_from_mapping
+from markergen.studio.opening import opened, options_of
+
+SQUARE = (
+    b'<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="100mm"><rect width="200mm" height="100mm"/></svg>'
+)
+CAMERA = b"width: 640\nheight: 480\nfx: 800\nfy: 810\ncx: 320\ncy: 240\n"
+GEO = b'{"type": "Polygon", "coordinates": [[[0, 0], [200, 0], [200, 100], [0, 100], [0, 0]]]}'
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"keep_out": ["circle:3mm@60mm,-20mm"], "mount": ["4xM3c@180mm", "4.5mm:0mm,-85mm"], "dowel": "2x4mm@170mm"},
+        *(
+            pytest.param(more, marks=pytest.mark.long)
+            for more in (
+                {},
+                {"tag": "aruco:DICT_4X4_50:7", "seed": 5, "objective": "rotation"},
+                {"relief": "10mm"},
+                {"noise_model": "image", "print_sigma": "0.1mm", "clearance": "4mm"},
+            )
+        ),
+    ],
+)
+def test_a_marker_gives_the_options_that_make_it_again(more):
+    marker = mg.design(n=4, radius="120mm", dot="15mm", restarts=1, poses="cone:count=3", **more).marker
+    options = opened("marker.json", to_json(marker))["options"]
+    assert "n" not in options
+    again = mg.design(**options).marker
+    for name in ("control_points", "boundary", "keep_outs", "tag", "substrate", "clearance"):
+        assert getattr(again, name) == getattr(marker, name), name
+    # And once more: the state that is opened is the state that was saved.
+    assert to_json(mg.design(**options_of(again)).marker) == to_json(again)
+
+
+def test_a_marker_of_unknown_origin_is_opened_too(pentagon):
+    options = opened("any.json", to_json(pentagon))["options"]
+    assert options["points"] == pentagon.xyz[:, :2].tolist()
+    assert (options["radius"], options["dot"]) == (pentagon.boundary.radius, pentagon.dot_diameter)
+
+
+def test_every_kind_of_file_is_known():
+    assert opened("spec.toml", b'title = "Mine"\nn = 6\nkeep_outs = ["circle:3mm@40mm,0mm"]\n') == {
+        "title": "Mine",
+        "options": {"n": 6, "keep_out": ["circle:3mm@40mm,0mm"]},
+    }
+    for name, data in (("plate.svg", SQUARE), ("plate.geojson", GEO), ("plate.json", GEO)):
+        drawn = opened(name, data, "mm" if data == GEO else None)
+        boundary = drawn["boundary"]
+        assert np.abs(drawn["center"]) == pytest.approx([0.1, 0.05])
+        room = spec_from_mapping({"boundary": boundary}).boundary
+        assert isinstance(room, Boundary)
+        assert room.area == pytest.approx(0.02)
+    camera = opened("camera.yaml", CAMERA)["camera"]
+    assert spec_from_mapping({"camera": camera}).camera.fy == 810
+    assert opened("dots.csv", b"x_mm,y_mm\n0,50\n50,0\n-50,0\n0,-50\n")["points"][0] == [0, 0.05]
+    poses = opened("p.csv", b"tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n")["poses"]
+    assert len(spec_from_mapping({"poses": poses}).poses) == 1
+
+
+def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
+    identity = tuple(map(tuple, np.eye(3).tolist()))
+    rig = Rig((RigMarker("one", pentagon, identity, (0.0, 0.0, 0.0)),))
+    content = json.loads(rig_to_json(rig))
+    assert opened("rig.json", json.dumps(content).encode())["rig"] == content
+    content["markers"][0] = {**content["markers"][0], "marker": None, "file": "/etc/passwd"}
+    with pytest.raises(mg.InputError, match="its markers inside"):
+        opened("rig.json", json.dumps(content).encode())
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("photo.exe", b"MZ", "a marker.json, rig.json, spec"),
+        ("marker.json", b"{", "complete JSON in marker.json"),
+        ("marker.json", b'{"control_points": []}', "marker.json"),
+        ("marker.json", b"", "marker.json"),
+        ("/home/me/plate.svg", b"<svg", "in plate.svg"),
+        ("..\\..\\plate.dxf", b"nonsense", "plate.dxf"),
+        ("spec.toml", b"n = ", "TOML in spec.toml"),
+        ("spec.toml", b'camera = "camera.yaml"', "no file for --camera"),
+        ("camera.yaml", b"fx: 1", "camera.yaml"),
+        ("poses.csv", b"tx,ty\n1,2\n", "poses.csv"),
+        ("", b"\0", "file"),
+    ],
+)
+def test_what_cannot_be_used_is_told_by_the_name_it_was_given(name, data, said, tmp_path):
+    with pytest.raises(mg.InputError) as caught:
+        opened(name, data)
+    line = str(caught.value)
+    assert said in line
+    assert "tmp" not in line
+    assert "\n" not in line

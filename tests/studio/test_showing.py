@@ -1,0 +1,154 @@
+"""Views, files, bodies and photographs of a state."""
+
+import base64
+import io
+import json
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+import markergen as mg
+from markergen.cli import main
+from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig_json import rig_to_json
+from markergen.optimize.certificate import Certificate
+from markergen.optimize.design import Design
+from markergen.validation.validation import setting_of
+
+
+@pytest.fixture(scope="module")
+def pair(make_ngon):
+    marker = make_ngon(4, 0.04, 0.012)
+    identity = tuple(map(tuple, np.eye(3).tolist()))
+    return Rig(
+        (RigMarker("left", marker, identity, (-0.05, 0.0, 0.0)), RigMarker("right", marker, identity, (0.05, 0.0, 0.0)))
+    )
+
+
+def dots_of(png: bytes, dots: list[list[float]]) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return np.array([image[round(y), round(x)] for x, y in dots])
+
+
+def test_a_view_is_what_the_camera_sees_from_there(studio, options):
+    answer = studio.post("view", {"options": options, "pose": {"tilt": 40, "azimuth": 90, "distance": 1}})
+    assert answer.headers["content-type"] == "image/png"
+    dots = json.loads(answer.headers["x-dots"])
+    # The key ring is light inside.
+    assert (dots_of(answer.data, dots)[1:] < 60).all()
+    # By hand: a camera 1 m away in the plane x = 0, 40 deg from the normal toward +y, with y of the image away from it.
+    sine, cosine = np.sin(np.deg2rad(40)), np.cos(np.deg2rad(40))
+    depth = 1 - sine * np.array(options["points"])[:, 1]
+    distance = np.hypot(np.array(dots)[:, 0] - 320, np.array(dots)[:, 1] - 240)
+    x, y = np.array(options["points"]).T
+    assert distance == pytest.approx(800 * np.hypot(x, y * cosine) / depth, abs=0.02)
+
+
+def test_a_pose_by_its_index_is_that_of_validate(studio, options):
+    marker = mg.design(**options).marker
+    setting = setting_of(marker)
+    answer = studio.post("view", {"options": options, "pose": 2})
+    pixels = setting.camera.project(marker.xyz, setting.poses.rotation[2:3], setting.poses.translation[2:3])[0]
+    assert np.array(json.loads(answer.headers["x-dots"])) == pytest.approx(pixels, abs=0.006)
+
+
+@pytest.mark.parametrize("pose", [3, -1, True, "0", {"tilt": 40}, {"tilt": "steep", "azimuth": 0, "distance": 1}, None])
+def test_a_pose_that_is_none_is_refused(studio, options, pose):
+    assert "a pose of 0 to 2" in studio.post("view", {"options": options, "pose": pose}).json["line"]
+    beyond = {"tilt": 95, "azimuth": 0, "distance": 1}
+    assert "tilt" in studio.post("view", {"options": options, "pose": beyond}).json["line"]
+
+
+@pytest.mark.parametrize(
+    "suffixes", [[".json"], pytest.param([".svg", ".csv", ".pdf", ".step"], marks=pytest.mark.long)]
+)
+def test_a_download_is_what_the_command_writes(studio, options, suffixes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Design, "certify", lambda self, progress=None: Certificate(4, 1.0, 0.0, "for another test"))
+    more = {"paper": "A1", "mount": ["4xM3@260mm"]}
+    points = "; ".join(f"{x},{y}" for x, y in options["points"])
+    command = ["design", "--radius", "150mm", "--dot", "30mm", "--points", points, "--poses", options["poses"]]
+    files = [word for suffix in suffixes for word in ("-o", f"marker{suffix}")]
+    assert main([*command, "--paper", "A1", "--mount", "4xM3@260mm", *files]) == 0
+    for suffix in suffixes:
+        answer = studio.post("export", {"options": {**options, **more}, "suffix": suffix})
+        assert answer.data == (tmp_path / f"marker{suffix}").read_bytes()
+        assert answer.headers["content-disposition"] == f"attachment; filename*=UTF-8''marker{suffix}"
+
+
+def test_files_that_come_together_are_packed(studio, options):
+    answer = studio.post("export", {"options": options, "suffix": ".urdf"})
+    assert answer.headers["content-type"] == "application/zip"
+    names = zipfile.ZipFile(io.BytesIO(answer.data)).namelist()
+    assert names[0] == "marker.urdf"
+    assert names[1:]
+    assert "marker.json" not in names
+    assert studio.post("export", {"options": options, "suffix": ".urdf"}).data == answer.data
+
+
+@pytest.mark.parametrize("suffix", [".exe", "", "pdf", "/../../x.pdf", ".pdf/x", None, 5])
+def test_a_format_that_is_none_is_refused(studio, options, suffix):
+    assert "suffix" in studio.post("export", {"options": options, "suffix": suffix}).json["line"]
+
+
+def test_dots_have_to_be_there(studio):
+    assert (
+        "expected dots to export, found none" in studio.post("export", {"options": {}, "suffix": ".pdf"}).json["line"]
+    )
+
+
+def test_a_body_is_shown_with_its_poses(studio, options, pair):
+    for asked, size in (({"options": options}, 0.3), ({"rig": json.loads(rig_to_json(pair))}, 0.15)):
+        found = studio.post("scene", asked).json
+        body = trimesh.load(io.BytesIO(base64.b64decode(found["glb"])), file_type="glb")
+        assert body.extents.max() > size
+        poses = found["poses"]
+        far = np.sqrt(np.sum([np.square(poses[axis]) for axis in "xyz"], axis=0))
+        assert far == pytest.approx(poses["distance"])
+        lean = np.rad2deg(np.arccos(np.clip(np.array(poses["z"]) / far, -1, 1)))
+        assert lean == pytest.approx(poses["tilt"], abs=1e-4)
+
+
+def test_a_photograph_shows_what_detect_finds(studio, options):
+    camera = {"width": 640, "height": 480, "fx": 800, "fy": 800, "cx": 320, "cy": 240}
+    view = studio.post("view", {"options": options, "pose": {"tilt": 30, "azimuth": 20, "distance": 0.8}})
+    asked = json.dumps({"options": options, "camera": camera}).encode() + b"\n"
+    found = studio.post("detect", asked + view.data, X_Name="caf%C3%A9.png").json
+    assert found["found"]
+    assert not found["why"]
+    truth = json.loads(view.headers["x-dots"])
+    seen = {dot["id"]: (dot["x"], dot["y"]) for dot in found["dots"]}
+    assert [seen[k] for k in range(4)] == [pytest.approx(pixel, abs=0.5) for pixel in truth]
+    assert np.linalg.norm(found["pose"]["translation"]) == pytest.approx(0.8, abs=0.01)
+    kind, data = found["overlay"].split(",")
+    assert kind in ("data:image/jpeg;base64", "data:image/png;base64")
+    assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR).shape == (480, 640, 3)
+
+
+def test_a_photograph_without_the_marker_says_why(studio, options):
+    blank = bytes(cv2.imencode(".png", np.full((480, 640), 200, np.uint8))[1])
+    asked = json.dumps({"options": options}).encode() + b"\n"
+    found = studio.post("detect", asked + blank, X_Name="blank.png").json
+    assert (found["found"], found["pose"], found["dots"]) == (False, None, [])
+    assert found["why"].startswith("found 0 dots")
+    for data, said in ((b"", "caf\u00e9.png"), (b"not a picture", "caf\u00e9.png"), (blank[:200], "caf\u00e9.png")):
+        refused = studio.post("detect", asked + data, X_Name="caf%C3%A9.png")
+        assert refused.status == 422
+        assert said in refused.json["line"]
+    other = json.dumps({"options": options, "camera": {"width": 10, "height": 10}}).encode() + b"\n"
+    assert studio.post("detect", other + blank).status == 422
+
+
+def test_a_rig_is_seen_exported_and_found(studio, pair):
+    asked = {"rig": json.loads(rig_to_json(pair))}
+    view = studio.post("view", {**asked, "pose": {"tilt": 20, "azimuth": 0, "distance": 0.4}})
+    assert view.status == 200, view.data
+    assert (dots_of(view.data, json.loads(view.headers["x-dots"]))[[1, 2, 3, 5, 6, 7]] < 60).all()
+    assert studio.post("export", {**asked, "suffix": ".json"}).data == rig_to_json(pair)
+    refused = studio.post(
+        "scene", {"rig": {"format": "markergen-rig", "markers": [{"name": "a", "file": "/etc/passwd"}]}}
+    )
+    assert "a rig.json with its markers inside" in refused.json["line"]

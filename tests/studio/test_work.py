@@ -1,0 +1,143 @@
+"""Searches that are told as they go, and that end when nobody listens."""
+
+import asyncio
+import json
+import os
+import threading
+import time
+from itertools import count
+
+import pytest
+
+import markergen as mg
+from markergen.optimize.certificate import Certificate
+from markergen.optimize.design import Design
+from markergen.studio.work import Latest, Teller, settled, streamed
+
+from .conftest import TOKEN
+
+QUICK = {"n": 4, "radius": "100mm", "restarts": 1, "poses": "cone:count=3", "seed": 3}
+
+
+def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
+    # Bounds take longer than such a search.
+    monkeypatch.setattr(Design, "certify", lambda self, progress=None: Certificate(4, 1.0, 0.25))
+    answer = studio.post("optimize", {"options": {**QUICK, "points": [[0, 0]], "title": None}})
+    assert answer.headers["content-type"] == "application/x-ndjson"
+    *told, last = answer.lines
+    assert {"descent", "polish"} <= {line["stage"] for line in told}
+    shown = [line for line in told if "dots" in line]
+    assert shown
+    assert all(len(line["dots"]) == 4 for line in shown)
+    values = [line["value"] for line in shown]
+    assert values == sorted(values, reverse=True)
+    found = mg.design(**QUICK)
+    assert values[-1] >= found.value * (1 - 1e-9)
+    kept = {name: value for name, value in QUICK.items() if name != "n"}
+    assert last["options"] == {**kept, "points": found.marker.xyz[:, :2].tolist(), "dot": found.dots.diameter}
+    assert last["summary"] == found.summary
+    assert last["certificate"] == {"sentence": Certificate(4, 1.0, 0.25).sentence, "gap": 0.75}
+
+
+LONG = [
+    {},
+    {"relief": "10mm"},
+    {"radius": "fit", "paper": "A5"},
+    {"radius": None, "boundary": "rect:200mmx150mm"},
+    {"n": "auto", "poses": "cone:count=12,distance=0.9..1m"},
+    {"n": None, "target": "0.5deg@0.7m"},
+]
+
+
+@pytest.mark.parametrize("more", [{"dot": "auto"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)])
+def test_the_state_after_a_search_gives_the_same_dots(more):
+    options = {name: value for name, value in {**QUICK, **more}.items() if value is not None}
+    found = mg.design(**options)
+    again = mg.design(**json.loads(json.dumps(settled(options, found))))
+    assert again.marker.control_points == found.marker.control_points
+    assert again.marker.boundary == found.marker.boundary
+    assert again.value == pytest.approx(found.value, rel=1e-9)
+
+
+def test_what_the_search_refuses_is_its_last_line(studio):
+    assert studio.post("optimize", {"options": {"n": 3}}).lines[-1]["error"]["found"] == "n=3"
+    assert "shape of a rig" in studio.post("rig", {"shape": "plates.csv", "options": {}}).lines[-1]["error"]["line"]
+    assert "--camera" in studio.post("rig", {"shape": "cube", "options": {"camera": "x"}}).lines[-1]["error"]["line"]
+
+
+def test_a_listener_who_leaves_ends_the_work(studio, monkeypatch):
+    """As a page does that is closed, or whose "stop" was pressed."""
+    ended = threading.Event()
+
+    def endless(options, tell):
+        try:
+            for number in count():
+                tell.progress("search", number, -1)
+                time.sleep(0.01)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr("markergen.studio.server.optimize", endless)
+    with studio.connect("POST", f"/{TOKEN}/optimize", b'{"options": {}}') as response:
+        assert json.loads(response.readline())["stage"] == "search"
+        assert not ended.is_set()
+    assert ended.wait(10)
+
+
+def test_a_real_search_can_be_stopped():
+    """n = 60 takes half a minute."""
+    before = threading.active_count()
+
+    async def first_lines():
+        def job(tell):
+            return {"value": mg.design(n=60, progress=tell.progress, watch=tell.watch).value}
+
+        lines = streamed(job)
+        found = [json.loads(await anext(lines)) for _ in range(2)]
+        await lines.aclose()
+        return found
+
+    began = time.monotonic()
+    assert [line["stage"] for line in asyncio.run(first_lines())] == ["exchange"] * 2
+    while threading.active_count() > before and time.monotonic() < began + 10:
+        time.sleep(0.02)
+    assert time.monotonic() < began + 10
+
+
+def test_the_newest_question_is_answered_by_a_process_that_is_kept():
+    """As the page asks for more while another layout is still being worked on."""
+    latest, refused = Latest(wait_for), threading.Event()
+
+    def ask_first():
+        with pytest.raises(mg.InputError, match="the newest request"):
+            latest(600)
+        refused.set()
+
+    first = threading.Thread(target=ask_first)
+    first.start()
+    while not latest._busy:
+        time.sleep(0.01)
+    number = latest(0)
+    assert refused.wait(10)
+    first.join()
+    assert latest(0) == number != os.getpid()
+    with pytest.raises(ValueError, match="negative"):
+        latest(-1)
+    assert latest(0) == number
+    latest.end()
+
+
+def wait_for(seconds):
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_lines_are_few_and_the_last_of_a_stage_is_always_among_them():
+    told = []
+    teller = Teller(told.append, threading.Event())
+    for done in range(1001):
+        teller.progress("search", done, 1000)
+    teller.progress("polish", 0, 1)
+    assert len(told) < 100
+    assert [(line["stage"], line["done"]) for line in told][-2:] == [("search", 1000), ("polish", 0)]
+    assert told[0]["done"] == 0
