@@ -23,7 +23,7 @@ from markergen.optimize.given import Fault, faults, size_given
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
-from markergen.studio.state import Options, design_of, plain, spec_of_options
+from markergen.studio.state import Options, design_of, plain, points_as_text, spec_of_options
 from markergen.validation import headline
 from markergen.validation.baselines import line_up
 from markergen.validation.bounds import budget_of
@@ -48,6 +48,9 @@ BOUND_POSES = 10
 
 ROOMS = 64
 """Number of rooms, with their dots, of which the best value is remembered."""
+
+DIGITS = 6
+"""Significant digits of the numbers that a page gets."""
 
 _RIVALS: dict[str, list[dict[str, Any]]] = {}
 """Bounds of the rivals by room."""
@@ -167,12 +170,10 @@ def look(options: Any) -> dict[str, Any]:
     centers = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
     variance = np.maximum(rotation["total"] ** 2, np.finfo(float).tiny)
     shares = {"image": "image", "print": "print", "calibration": "camera"}
-    return clean(
+    return {"options": _with_points(state, spec), "dots": _dots(found.marker)} | clean(
         {
-            "options": _with_points(state, spec),
             "start": not state.get("points"),
             "room": _room(spec),
-            "dots": _dots(found.marker),
             "clearance": found.region.clearance,
             "problems": [{"dots": list(each.dots), "line": each.words} for each in found.faults],
             "camera": spec.camera.as_dict(),
@@ -196,8 +197,7 @@ def _with_points(state: Options, spec: Spec) -> dict[str, Any]:
     """Return a state with its points, which say how many dots there are."""
     rest = {name: value for name, value in state.items() if name not in ("n", "target")}
     rest = {name: value for name, value in rest.items() if (name, value) != ("dot", "auto")}
-    text = "; ".join(",".join(f"{round(1e3 * value, 7):g}mm" for value in row) for row in spec.points)
-    return {**rest, "points": state.get("points") or text}
+    return {**rest, "points": state.get("points") or points_as_text(spec.points)}
 
 
 def _room(spec: Spec) -> dict[str, Any]:
@@ -360,14 +360,17 @@ def clean(value: Any) -> Any:
     """Return plain JSON values: six digits, and None for what is not finite."""
     if isinstance(value, dict):
         return {key: clean(each) for key, each in value.items()}
-    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and np.isfinite(value).all():
-        # One by one, thousands of numbers would take longer than what they are computed by.
-        scale = 10.0 ** (5 - np.floor(np.log10(np.clip(np.abs(value), 1e-200, 1e200))))
-        return (np.round(value * scale) / scale).tolist()
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
     if isinstance(value, list | tuple):
         return [clean(each) for each in value]
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.6g}") if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.ndarray | np.generic | float):
+        return _rounded(np.asarray(value)) if np.asarray(value).dtype.kind == "f" else np.asarray(value).tolist()
+    return value
+
+
+def _rounded(values: Array) -> Any:
+    finite = np.isfinite(values)
+    size = np.abs(np.where(finite & (values != 0), values, 1.0))
+    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
+    rounded = np.asarray(np.round(np.where(finite, values, 0.0) * scale) / scale, dtype=object)
+    rounded[~finite] = None
+    return rounded.tolist()

@@ -261,7 +261,8 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
 
 
 def _listening(port: int | None) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # Named, or asyncio does not send at once, and every answer waits 40 ms for the acknowledgment of its header.
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     if hasattr(socket, "SO_REUSEADDR"):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

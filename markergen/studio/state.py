@@ -2,7 +2,8 @@
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +21,7 @@ from markergen.objectives.aggregates import AGGREGATES
 from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.read.layout import layout_of
 from markergen.read.templates import read_template, templates
 from markergen.studio.no_files import refuse_files
 
@@ -96,9 +98,17 @@ def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
         if value is None or value in ("", [], {}):
             continue
         kind = known[name].kind if name in known else ""
+        if name == "points" and isinstance(value, list):
+            with suppress(ValueError):  # What is wrong with it is told with all else.
+                value = points_as_text(layout_of(value))
         found[name] = _number(value, kind) if isinstance(value, str) else value
     refuse_files(found, table)
     return found
+
+
+def points_as_text(rows: Sequence[Sequence[float]]) -> str:
+    """Write points in m as they are typed, in mm, to a tenth of a nanometer."""
+    return "; ".join(",".join(f"{round(1e3 * value, 7) + 0.0!r}mm" for value in row) for row in rows)
 
 
 def _number(text: str, kind: str) -> Any:

@@ -1,0 +1,73 @@
+/* The right side: what to expect of a layout, what limits it, and what stands beside it. */
+
+import { by, digits, make, mm, table } from "./dom.js";
+
+const SOURCES = { image: "image", print: "print", calibration: "calibration" };
+
+/* What follows a dot that is dragged. */
+export function now(look) {
+  const { expected, objective, poses } = look, hardest = expected.hardest;
+  by("expect").replaceChildren(
+    make("p", { class: "big" },
+      make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation, RMS of all poses")),
+      make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
+    make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`),
+    make("div", { class: "note", id: "plan" }, expected.sentence));
+  const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
+  const total = squares.reduce((sum, value) => sum + value, 0) || 1;
+  const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
+  const bar = make("div", { class: "shares", "aria-hidden": "true" }, shares.map(() => make("i")));
+  shares.forEach((share, index) => { bar.children[index].style.width = `${100 * share}%`; });
+  by("limits").replaceChildren(bar,
+    make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${digits(100 * shares[index], 2)} %`))),
+    ...look.limits.map((line) => make("p", {}, line)));
+  const value = (number) => (number === null ? "does not fit" : `${digits(number, 4)} ${objective.unit}`);
+  const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
+  const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
+  by("beside").replaceChildren(
+    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", value(objective.best_known)]], 0),
+    make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
+}
+
+/* What takes longer; null while it is not known. */
+export function later(more) {
+  const wait = () => [make("p", { class: "note" }, "…")];
+  if (!more) {
+    for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(...wait());
+    by("patterns")?.replaceChildren();
+    return;
+  }
+  by("plan").replaceChildren(...more.plan.map((line) => make("p", {}, line)));
+  by("counts").replaceChildren(more.more_dots.length
+    ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
+      more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))
+    : make("p", { class: "note" }, "Not computed for a relief."));
+  by("labels").replaceChildren(make("p", {}, more.labels ? more.labels.sentence : "Bare points are not labeled."));
+  by("patterns").replaceChildren(...(more.beside.length
+    ? [table("All that the image tells of the pattern: least rotation error, exact print", ["pattern", "bound"], more.beside.map((row) => [row.name, `${digits(row.rotation_deg)} deg`]), 0)] : []),
+    make("p", {}, `${more.bound[0].toUpperCase()}${more.bound.slice(1)}.`));
+  by("advice").replaceChildren(...(more.advice.length ? more.advice.map((line) => make("p", {}, `${line[0].toUpperCase()}${line.slice(1)}.`)) : [make("p", { class: "note" }, "None.")]));
+}
+
+export function failed(line) {
+  for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(make("p", { class: "note" }, line));
+}
+
+/* The dots as numbers to type. */
+export function numbers(element, look, set, remove) {
+  const cell = (dot, index, axis) => make("td", {}, make("input", {
+    value: mm(dot[axis]), inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm`,
+    change: (event) => {
+      const value = Number(event.target.value);
+      if (Number.isFinite(value) && event.target.value.trim()) set(index, { [axis]: value / 1e3 });
+      else event.target.value = mm(dot[axis]);
+    },
+  }));
+  const tall = look.dots.some((dot) => dot.z), axes = tall ? ["x", "y", "z"] : ["x", "y"];
+  element.replaceChildren(make("table", {},
+    make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
+    make("tbody", {}, look.dots.map((dot, index) => make("tr", {},
+      make("th", { scope: "row" }, `${index}${dot.kind === "ring" ? " ring" : ""}`), axes.map((axis) => cell(dot, index, axis)),
+      make("td", {}, mm(dot.diameter, 1)),
+      make("td", {}, make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove")))))));
+}
