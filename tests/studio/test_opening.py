@@ -91,7 +91,7 @@ def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
         ("/home/me/plate.svg", b"<svg", "in plate.svg"),
         ("..\\..\\plate.dxf", b"nonsense", "plate.dxf"),
         ("spec.toml", b"n = ", "TOML in spec.toml"),
-        ("spec.toml", b'camera = "camera.yaml"', "no file for --camera"),
+        ("spec.toml", b'camera = "camera.yaml"', "--camera without a file"),
         ("camera.yaml", b"fx: 1", "camera.yaml"),
         ("poses.csv", b"tx,ty\n1,2\n", "poses.csv"),
         ("", b"\0", "file"),
