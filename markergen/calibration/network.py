@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.batched import Batched
 from markergen.model.camera import Camera, Distortion
 
 Array = NDArray[np.float64]
@@ -13,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class Views(Batched):
     """Dots seen in v views: each a photograph of one marker, with its approximate pose.
 
     Attributes
@@ -32,19 +33,6 @@ class Views:
     seen: Mask
     rotation: Array
     translation: Array
-
-    def __len__(self) -> int:
-        return len(self.pixels)
-
-    def take(self, chosen: NDArray[np.intp] | Mask | slice) -> "Views":
-        """Return a subset of the views."""
-        return Views(
-            self.pixels[chosen],
-            self.covariance[chosen],
-            self.seen[chosen],
-            self.rotation[chosen],
-            self.translation[chosen],
-        )
 
     def of_dots(self, kept: Mask) -> "Views":
         """Return the views of the dots `kept` (n,) alone."""

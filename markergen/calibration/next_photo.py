@@ -20,6 +20,7 @@ from markergen.calibration.coverage import SIDES, posed
 from markergen.calibration.weaknesses import bounded_covariance
 from markergen.calibration.working_error import ExpectedError, Sensitivity, sensitivity
 from markergen.detect.conic_projection import outlines, pose_rows
+from markergen.maths.batched import Batched
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, axes_of
@@ -65,7 +66,7 @@ _ROUNDS = 25
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(Batched):
     """Photographs that could be taken, k poses T_camera_marker and what tells them to a photographer.
 
     Attributes
@@ -86,13 +87,6 @@ class Candidates:
     turn_deg: Array
     fill: Array
     place: Array
-
-    def __len__(self) -> int:
-        return len(self.rotation)
-
-    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Candidates":
-        """Return a subset."""
-        return Candidates(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,11 @@
 """Dot candidates: dark ellipses in the image, as seen and with the lens distortion removed."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.batched import Batched
 from markergen.model.camera import NO_DISTORTION, Camera
 
 Array = NDArray[np.float64]
@@ -12,7 +13,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
-class Blobs:
+class Blobs(Batched):
     """B candidate dots of one image, rough or fitted to grey levels.
 
     Attributes
@@ -46,9 +47,6 @@ class Blobs:
     middle: Array
     fitted: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        return len(self.center)
-
     @property
     def hole(self) -> Array:
         """Evidence of a ring (B,), from 0 for a disk to 1."""
@@ -62,21 +60,6 @@ class Blobs:
         axes[:, 0, 1], axes[:, 1, 1] = -sine, cosine
         axes *= self.semi[:, None]
         return axes
-
-    def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> "Blobs":
-        """Return a subset."""
-        return Blobs(*(each[index] for each in vars(self).values()))
-
-    def joined(self, other: "Blobs") -> "Blobs":
-        """Return these blobs, then the others."""
-        return Blobs(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
-
-    def put(self, index: NDArray[np.intp], others: "Blobs") -> "Blobs":
-        """Return a copy with others in the place of some."""
-        copies = [getattr(self, each.name).copy() for each in fields(self)]
-        for copy, each in zip(copies, fields(self), strict=True):
-            copy[index] = getattr(others, each.name)
-        return Blobs(*copies)
 
 
 DOUBTFUL = 0.25
@@ -94,7 +77,7 @@ _STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Ellipses:
+class Ellipses(Batched):
     """B ellipses in normalized coordinates.
 
     Attributes
@@ -113,9 +96,6 @@ class Ellipses:
     hole: Array
     index: NDArray[np.intp]
 
-    def __len__(self) -> int:
-        return len(self.center)
-
     @property
     def ring(self) -> NDArray[np.bool_]:
         """True (B,) for rings, as far as can be told."""
@@ -124,17 +104,6 @@ class Ellipses:
     def strange(self, rings: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which ellipses (n, B) are surely of another kind than the rings, or disks, of `rings` (n,)."""
         return np.where(rings[:, None], self.hole < DOUBTFUL, self.hole > 1 - DOUBTFUL)
-
-    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Ellipses":
-        """Return a subset."""
-        return Ellipses(*(each[chosen] for each in vars(self).values()))
-
-    def put(self, index: NDArray[np.intp], others: "Ellipses") -> "Ellipses":
-        """Return a copy with others in the place of some."""
-        copies = [getattr(self, each.name).copy() for each in fields(self)]
-        for copy, each in zip(copies, fields(self), strict=True):
-            copy[index] = getattr(others, each.name)
-        return Ellipses(*copies)
 
 
 def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:

@@ -4,12 +4,13 @@ Normalized coordinates are (X/z, Y/z), without lens distortion and camera matrix
 pixels. The center of an image ellipse is not the image of the dot's center; the exact offset follows from the conic.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import kernel
+from markergen.maths.batched import Batched
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.levenberg_marquardt import (
@@ -30,7 +31,7 @@ SCHEDULE = DAMPING.start, DAMPING.least, DAMPING.slack, DAMPING.ridge, FACTOR
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
+class Outlines(Batched):
     """Image ellipses of k times n disks, in normalized coordinates.
 
     Attributes
@@ -49,16 +50,6 @@ class Outlines:
     point: Array
     shape: Array
     seen: NDArray[np.bool_]
-
-    def take(self, chosen: NDArray[np.intp]) -> "Outlines":
-        """Return a subset of the k."""
-        return Outlines(*(getattr(self, each.name)[chosen] for each in fields(self)))
-
-    def joined(self, other: "Outlines") -> "Outlines":
-        """Concatenate two sets of outlines."""
-        return Outlines(
-            *(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self))
-        )
 
 
 def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -> Outlines:

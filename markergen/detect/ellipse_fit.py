@@ -1,6 +1,6 @@
 """Fit of dots' ellipses to the grey levels around their outlines, batched."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -26,6 +26,7 @@ from markergen.detect.ellipse_descent import (
     shine_rows,
 )
 from markergen.detect.outline_pixels import QUANTIZATION, outline_pixels
+from markergen.maths.batched import Batched
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -69,7 +70,7 @@ _SATURATION = tuple(2**bits - 1 for bits in range(8, 17))
 
 
 @dataclass(frozen=True, eq=False)
-class Fits:
+class Fits(Batched):
     """Result of B fits: unknowns (B, 15), the inverses of their normal matrices, variance and noise of the grey levels.
 
     `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot;
@@ -87,10 +88,6 @@ class Fits:
     uneven: Array
     odd: Array
     pairs: Array
-
-    def take(self, index: Indices) -> "Fits":
-        """Return a subset."""
-        return Fits(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
 def fit_blobs(image: Image, blobs: Blobs, inverted: bool = False) -> Blobs:

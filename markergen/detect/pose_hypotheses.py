@@ -8,7 +8,7 @@ pairs pass. Triples or quadruples of blobs are never enumerated: the cost is onl
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import permutations
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.errors import InputError
+from markergen.maths.batched import Batched
 from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
@@ -155,7 +156,7 @@ _DRIFT, _DRIFT_PX, _SIZE = 0.2, 1.5, 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class PoseHypotheses:
+class PoseHypotheses(Batched):
     """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m.
 
     `start` (K,) is the control point that each starts from, `votes` (K,) the number of dots near it that have a blob.
@@ -165,13 +166,6 @@ class PoseHypotheses:
     translation: Array
     start: Indices
     votes: Indices
-
-    def __len__(self) -> int:
-        return len(self.translation)
-
-    def take(self, chosen: Indices | slice) -> "PoseHypotheses":
-        """Return a subset."""
-        return PoseHypotheses(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def guess_poses(

@@ -1,7 +1,7 @@
 """Models of how a marker is seen: poses of a calibrated camera, and homographies where there is no calibration."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from markergen.detect.conic_projection import (
     refine_poses,
 )
 from markergen.detect.pose_hypotheses import DotLayout
+from markergen.maths.batched import Batched
 from markergen.maths.projection import apply_homography, perspective
 
 Array = NDArray[np.float64]
@@ -25,33 +26,32 @@ FIT_TOLERANCE = 1e-3
 """Relative change of the misfit at which a fit stops: enough to tell labelings apart."""
 
 
-class Model(Protocol):
+class Model(Batched, ABC):
     """K hypotheses of the mapping from marker to image."""
 
+    @abstractmethod
     def outlines(self, layout: DotLayout) -> Outlines:
         """Predict the outlines of all dots."""
 
+    @abstractmethod
     def project(self, points: Array) -> Array:
         """Return the images (K, m, 2), in normalized coordinates, of points (m, 3) in m on the marker's plane."""
 
-    def take(self, chosen: Indices) -> "Model":
-        """Return a subset."""
-
-    def joined(self, other: "Model") -> "Model":
-        """Concatenate with another model of the same kind."""
-
+    @abstractmethod
     def mirrored(self, layout: DotLayout) -> "Model | None":
         """Return the model with nearly the same image that leads to another minimum; None if there is none."""
 
+    @abstractmethod
     def turned(self, angle: Array, origin: Array, target: Array) -> "Model":
         """Return models (K) that show the marker turned by angles (K,) in its plane, a point (K, 2) at another one."""
 
+    @abstractmethod
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
         """Fit to labelings (K, n) by least squares."""
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Model):
     """Calibrated: rotation (K, 3, 3), translation (K, 3) in m."""
 
     rotation: Array
@@ -66,20 +66,9 @@ class Poses:
         seen = points @ self.rotation.swapaxes(-1, -2) + self.translation[:, None]
         return np.where(seen[..., 2:] > 0, perspective(np.where(seen[..., 2:] > 0, seen, 1.0)), np.nan)
 
-    def take(self, chosen: Indices) -> "Poses":
-        """Return a subset."""
-        return Poses(self.rotation[chosen], self.translation[chosen])
-
     def mirrored(self, layout: DotLayout) -> "Poses | None":
         """Return the mirrored poses of a flat marker."""
         return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
-
-    def joined(self, other: Model) -> "Poses":
-        """Concatenate with other poses."""
-        assert isinstance(other, Poses)
-        return Poses(
-            np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
-        )
 
     def turned(self, angle: Array, origin: Array, target: Array) -> "Poses":
         """Return the first pose with the marker turned in its plane."""
@@ -105,7 +94,7 @@ class Poses:
 
 
 @dataclass(frozen=True, eq=False)
-class Planes:
+class Planes(Model):
     """Uncalibrated: homographies (K, 3, 3) from the marker plane in m."""
 
     homography: Array
@@ -118,17 +107,8 @@ class Planes:
         """Return the images (K, m, 2) of points (m, 3) in m on the marker's plane."""
         return apply_homography(self.homography, points[:, :2])
 
-    def take(self, chosen: Indices) -> "Planes":
-        """Return a subset."""
-        return Planes(self.homography[chosen])
-
     def mirrored(self, layout: DotLayout) -> None:
         """Return None: the homography is unique."""
-
-    def joined(self, other: Model) -> "Planes":
-        """Concatenate with other homographies."""
-        assert isinstance(other, Planes)
-        return Planes(np.concatenate([self.homography, other.homography]))
 
     def turned(self, angle: Array, origin: Array, target: Array) -> "Planes":
         """Return the first homography with the marker turned in its plane."""

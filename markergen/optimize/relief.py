@@ -15,7 +15,7 @@ from markergen.model.occlusion import Passage, passage
 from markergen.objectives import Objective
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
 from markergen.optimize.problem import TOLERANCE, FeasibleRegion
-from markergen.optimize.search import DISTINCT, Optimum
+from markergen.optimize.search import KEPT, Optimum, best_of
 from markergen.optimize.trace import Record
 from markergen.options import Progress
 
@@ -33,9 +33,6 @@ RAYS = 360
 
 STARTS, AS_MANY_UP_TO = 24, 8
 """Number of starts for up to 8 dots; proportionally fewer for more dots."""
-
-KEPT = 3
-"""Number of distinct layouts polished for all poses."""
 
 ITERATIONS, ROUNDS = 60, 8
 """Maximum number of iterations of a polish, and of successive polishes, each constrained by the lines of sight that all
@@ -280,7 +277,7 @@ def search_relief(
         start = np.column_stack([plane, room.height * up])
         found.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
     best = _flat(objective, flat)
-    kept = _distinct(found)[: KEPT if n <= ALL_PAIRS_UP_TO else 1]
+    kept = best_of(found, KEPT if n <= ALL_PAIRS_UP_TO else 1)
     for done, (points, _) in enumerate(kept):
         if progress:
             progress("polish", done, len(kept))
@@ -393,15 +390,6 @@ def _every_second(flat: Array) -> Index:
 def _flat(objective: Objective, flat: Array) -> tuple[Array, float]:
     points = np.column_stack([flat, np.zeros(len(flat))])
     return points, float(objective(points[None])[0])
-
-
-def _distinct(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
-    """Select layouts with distinct values, best first."""
-    kept: list[tuple[Array, float]] = []
-    for points, value in sorted(found, key=lambda pair: pair[1]):
-        if not kept or value > kept[-1][1] * (1 + DISTINCT):
-            kept.append((points, value))
-    return kept
 
 
 def relief_breach(points: Array, relief: float, diameter: float, clearance: float, eyes: Array) -> float:

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step, pose_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_camera
@@ -43,7 +44,7 @@ _AT_ONCE = 40_000
 
 
 @dataclass(frozen=True, eq=False)
-class Rivals:
+class Rivals(Batched):
     """K wrong labelings, each for one pose of a distribution.
 
     Attributes
@@ -64,9 +65,6 @@ class Rivals:
     translation: Array
     distance: Array
 
-    def __len__(self) -> int:
-        return len(self.labeling)
-
     @property
     def moved(self) -> NDArray[np.bool_]:
         """Mask (K, n) of the dots that are taken for others."""
@@ -76,14 +74,6 @@ class Rivals:
     def px(self) -> Array:
         """Safety (K,) in px: RMS displacement of the dots, D/(2 sqrt(n)), below which the true labeling fits better."""
         return self.distance / (2 * np.sqrt(self.labeling.shape[1]))
-
-    def take(self, chosen: Indices) -> "Rivals":
-        """Return the chosen rivals."""
-        return Rivals(*(getattr(self, each.name)[chosen] for each in fields(self)))
-
-    def joined(self, other: "Rivals") -> "Rivals":
-        """Return these rivals and the others."""
-        return Rivals(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
 
     def best_per_dot(self, count: int = 1) -> Indices:
         """Indices of up to `count` nearest rivals of each dot, without repeats."""

@@ -7,6 +7,7 @@ polished as well, so that no result is worse than one of them.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Ranked = tuple[Array, float]
+"""Layout (n, 2) or (n, 3) in m, and its value."""
 
 POLISHED = 5
 """Number of distinct descents that are polished."""
@@ -101,15 +104,17 @@ def search(
 ) -> Optimum:
     """Find the layout of n control points in the region that minimizes the objective.
 
-    Uses descents from random layouts in a disk, and exchange (`place`) where corners, holes or many dots would trap
-    them.
+    Uses descents from random layouts in a disk, and exchange where corners, holes or many dots would trap them.
 
     Parameters
     ----------
     restarts : int
-        Random starts, and the most regular ones; 0 takes the objective's own default.
+        Random starts, and the most regular ones; 0 takes the objective's own default, and of exchanges as many as suit
+        n.
     rough : Objective or None
         The same criterion for fewer poses, which saves time in the exchange.
+    progress : callable or None
+        Called with the stage, the amount done, and the total.
     record : callable or None
         Called with the layouts before and after each step (see `markergen.optimize.trace`).
 
@@ -118,17 +123,15 @@ def search(
     InputError
         If no feasible layout with a finite objective is found.
     """
-    if len(region.walls) > 1 or n > ALL_PAIRS_UP_TO:
-        found = Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
-    else:
-        found = _descended(objective, region, n, rng, restarts or objective.default_restarts, progress, record)
+    task = Stages(objective, rough or objective, region, n, progress or _silent, record)
+    exchanged = len(region.walls) > 1 or n > ALL_PAIRS_UP_TO
+    found = task.exchanged(rng, restarts) if exchanged else task.descended(rng, restarts or objective.default_restarts)
     # Spawned, so that what callers draw afterwards does not depend on it.
-    regular = _from_regular(objective, rough or objective, region, n, rng.spawn(1)[0], restarts, progress, record)
+    regular = task.from_regular(rng.spawn(1)[0], restarts)
     if not found.value * (1 - GAIN) <= regular.value:
         found = regular
     if len(region.walls) > 1 and n >= HOPPING and np.isfinite(found.value):
-        hops = min(HOPS, 3 * restarts or HOPS)
-        found = _hopped(objective, rough or objective, region, found, hops, rng.spawn(1)[0], progress, record)
+        found = task.hopped(found, min(HOPS, 3 * restarts or HOPS), rng.spawn(1)[0])
     if not np.isfinite(found.value):
         raise InputError(
             f"a {region.boundary} with room for {n} control points that are not in one line",
@@ -138,143 +141,171 @@ def search(
     return found
 
 
-def _from_regular(
-    objective: Objective,
-    rough: Objective,
-    region: FeasibleRegion,
-    n: int,
-    rng: np.random.Generator,
-    restarts: int,
-    progress: Progress | None,
-    record: Record | None,
-) -> Optimum:
-    """Return the best result of polishing regular layouts, no worse than any regular polygon."""
-    tell = progress or _silent
-    layouts, count = regular_layouts(region, n)
-    if not len(layouts):
-        return Optimum(layouts, np.inf)
-    # Polygons are judged for all poses, since designs are compared with them.
-    if len(layouts) > count:
-        likely = count + np.argsort(rough(layouts[count:]), kind="stable")[:LIKELY]
-        layouts = layouts[np.concatenate([np.arange(count), likely])]
-    found = _best(list(zip(layouts, objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR))
-    shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(found), n, 2))
-    total = len(shakes) + KEPT
-    for done, (start, shake) in enumerate(zip([points for points, _ in found], shakes, strict=True)):
-        tell("regular", done, total)
-        # A symmetric layout may be a saddle point, which gradient steps do not leave.
-        shaken = region.project((start + shake)[None])
-        if record:
-            record("polish", start[None], shaken)
-        for begin in (start, shaken[0]):
-            points, _ = polish(rough, region, begin, QUICK, record)
-            if region.holds(points[None])[0]:
-                found.append((points, float(objective(points[None])[0])))
-    ends = _best(found)
-    for done, (points, _) in enumerate(tuple(ends), len(shakes)):
-        tell("regular", done, total)
-        ends.append(polish(objective, region, points, record=record))
-    tell("regular", total, total)
-    return Optimum(*min(ends, key=lambda end: end[1]))
+def _silent(*_: object) -> None:
+    """Tell nobody."""
 
 
-def _descended(
-    objective: Objective,
-    region: FeasibleRegion,
-    n: int,
-    rng: np.random.Generator,
-    restarts: int,
-    progress: Progress | None,
-    record: Record | None,
-) -> Optimum:
-    """Return the best of the descents from random layouts; its value is inf if none ends in a feasible layout."""
-    if progress:
-        progress("descent", 0, 1)
-    starts = region.sample(restarts, n, rng)
-    if not region.holds(starts).all():
-        # Random points jam when the dots nearly fill the region, so one packed layout is a start as well.
-        packed = fitting(region, n)
-        starts = starts if packed is None else np.concatenate([starts, packed[None]])
-    told = (lambda done, total: progress("descent", done, total)) if progress else None
-    descent = descend(objective, region, starts, progress=told, record=record)
-    order = np.argsort(descent.values, kind="stable")
-    best, best_value = descent.points[order[0]], float(descent.values[order[0]])
-    chosen: list[int] = []
-    for index in order[: np.isfinite(descent.values).sum()]:
-        if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
-            chosen.append(int(index))
-        if len(chosen) == POLISHED:
-            break
-    shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
-    for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
-        shaken = region.project((descent.points[index] + shake)[None])
-        if record:
-            record("polish", descent.points[[index]], shaken)
-        points, value = polish(objective, region, shaken[0], record=record)
-        if value < best_value and region.holds(points[None])[0]:
-            best, best_value = points, value
-        if progress:
-            progress("polish", done, len(chosen))
-    return Optimum(best, best_value)
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Stages of a search for a layout of n dots; `rough` is the objective for a subset of the poses."""
 
+    objective: Objective
+    rough: Objective
+    region: FeasibleRegion
+    n: int
+    tell: Progress = _silent
+    record: Record | None = None
 
-def place(
-    objective: Objective,
-    rough: Objective,
-    region: FeasibleRegion,
-    n: int,
-    rng: np.random.Generator,
-    starts: int = 0,
-    progress: Progress | None = None,
-    record: Record | None = None,
-) -> tuple[Array, float]:
-    """Find the layout (n, 2) in m in the region that minimizes an objective, and its value.
+    def polished(self, start: Array) -> Ranked:
+        """Polish a layout for all poses."""
+        return polish(self.objective, self.region, start, record=self.record)
 
-    Parameters
-    ----------
-    objective, rough : Objective
-        The same criterion for all poses and for a subset of them.
-    starts : int
-        Number of exchanges from random layouts; 0 selects it according to n.
-    progress : callable or None
-        Called with the stage, the amount done, and the total.
-    record : callable or None
-        Called with the layouts before and after each step (see `markergen.optimize.trace`).
-    """
-    starts = starts or max(1, STARTS * MOST_DOTS // max(n, MOST_DOTS))
-    shakes, kept = (SHAKES_OF_MANY, KEPT_OF_MANY) if n >= HOPPING else (SHAKES, KEPT)
-    tell = progress or _silent
-    grid, spare = _grid(region, n, rng)
-    guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
-    layouts = []
-    for done in range(starts):
-        tell("exchange", done, starts)
-        begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
-        end = exchange(guide, spacing, begin)
-        layouts.append(grid[end])
-        if record:
-            record("exchange", grid[begin][None], grid[end][None])
-    if rough.nonsmooth:
-        layouts = list(descend(rough, region, np.array(layouts), record=record).points)
-    tell("exchange", starts, starts)
-    found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts], kept)
-    if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
-        found = [polish(rough, region, packed, record=record)]
-    if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
-        found = _best([*found, *_shaken(rough, region, *found[0], shakes * starts, rng, record)], kept)
-    judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
-    rim = edge(region, FINE_EDGE)
-    total = 2 * len(found)
-    for done, (points, value) in enumerate(found):
-        tell("polish", done, total)
-        found[done] = _relocate(rough, region, points, value, judge, rim, record)
-    found = _best(found, kept)
-    ends = []
-    for done, (points, _) in enumerate(found):
-        tell("polish", total - len(found) + done, total)
-        ends.append(polish(objective, region, points, record=record))
-    tell("polish", total, total)
-    return min(ends, key=lambda end: end[1])
+    def quick(self, start: Array) -> Ranked:
+        """Polish a layout just so well that it can be ranked."""
+        return polish(self.rough, self.region, start, QUICK, self.record)
+
+    def moved(self, points: Array, to: Array) -> Array:
+        """Return the feasible layout nearest to the one (n, 2) that a layout is moved to, as a start for polishing."""
+        start = self.region.project(to[None])
+        if self.record:
+            self.record("polish", points[None], start)
+        return start[0]
+
+    def exchange(self, table: ExchangeTable, spacing: float, begin: Index) -> Array:
+        """Return the layout (n, 2) that exchanging the places of single dots leads to."""
+        end = table.places[exchange(table, spacing, begin)]
+        if self.record:
+            self.record("exchange", table.places[begin][None], end[None])
+        return end
+
+    def holds(self, points: Array) -> bool:
+        """Return whether a layout (n, 2) is feasible."""
+        return bool(self.region.holds(points[None])[0])
+
+    def from_regular(self, rng: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best result of polishing regular layouts, no worse than any regular polygon."""
+        layouts, count = regular_layouts(self.region, self.n)
+        if not len(layouts):
+            return Optimum(layouts, np.inf)
+        # Polygons are judged for all poses, since designs are compared with them.
+        if len(layouts) > count:
+            likely = count + np.argsort(self.rough(layouts[count:]), kind="stable")[:LIKELY]
+            layouts = layouts[np.concatenate([np.arange(count), likely])]
+        found = best_of(list(zip(layouts, self.objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR))
+        shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(found), self.n, 2))
+        total = len(shakes) + KEPT
+        for done, (start, shake) in enumerate(zip([points for points, _ in found], shakes, strict=True)):
+            self.tell("regular", done, total)
+            # A symmetric layout may be a saddle point, which gradient steps do not leave.
+            for begin in (start, self.moved(start, start + shake)):
+                points, _ = self.quick(begin)
+                if self.holds(points):
+                    found.append((points, float(self.objective(points[None])[0])))
+        ends = best_of(found)
+        for done, (points, _) in enumerate(tuple(ends), len(shakes)):
+            self.tell("regular", done, total)
+            ends.append(self.polished(points))
+        self.tell("regular", total, total)
+        return Optimum(*min(ends, key=lambda end: end[1]))
+
+    def descended(self, rng: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best of the descents from random layouts; its value is inf if none ends in a feasible layout."""
+        region = self.region
+        self.tell("descent", 0, 1)
+        starts = region.sample(restarts, self.n, rng)
+        if not region.holds(starts).all():
+            # Random points jam when the dots nearly fill the region, so one packed layout is a start as well.
+            packed = fitting(region, self.n)
+            starts = starts if packed is None else np.concatenate([starts, packed[None]])
+        descent = descend(self.objective, region, starts, progress=partial(self.tell, "descent"), record=self.record)
+        order = np.argsort(descent.values, kind="stable")
+        best, best_value = descent.points[order[0]], float(descent.values[order[0]])
+        chosen: list[int] = []
+        for index in order[: np.isfinite(descent.values).sum()]:
+            if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
+                chosen.append(int(index))
+            if len(chosen) == POLISHED:
+                break
+        shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), self.n, 2))
+        for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
+            points, value = self.polished(self.moved(descent.points[index], descent.points[index] + shake))
+            if value < best_value and self.holds(points):
+                best, best_value = points, value
+            self.tell("polish", done, len(chosen))
+        return Optimum(best, best_value)
+
+    def exchanged(self, rng: np.random.Generator, starts: int) -> Optimum:
+        """Return the best layout by exchange from random layouts; 0 starts: as many as suit n."""
+        rough, region, n = self.rough, self.region, self.n
+        starts = starts or max(1, STARTS * MOST_DOTS // max(n, MOST_DOTS))
+        shakes, kept = (SHAKES_OF_MANY, KEPT_OF_MANY) if n >= HOPPING else (SHAKES, KEPT)
+        grid, spare = _grid(region, n, rng)
+        guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
+        layouts = []
+        for done in range(starts):
+            self.tell("exchange", done, starts)
+            begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
+            layouts.append(self.exchange(guide, spacing, begin))
+        if rough.nonsmooth:
+            layouts = list(descend(rough, region, np.array(layouts), record=self.record).points)
+        self.tell("exchange", starts, starts)
+        found = best_of([self.quick(layout) for layout in layouts], kept)
+        if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
+            found = [polish(rough, region, packed, record=self.record)]
+        if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
+            found = best_of([*found, *self.shaken(*found[0], shakes * starts, rng)], kept)
+        judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
+        rim = edge(region, FINE_EDGE)
+        total = 2 * len(found)
+        for done, (points, value) in enumerate(found):
+            self.tell("polish", done, total)
+            found[done] = self.relocated(points, value, judge, rim)
+        found = best_of(found, kept)
+        ends = []
+        for done, (points, _) in enumerate(found):
+            self.tell("polish", total - len(found) + done, total)
+            ends.append(self.polished(points))
+        self.tell("polish", total, total)
+        return Optimum(*min(ends, key=lambda end: end[1]))
+
+    def shaken(self, points: Array, value: float, times: int, rng: np.random.Generator) -> list[Ranked]:
+        """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
+        found = []
+        for _ in range(times):
+            shake = rng.normal(scale=SHAKE * self.region.spacing, size=points.shape)
+            moved, better = self.quick(self.moved(points, points + shake))
+            if better < value * (1 - GAIN):
+                points, value = moved, better
+                found.append((points, value))
+        return found
+
+    def hopped(self, found: Optimum, hops: int, rng: np.random.Generator) -> Optimum:
+        """Return the best layout that perturbing and polishing the given one again and again leads to."""
+        region, points = self.region, found.points
+        value = float(self.rough(points[None])[0])
+        for done in range(hops):
+            self.tell("hops", done, hops)
+            if done % 2:
+                to = points.copy()
+                to[rng.integers(len(points))] = region.boundary.sample(1, region.inset, rng)[0]
+            else:
+                to = points + rng.normal(scale=HOP * region.spacing, size=points.shape)
+            end, better = self.quick(self.moved(points, to))
+            if better < value * (1 - GAIN) and self.holds(end):
+                points, value = end, better
+        points, value = self.polished(points)
+        self.tell("hops", hops, hops)
+        return Optimum(points, value) if value < found.value and self.holds(points) else found
+
+    def relocated(self, points: Array, value: float, judge: ExchangeTable, rim: Array) -> Ranked:
+        """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""
+        for _ in range(MOVES):
+            table = judge.joined(np.concatenate([points, _touching(points, rim, self.region.spacing)]))
+            moved, better = self.quick(self.exchange(table, self.region.spacing, np.arange(len(points))))
+            if not (better < value * (1 - GAIN) and self.holds(moved)):
+                break
+            points, value = moved, better
+        return points, value
 
 
 def _start(
@@ -293,10 +324,6 @@ def _start(
     return spare, spacing
 
 
-def _silent(stage: str, done: int, total: int) -> None:
-    del stage, done, total
-
-
 def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
     """Candidate positions (C, 2) in m for an exchange, and the indices (n,) of a layout."""
     grid = places(region, n)
@@ -310,82 +337,6 @@ def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Arr
     return np.concatenate([dense, grid]), np.arange(n)
 
 
-def _shaken(
-    rough: Objective,
-    region: FeasibleRegion,
-    points: Array,
-    value: float,
-    times: int,
-    rng: np.random.Generator,
-    record: Record | None,
-) -> list[tuple[Array, float]]:
-    """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
-    found = []
-    for _ in range(times):
-        start = region.project((points + rng.normal(scale=SHAKE * region.spacing, size=points.shape))[None])[0]
-        if record:
-            record("polish", points[None], start[None])
-        moved, better = polish(rough, region, start, QUICK, record)
-        if better < value * (1 - GAIN):
-            points, value = moved, better
-            found.append((points, value))
-    return found
-
-
-def _hopped(
-    objective: Objective,
-    rough: Objective,
-    region: FeasibleRegion,
-    found: Optimum,
-    hops: int,
-    rng: np.random.Generator,
-    progress: Progress | None,
-    record: Record | None,
-) -> Optimum:
-    """Return the best layout that perturbing and polishing the given one again and again leads to."""
-    tell, points = progress or _silent, found.points
-    value = float(rough(points[None])[0])
-    for done in range(hops):
-        tell("hops", done, hops)
-        if done % 2:
-            moved = points.copy()
-            moved[rng.integers(len(points))] = region.boundary.sample(1, region.inset, rng)[0]
-        else:
-            moved = points + rng.normal(scale=HOP * region.spacing, size=points.shape)
-        start = region.project(moved[None])[0]
-        if record:
-            record("polish", points[None], start[None])
-        end, better = polish(rough, region, start, QUICK, record)
-        if better < value * (1 - GAIN) and region.holds(end[None])[0]:
-            points, value = end, better
-    points, value = polish(objective, region, points, record=record)
-    tell("hops", hops, hops)
-    return Optimum(points, value) if value < found.value and region.holds(points[None])[0] else found
-
-
-def _relocate(
-    rough: Objective,
-    region: FeasibleRegion,
-    points: Array,
-    value: float,
-    judge: ExchangeTable,
-    rim: Array,
-    record: Record | None,
-) -> tuple[Array, float]:
-    """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""
-    for _ in range(MOVES):
-        table = judge.joined(np.concatenate([points, _touching(points, rim, region.spacing)]))
-        layout = exchange(table, region.spacing, np.arange(len(points)))
-        start = table.places[layout]
-        if record:
-            record("exchange", points[None], start[None])
-        moved, better = polish(rough, region, start, QUICK, record)
-        if not (better < value * (1 - GAIN) and region.holds(moved[None])[0]):
-            break
-        points, value = moved, better
-    return points, value
-
-
 def _touching(points: Array, rim: Array, spacing: float) -> Array:
     """Positions on the edge where a dot would nearly touch one of those at points (n, 2)."""
     pitch = np.linalg.norm(np.diff(rim, axis=0), axis=-1)
@@ -393,9 +344,9 @@ def _touching(points: Array, rim: Array, spacing: float) -> Array:
     return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
 
 
-def _best(found: list[tuple[Array, float]], count: int = KEPT) -> list[tuple[Array, float]]:
+def best_of(found: list[Ranked], count: int = KEPT) -> list[Ranked]:
     """Select the best few layouts with distinct values, best first."""
-    kept: list[tuple[Array, float]] = []
+    kept: list[Ranked] = []
     for points, value in sorted(found, key=lambda pair: pair[1]):
         if not kept or value > kept[-1][1] * (1 + DISTINCT):
             kept.append((points, value))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources, PoseBudget
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
@@ -17,7 +17,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
 from markergen.optimize.design import Design, dress
-from markergen.optimize.dot_count import at_a_glance, marker_budget, sources_of
+from markergen.optimize.dot_count import at_a_glance, dot_covariances, marker_budget, sources_of
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.given import Fault, faults, size_given
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
@@ -54,6 +54,9 @@ DIGITS = 6
 
 _RIVALS: dict[str, list[dict[str, Any]]] = {}
 """Bounds of the rivals by room."""
+
+_SEEN: dict[tuple[Spec, float], dict[tuple[float, ...], Array]] = {}
+"""Covariances (P, 2, 2) of the images of the latest layout's dots, by room and place."""
 
 _KNOWN: dict[tuple[Spec, float], tuple[float, float]] = {}
 """Values of the regular polygon and of the best layout looked at, by room."""
@@ -100,7 +103,22 @@ class Sketch:
         """Error budget of every pose, to first order."""
         if self.spec.relief:
             return budget_of(self.series)
-        return marker_budget(self.points, self.marker.dot_diameter, self.setting, self.spec.image_noise, self.sources)
+        poses, image = self.setting.poses, _image_covariance(self)
+        return pose_budget(self.points, poses.rotation, poses.translation, self.setting.camera, image, self.sources)
+
+
+def _image_covariance(found: Sketch) -> Array:
+    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers; those of dots that have not moved are kept."""
+    diameter, image = found.marker.dot_diameter, found.spec.image_noise
+    room = replace(found.spec, points=()), diameter
+    known = _SEEN.get(room, {})
+    moved = [point for point in dict.fromkeys(found.spec.points) if point not in known]
+    if moved:
+        fresh = dot_covariances(np.array(moved), diameter, found.setting, image)
+        known = known | {point: fresh[:, k] for k, point in enumerate(moved)}
+    _SEEN.clear()
+    _SEEN[room] = {point: known[point] for point in found.spec.points}
+    return np.stack([known[point] for point in found.spec.points], axis=1)
 
 
 def sketch(options: Options) -> Sketch:

@@ -1,9 +1,9 @@
 """What the results of validating a marker and of validating a rig have in common: access by name, checks, and files."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from markergen.errors import InputError, brief
 from markergen.files import Written, write_all
@@ -11,22 +11,26 @@ from markergen.options import Progress, check_progress
 from markergen.presentation.plots import figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.validation import fail_if
-from markergen.validation.views import Picture, remove_earlier
+from markergen.validation.views import Picture, ViewSeries, remove_earlier
+from markergen.validation.views import pictures as drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-class ValidationResult(SavableResult):
+S = TypeVar("S", bound=ViewSeries[Any])
+
+
+class ValidationResult(SavableResult, Generic[S]):
     """The result of a validation.
 
     Parameters
     ----------
     results : mapping
         In the form described in docs/validate.md.
-    count : int
-        Number of synthetic views.
+    series : ViewSeries
+        Marker or rig, camera, poses, optics and error sources of the results.
     written : sequence of Written
         Files that were written together with the results.
     """
@@ -39,9 +43,9 @@ class ValidationResult(SavableResult):
         ".png": "plot",
     }
 
-    def __init__(self, results: Mapping[str, Any], count: int, written: Sequence[Written] = ()) -> None:
+    def __init__(self, results: Mapping[str, Any], series: S, written: Sequence[Written] = ()) -> None:
         self._results = dict(results)
-        self.count, self.written = count, tuple(written)
+        self.series, self.written = series, tuple(written)
 
     @property
     def results(self) -> Mapping[str, Any]:
@@ -115,7 +119,7 @@ class ValidationResult(SavableResult):
         """
         check_progress(progress)
         targets = self.targets(paths, pictures, json=json, report=report)
-        check_pictures(targets, self.count)
+        check_pictures(targets, self.series.count)
         return self.write(targets.checked(), progress)
 
     def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
@@ -124,7 +128,7 @@ class ValidationResult(SavableResult):
         shown: list[Picture] = []
         if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
             told("pictures", 0, 1)
-            shown = list(self._pictures(self.views))
+            shown = list(drawn(self.series, self.views))
             told("pictures", 1, 1)
         contents = {}
         for kind, path in targets.files:
@@ -156,10 +160,6 @@ class ValidationResult(SavableResult):
     @abstractmethod
     def _report(self, shown: Sequence[Picture]) -> bytes:
         """Return the report as an HTML page, with these pictures."""
-
-    @abstractmethod
-    def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
-        """Render views worth a closer look."""
 
     def _figure(self) -> "Figure":
         figure = new_figure()

@@ -3,7 +3,7 @@
 `validate` computes plain JSON values; `Validation` prints, plots, saves, checks and processes them.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.files import Written
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
@@ -39,7 +38,7 @@ from markergen.validation.report.subject import mean_diameters
 from markergen.validation.result import ValidationResult
 from markergen.validation.trials import TrialResults, run_experiment
 from markergen.validation.view_records import DETECTOR, Record, stress, summarize, take_records
-from markergen.validation.views import Picture, SyntheticViews, pictures
+from markergen.validation.views import Picture, SyntheticViews
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,7 +195,7 @@ def median_layout(layouts: Array, setting: Setting) -> Array:
     return np.asarray(layouts[np.argsort(OBJECTIVES["pose"](setting)(layouts))[len(layouts) // 2]])
 
 
-class Validation(ValidationResult):
+class Validation(ValidationResult[SyntheticViews]):
     """The result of `markergen.validate`.
 
     ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those for a report or a
@@ -221,10 +220,6 @@ class Validation(ValidationResult):
     >>> print(validation.views)
     None
     """
-
-    def __init__(self, results: Mapping[str, Any], series: SyntheticViews, written: Sequence[Written] = ()) -> None:
-        super().__init__(results, series.count, written)
-        self.series = series
 
     @property
     def marker(self) -> Marker:
@@ -331,9 +326,6 @@ class Validation(ValidationResult):
     def _report(self, shown: Sequence[Picture]) -> bytes:
         budget = budget_of(self.series, self._results["noise_px"])
         return html_report(self._results, self.marker, self.setting, shown, budget)
-
-    def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
-        return pictures(self.series, views)
 
     def _bound_at(self, angle: str) -> Mapping[str, Any]:
         found: Mapping[str, Any] = self.bound if angle == "all" else self.bound["by_polar_angle"][angle]

@@ -14,7 +14,7 @@ from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.packing import largest_diameter
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, breach, fewer, objective_of, rough_of
-from markergen.optimize.search import place, search
+from markergen.optimize.search import Stages, search
 
 
 def found(objective, room, n, seed=0, dot=0.02, **options):
@@ -66,9 +66,9 @@ def test_it_finds_what_descents_find_in_a_disk(criterion):
     disk = Circle(0.15)
     objective, region = criterion(disk), FeasibleRegion(disk, 0.02, 0.002)
     for n in (5, 8):
-        points, value = place(objective, objective, region, n, np.random.default_rng(0), 3)
-        assert region.holds(points[None])[0]
-        assert value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
+        found = Stages(objective, objective, region, n).exchanged(np.random.default_rng(0), 3)
+        assert region.holds(found.points[None])[0]
+        assert found.value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
 
 
 @pytest.mark.parametrize(("name", "n"), [("rotation", 10), ("rotation", 16), ("homography", 16), ("homography", 20)])

@@ -83,6 +83,9 @@ def test_the_wheel_has_templates_schemas_and_the_marker_of_types(distributions):
     for kind, folder, pattern in (("templates", "templates", "**/*.toml"), ("schemas", "docs", "*.schema.json")):
         for path in (ROOT / folder).glob(pattern):
             assert f"markergen/{kind}/{path.relative_to(ROOT / folder)}" in names
+    for folder in ("studio/static", "presentation"):
+        shipped = [path for path in (ROOT / "markergen" / folder).iterdir() if path.is_file()]
+        assert {f"markergen/{folder}/{path.name}" for path in shipped} <= names
     study = ROOT / "examples" / "paper_study"
     assert {path.relative_to(study).as_posix() for path in study.glob("markergen_paper/*.py")} <= names
     assert not [name for name in names if name.startswith(("tests", "docs", "benchmarks", "examples"))]

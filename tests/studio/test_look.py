@@ -9,7 +9,7 @@ import pytest
 import markergen as mg
 from markergen.cli import main
 from markergen.errors import InputError
-from markergen.studio.look import clean, look, more, sketch
+from markergen.studio.look import _SEEN, clean, look, more, sketch
 from markergen.studio.state import declared_options, design_of, marker_of_options, plain, words
 from markergen.validation.bounds import error_budget
 
@@ -124,3 +124,16 @@ def test_a_page_can_show_all_options() -> None:
 
 def test_values_that_are_not_finite_become_null() -> None:
     assert clean({"a": np.array([1.0, np.inf]), "b": (np.float32(0.5), np.nan)}) == {"a": [1.0, None], "b": [0.5, None]}
+
+
+def test_what_is_kept_of_other_dots_changes_no_number() -> None:
+    """As one dot after the other is moved, and then the room."""
+    moved = [POINTS.replace("0mm,0mm", f"{x}mm,5mm") for x in (1, 2, 1)]
+    states = [*({**MOVED, "points": points} for points in moved), {**MOVED, "dot": "28mm"}, MOVED]
+    for state in states:
+        after = look(state)
+        _SEEN.clear()
+        alone = look(state)
+        np.testing.assert_allclose(after["poses"]["rotation"], alone["poses"]["rotation"], rtol=1e-5)
+        np.testing.assert_allclose(after["poses"]["translation"], alone["poses"]["translation"], rtol=1e-5)
+        look({**MOVED, "points": moved[0]})

@@ -65,6 +65,27 @@ def test_what_the_search_refuses_is_its_last_line(studio):
     assert "--camera" in studio.post("rig", {"shape": "cube", "options": {"camera": "x"}}).lines[-1]["error"]["line"]
 
 
+@pytest.mark.long
+def test_dots_of_several_sizes_come_as_a_marker_and_can_be_shown(studio):
+    pad = {"n": "auto", "radius": "400mm", "poses": "cone:distance=0.5..10m,tilt=0..30,count=40"}
+    last = studio.post("optimize", {"options": pad}).lines[-1]
+    assert last["options"] is None
+    marker = {"marker": last["marker"]}
+    assert len({point["feature"]["diameter"] for point in last["marker"]["control_points"]}) > 1
+    assert studio.post("view", {**marker, "pose": 3}).status == 200
+    assert studio.post("scene", marker).json["poses"]["distance"][0] >= 0.5
+    assert studio.post("export", {**marker, "suffix": ".json"}).json == last["marker"]
+    assert studio.post("open", json.dumps(last["marker"]).encode(), X_Name="pad.json").json["options"] is None
+
+
+@pytest.mark.long
+def test_a_rig_is_designed_from_texts(studio):
+    options = {"n": "4", "plate": "100mm", "restarts": "1", "poses": "cone:distance=0.3..0.8m,tilt=0..60,count=30"}
+    last = studio.post("rig", {"shape": "pair", "options": {**options, "tag": "aruco:DICT_4X4_50"}}).lines[-1]
+    assert [each["name"] for each in last["rig"]["markers"]] == ["left", "right"]
+    assert studio.post("view", {"rig": last["rig"], "pose": 3}).status == 200
+
+
 def test_a_listener_who_leaves_ends_the_work(studio, monkeypatch):
     """As a page does that is closed, or whose "stop" was pressed."""
     ended = threading.Event()

@@ -1,6 +1,6 @@
 """Validate a rig by bounds, noisy trials and synthetic views: all plates in view against the best of them alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.estimators.budget import PoseBudget
-from markergen.files import Written
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import check_supported
 from markergen.model.poses import PoseDistribution
@@ -29,7 +28,7 @@ from markergen.validation.rigs.bounds import Visibility, budget_of, dot_noise, v
 from markergen.validation.rigs.report import rig_report
 from markergen.validation.rigs.trials import run_trials
 from markergen.validation.rigs.views import RigRecord, RigViews, take_records
-from markergen.validation.views import Picture, pictures
+from markergen.validation.views import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -259,7 +258,7 @@ def _group(records: list[RigRecord], joint: PoseBudget) -> dict[str, Any]:
     }
 
 
-class RigValidation(ValidationResult):
+class RigValidation(ValidationResult[RigViews]):
     """The result of `markergen.validate` for a rig; see `Validation`.
 
     Parameters
@@ -283,10 +282,6 @@ class RigValidation(ValidationResult):
     >>> joint["rotation_deg"] < alone["rotation_deg"]
     True
     """
-
-    def __init__(self, results: Mapping[str, Any], series: RigViews, written: Sequence[Written] = ()) -> None:
-        super().__init__(results, series.count, written)
-        self.series = series
 
     @property
     def rig(self) -> Rig:
@@ -329,9 +324,6 @@ class RigValidation(ValidationResult):
         ]
         found += [tables.budget_table(results), *([view_table(results["views"])] if results["views"] else [])]
         return rig_report(visibility(self.series), results, sentences(results), found, self.plot, shown)
-
-    def _pictures(self, views: Mapping[str, Any]) -> Iterator[Picture]:
-        return pictures(self.series, views)
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
