@@ -12,6 +12,7 @@ data, lengths in m; the studio's answer to `look` is of this form, as is what a 
              words: [...] more about each pose}; what is missing is not offered
   room      {outlines: rings [[x, y, z]...], z may be left out}
   dots      [{x, y, z, diameter, normal: [x, y, z]}], without a normal that of the marker, [0, 0, 1]
+dome.shade(share) and dome.scale(values) are the colors, for other pictures beside it.
 value: what the colors tell at first, "rotation" unless it says otherwise.  onpick(index): a pose was picked. */
 
 const dome = (() => {
@@ -68,7 +69,7 @@ const dome = (() => {
     };
   }
 
-  return function dome(element, data, { onpick = () => {}, value = "rotation" } = {}) {
+  function dome(element, data, { onpick = () => {}, value = "rotation" } = {}) {
     let poses, points, order, picked = -1, reach, steepest, turn = -60, tilt = 24, width = 0, height = 0, places = [], held;
     element.classList.add("dome");
     const picture = made("svg", { class: "dome-picture", tabindex: 0, role: "application",
@@ -306,5 +307,6 @@ const dome = (() => {
     }).observe(element);
     update(data);
     return { update, pick, color, picked: () => picked };
-  };
+  }
+  return Object.assign(dome, { shade, scale });
 })();

@@ -153,7 +153,9 @@ def _begun(spec: Spec) -> Spec:
     batch = next((layouts[name] for name in ("ngon", "random") if len(layouts.get(name, ()))), None)
     if batch is None:
         raise InputError(f"{spec.n} dots that fit", "no room found at once", "optimize, or use fewer or smaller dots")
-    points = np.round(batch[0], 5)
+    # Whole hundredths of a mm, as long as all dots still fit.
+    near = np.round(batch[0], 5)
+    points = batch[0] if faults(near, region) else near
     rows = np.column_stack([points, np.zeros(spec.n)]) if spec.relief else points
     return replace(spec, points=tuple(map(tuple, rows.tolist())))
 

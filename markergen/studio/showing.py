@@ -17,6 +17,7 @@ from markergen.api.export import choices_of, export
 from markergen.detect.detector import Detector
 from markergen.detect.presentation import overlay
 from markergen.errors import InputError, brief
+from markergen.estimators.budget import ErrorSources
 from markergen.exporters import RECORD
 from markergen.exporters.saving import table_for
 from markergen.files import Written
@@ -27,19 +28,29 @@ from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_rig
+from markergen.model.sight import coverage
 from markergen.options import given
 from markergen.options.declarations import DesignKeywords
 from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_rig, render_view
-from markergen.studio.look import sketch
+from markergen.studio.look import clean, sketch
 from markergen.studio.no_files import refuse_named_plates
 from markergen.studio.opening import uploaded
 from markergen.studio.state import plain
+from markergen.validation import headline
+from markergen.validation.bounds import budget_of
+from markergen.validation.metrics import rms
+from markergen.validation.rigs import bounds as rigs
 from markergen.validation.rigs.validation import rig_setting
+from markergen.validation.rigs.views import RigViews
 from markergen.validation.validation import setting_of
+from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
+
+USUAL = ErrorSources()
+"""Print and calibration that the errors of a body are told with, as `validate` takes them."""
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 """Same files, same bytes."""
@@ -159,10 +170,11 @@ def _zipped(name: str, files: list[File]) -> File:
 
 
 def scene(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a body as GLB in base64, and its poses, for a view in 3-D."""
+    """Return a body as GLB in base64, its poses with the errors to expect there, and these in words."""
     import base64
 
-    what, _, poses = subject(request)
+    what, camera, poses = subject(request)
+    errors, said = _errors(what, camera, poses)
     shown = what if isinstance(what, Rig) else [what]
     choices = choices_of(given(plain(request.get("options") or {}), DesignKeywords))
     made = table_for(shown)[".glb"](shown, choices)
@@ -173,8 +185,30 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
             "x": x.tolist(), "y": y.tolist(), "z": z.tolist(),
             "tilt": poses.polar_angle_deg.tolist(), "azimuth": np.rad2deg(np.arctan2(y, x)).tolist(),
             "distance": poses.distance.tolist(),
+            **errors,
         },
+        "expected": said,
     }  # fmt: skip
+
+
+def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tuple[dict[str, Any], str]:
+    """Errors to expect at every pose, of the usual print and to first order, and a sentence on them."""
+    if isinstance(what, Rig):
+        shown = rigs.visibility(RigViews(what, camera, poses, 0, errors=USUAL))
+        served, budget = shown.served, rigs.budget_of(shown)
+    else:
+        series = SyntheticViews(what, camera, poses, 0, errors=USUAL)
+        served, budget = coverage(what, camera, poses).served, budget_of(series)
+    total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
+    turned, moved = (headline.amount(rms(each[served])) for each in total.values())
+    found = {name: np.where(served, each, np.inf) for name, each in total.items()}
+    source = headline.source_of(1e3 * USUAL.print_sigma, False)
+    where = (
+        f"the {np.count_nonzero(served)} of {len(poses)} poses that show enough dots"
+        if not served.all()
+        else f"all {len(poses)} poses"
+    )
+    return clean(found), f"Expect {turned} deg and {moved} mm RMS over {where}, to first order, with {source}."
 
 
 def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, Any]:

@@ -21,9 +21,9 @@ LIVE_MS = 100
 
 
 @contextmanager
-def serving(port):
+def serving(port, *files):
     """The studio at a port; yields its address."""
-    command = [sys.executable, "-m", "markergen", "studio", "--no-browser", "--port", str(port)]
+    command = [sys.executable, "-m", "markergen", "studio", *map(str, files), "--no-browser", "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         yield re.search(r"http://\S+/", process.stdout.readline())[0]
@@ -272,6 +272,67 @@ def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
     assert len(rig["markers"]) == 2
     studio.page.click("#back")
     assert studio.dots() == 5
+
+
+def test_a_rig_on_the_command_line_stands_with_its_errors(opened, tmp_path):
+    mg.rig("pair", n=4, plate="100mm", restarts=1).rig.save(tmp_path / "rig.json")
+    with (
+        serving(free_port(), tmp_path / "rig.json") as address,
+        opened(address, lambda url: url.startswith((address, "blob:"))) as page,
+    ):
+        page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')")
+        assert page.locator("#body-note").inner_text().startswith("rig.json. Expect ")
+        assert "rotation error" in page.locator("#dome .dome-said").inner_text()
+        page.locator("#stage canvas").focus()
+        before = page.locator("#stage canvas").screenshot()
+        page.keyboard.press("ArrowLeft")
+        assert page.locator("#stage canvas").screenshot() != before
+        page.set_viewport_size({"width": 400, "height": 800})
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 400
+
+
+def test_a_link_of_a_server_that_is_gone_is_pasted(studio):
+    studio.drag(2, -30, -20)
+    moved, link = studio.state(), studio.page.evaluate("() => location.href")
+    studio.page.click("#undo")
+    studio.settle()
+    studio.page.evaluate(
+        """(link) => {
+          const held = new DataTransfer();
+          held.setData("text", link.replace(/\\/\\/[^#]*/, "//127.0.0.1:1/gone/"));
+          const looks = {clipboardData: held, bubbles: true, cancelable: true};
+          document.body.dispatchEvent(new ClipboardEvent("paste", looks));
+        }""",
+        link,
+    )
+    studio.until("() => document.getElementById('said').textContent === 'The design of the link.'")
+    assert studio.state() == moved
+
+
+def test_a_finger_moves_dots_and_scrolls_the_page(address, opened):
+    allowed = lambda url: url.startswith((address, "blob:"))  # noqa: E731
+    with opened(address, allowed, viewport={"width": 400, "height": 800}, has_touch=True, is_mobile=True) as page:
+        studio, wire = Studio(page), page.context.new_cdp_session(page)
+        studio.settle()
+
+        def swipe(x, y, right, down):
+            wire.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+            for k in range(1, 11):
+                at = {"x": x + k * right / 10, "y": y + k * down / 10}
+                wire.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [at]})
+            wire.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+        box = page.locator("#canvas svg").bounding_box()
+        swipe(box["x"] + box["width"] / 2, box["y"] + 0.6 * box["height"], 0, -200)
+        studio.until("() => window.scrollY > 100")
+        assert "points" not in studio.state()
+        time.sleep(1)  # until the page has come to rest
+        page.evaluate("() => window.scrollTo(0, 0)")
+        box = page.locator("#canvas .dot").nth(1).locator(".mark").bounding_box()
+        swipe(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, 30, 30)
+        studio.until("() => document.querySelector('#undo').disabled === false")
+        assert "points" in studio.state()
+        assert page.evaluate("() => window.scrollY") == 0
 
 
 def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing, tmp_path):

@@ -43,6 +43,13 @@ def test_without_points_it_begins_with_the_regular_polygon_as_a_state_with_point
     assert again["dots"] == found["dots"]
 
 
+def test_what_a_page_begins_with_fits() -> None:
+    """Rounding moves none of sixty dots, which stand close to each other and to the edge, where it must not be."""
+    found = sketch({"n": "60", "dot": "10mm"})
+    assert len(found.points) == 60
+    assert not found.faults
+
+
 def test_faults_are_said_and_do_not_stop_the_numbers() -> None:
     found = look({**MOVED, "points": POINTS.replace("0mm,0mm", "10mm,-90mm")})
     assert [each["dots"] for each in found["problems"]] == [[2, 4]]

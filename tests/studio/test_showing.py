@@ -12,10 +12,12 @@ import trimesh
 
 import markergen as mg
 from markergen.cli import main
+from markergen.model.marker_json import load_marker
 from markergen.model.rig import Rig, RigMarker
 from markergen.model.rig_json import rig_to_json
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
+from markergen.validation import headline
 from markergen.validation.validation import setting_of
 
 
@@ -113,6 +115,16 @@ def test_a_body_is_shown_with_its_poses(studio, options, pair):
         assert far == pytest.approx(poses["distance"])
         lean = np.rad2deg(np.arccos(np.clip(np.array(poses["z"]) / far, -1, 1)))
         assert lean == pytest.approx(poses["tilt"], abs=1e-4)
+
+
+def test_a_body_is_shown_with_the_errors_of_validate(studio, options, pair):
+    marker = studio.post("export", {"options": options, "suffix": ".json"}).json
+    for asked, what in (({"marker": marker}, load_marker(marker)), ({"rig": json.loads(rig_to_json(pair))}, pair)):
+        found = studio.post("scene", asked).json
+        expected = mg.validate(what, runs=0, views=0).budget["rotation_deg"]["total"]
+        seen = np.array([each for each in found["poses"]["rotation"] if each is not None])
+        assert np.sqrt(np.mean(seen**2)) == pytest.approx(expected, rel=1e-4)
+        assert found["expected"].startswith(f"Expect {headline.amount(expected)} deg and ")
 
 
 def test_a_photograph_shows_what_detect_finds(studio, options):

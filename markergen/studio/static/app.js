@@ -314,13 +314,13 @@ async function stand(subject, note) {
     const answer = await (await ask("scene", subject)).json();
     stands({ ...subject });
     Object.defineProperty(body, "look", { value: { ...answer, room: { outlines: [], radius: 0.1 }, dots: [] } });
-    by("body-note").textContent = note;
+    by("body-note").textContent = [note, answer.expected].filter(Boolean).join(". ");
     const { show } = await import("./rig3d.js");
     spatial?.dispose();
     by("stage").replaceChildren();
     const bytes = Uint8Array.from(atob(answer.glb), (each) => each.charCodeAt(0));
     spatial = show(by("stage"), bytes.buffer, body.look);
-    globe.update({ ...look, ...body.look, room: look.room, dots: [] });
+    globe.update(body.look);
     buttons();
     see();
     said(note);
@@ -403,12 +403,13 @@ async function copy(what) {
 
 /* --- begin --------------------------------------------------------------------------------------------------------- */
 
+const typing = ({ target }) => /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName) && target.type !== "checkbox";
+
 function listen() {
   by("undo").addEventListener("click", () => travel(past, future));
   by("redo").addEventListener("click", () => travel(future, past));
   document.addEventListener("keydown", (event) => {
-    const typing = /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName) && event.target.type !== "checkbox";
-    if (!(event.ctrlKey || event.metaKey) || typing) return;
+    if (!(event.ctrlKey || event.metaKey) || typing(event)) return;
     const key = event.key.toLowerCase();
     if (key === "z") event.shiftKey ? travel(future, past) : travel(past, future);
     else if (key === "y") travel(future, past);
@@ -464,6 +465,12 @@ function listen() {
     event.preventDefault();
     take([...event.dataTransfer.files]);
   });
+  document.addEventListener("paste", (event) => {
+    const state = !typing(event) && read(`#${event.clipboardData.getData("text").trim().split("#")[1] || ""}`);
+    if (!state) return;
+    event.preventDefault();
+    become(state).then(() => said("The design of the link."));
+  });
   window.addEventListener("hashchange", () => {
     const state = read(location.hash);
     if (state && JSON.stringify(state) !== JSON.stringify(options)) become(state);
@@ -503,11 +510,11 @@ async function begin() {
   by("template").append(make("option", { value: "" }, "a template …"), ...known.templates.map((each) => make("option", { value: each.name }, `${each.name}: ${each.title}`)));
   listen();
   pick("move");
-  const opening = known.opened;
-  options = read(location.hash) || opening?.options || {};
-  if (location.hash.length > 1 && !read(location.hash)) said("The address holds no design; this is a new one.", true);
+  const opening = known.opened, linked = location.hash.length > 1, state = read(location.hash);
+  options = state || opening?.options || {};
   await become(options, false);
-  if (opening && location.hash.length <= 1 && !opening.options) {
+  if (linked && !state) said("The address holds no design; this is a new one.", true);
+  if (opening && !linked && !opening.options) {
     if (opening.rig) await stand({ rig: opening.rig }, opening.title);
     else if (opening.marker) await stand({ marker: opening.marker }, opening.title);
   }

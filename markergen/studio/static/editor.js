@@ -76,7 +76,7 @@ export function editor(element, hooks) {
       pointerdown: (event) => {
         if (mode !== "move" || event.button) return;
         held = { index, at: point(event), from: { ...dots[index] }, moved: false };
-        group.focus();
+        group.focus({ preventScroll: true });
         svg.setPointerCapture(event.pointerId);
         event.preventDefault();
       },

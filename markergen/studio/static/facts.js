@@ -25,7 +25,7 @@ export function now(look) {
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
   by("beside").replaceChildren(
-    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", value(objective.best_known)]], 0),
+    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
     make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
 }
 

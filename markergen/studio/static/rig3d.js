@@ -3,36 +3,51 @@
 import { digits, make } from "./dom.js";
 import * as three from "./vendor/three.js";
 
-/* Show a GLB (ArrayBuffer, in m) and the poses {x, y, z, rotation?} around it; returns {dispose}. Drag turns it, arrow keys do as well. */
+const STEPS = 32, ROUND = [1, 2, 5, 10];
+
+/* Show a GLB (ArrayBuffer, in m) and the poses {x, y, z, rotation?} around it; returns {update(look), dispose()}. Drag turns it, arrow keys do as well. */
 export function show(element, glb, look) {
   let renderer;
   try {
     renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
   } catch {
     element.replaceChildren(make("p", {}, "This browser shows no three dimensions (WebGL); everything else works."));
-    return { dispose() {} };
+    return { update() {}, dispose() {} };
   }
-  const canvas = renderer.domElement, said = make("p", { class: "note" });
+  const canvas = renderer.domElement, said = make("p", { class: "note" }), space = make("div", { class: "space" }, canvas);
   canvas.tabIndex = 0;
-  canvas.setAttribute("role", "img");
+  canvas.setAttribute("role", "application");
+  canvas.setAttribute("aria-roledescription", "picture to turn");
   canvas.setAttribute("aria-label", "The body in three dimensions, x red, y green, z blue; arrow keys turn it, plus and minus zoom");
-  element.replaceChildren(canvas, said);
+  element.replaceChildren(space, said);
   renderer.setPixelRatio(window.devicePixelRatio);
 
   const scene = new three.Scene(), eye = new three.PerspectiveCamera(40, 1, 1e-3, 100), orbit = new three.OrbitControls(eye, canvas);
   const sun = new three.DirectionalLight(0xffffff, 2);
   scene.add(new three.AmbientLight(0xffffff, 1.6), sun);
   eye.up.set(0, 0, 1);
+  let letters = [], cameras = null;
 
   const draw = () => {
     sun.position.copy(eye.position);
     renderer.render(scene, eye);
+    for (const { tip, letter } of letters) {
+      const at = tip.clone().project(eye);
+      letter.style.transform = `translate(${(0.5 + at.x / 2) * space.clientWidth}px, ${(0.5 - at.y / 2) * space.clientHeight}px) translate(-50%, -50%)`;
+    }
   };
   const fit = () => {
-    const { clientWidth: width, clientHeight: height } = element;
-    renderer.setSize(width, Math.max(height - 30, 100));
-    eye.aspect = width / Math.max(height - 30, 100);
+    const { clientWidth: width, clientHeight: height } = space;
+    if (!width) return;
+    renderer.setSize(width, height);
+    eye.aspect = width / height;
     eye.updateProjectionMatrix();
+    draw();
+  };
+  const update = (given = look) => {
+    look = given;
+    if (cameras) scene.remove(cameras);
+    scene.add((cameras = centers(look.poses, element)));
     draw();
   };
 
@@ -41,16 +56,22 @@ export function show(element, glb, look) {
     body.rotation.x = Math.PI / 2;
     scene.add(body);
     const box = new three.Box3().setFromObject(body), center = box.getCenter(new three.Vector3()), size = box.getSize(new three.Vector3()).length();
-    scene.add(new three.AxesHelper(0.6 * size));
-    scene.add(cameras(look.poses));
+    const long = round(size), axes = new three.AxesHelper(long);
+    axes.setColors("#e02020", "#0a9a0a", "#2a5cff");
+    scene.add(axes);
+    letters = ["x", "y", "z"].map((name, index) => ({
+      tip: new three.Vector3().setComponent(index, 1.08 * long), letter: make("span", { class: `axis-${name}`, "aria-hidden": "true" }, name),
+    }));
+    space.append(...letters.map((each) => each.letter));
     orbit.target.copy(center);
     eye.position.copy(center).add(new three.Vector3(0.9, -1.3, 1).multiplyScalar(size));
     eye.near = size / 100;
     eye.far = 400 * size;
     orbit.update();
-    said.textContent = `${digits(1e3 * size)} mm from corner to corner; ${look.poses.x.length} poses of the camera. Scroll to see them all.`;
-    canvas.dataset.ready = "true";
+    said.textContent = `Axes of ${digits(1e3 * long)} mm, cameras of ${look.poses.x.length} poses around, colored by error as below. Scroll, pinch or press minus to see them all.`;
     fit();
+    update();
+    canvas.dataset.ready = "true";
   }, (error) => { said.textContent = `The body cannot be shown: ${error.message}`; });
 
   orbit.addEventListener("change", draw);
@@ -70,28 +91,56 @@ export function show(element, glb, look) {
     orbit.update();
     draw();
   });
+  // Colors are those of a light or a dark page.
+  const dark = window.matchMedia("(prefers-color-scheme: dark)"), again = () => update(), theme = new MutationObserver(again);
+  dark.addEventListener("change", again);
+  theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   const seen = new ResizeObserver(fit);
-  seen.observe(element);
+  seen.observe(space);
   return {
+    update,
     dispose() {
+      dark.removeEventListener("change", again);
+      theme.disconnect();
       seen.disconnect();
       orbit.dispose();
       renderer.dispose();
+      renderer.forceContextLoss();
     },
   };
 }
 
-/* Camera centers; the larger the error, the redder. */
-function cameras(poses) {
-  const at = new Float32Array(poses.x.length * 3), colors = new Float32Array(at.length), shade = new three.Color();
-  const errors = (poses.rotation || []).filter(Number.isFinite), least = Math.log(Math.min(...errors)), most = Math.log(Math.max(...errors));
+/* The largest of 1, 2, 5, 10, 20 ... mm up to a length. */
+function round(length) {
+  const power = 10 ** Math.floor(Math.log10(1e3 * length));
+  return ROUND.findLast((each) => each * power <= 1e3 * length * 1.0001) * power / 1e3;
+}
+
+/* Camera centers in the colors of the dome; without an error they are grey. */
+function centers(poses, element) {
+  const at = new Float32Array(poses.x.length * 3), colors = new Float32Array(at.length);
+  const errors = poses.rotation || [], along = dome.scale(errors, false), palette = Array.from({ length: STEPS }, (_, k) => resolved(dome.shade(k / (STEPS - 1)), element));
   poses.x.forEach((x, index) => {
     at.set([x, poses.y[index], poses.z[index]], 3 * index);
-    const share = errors.length && most > least ? (Math.log(poses.rotation[index] ?? Infinity) - least) / (most - least) : 0;
-    shade.setHSL(0.14 * (1 - Math.min(1, Math.max(0, share))), 0.85, 0.45).toArray(colors, 3 * index);
+    const known = Number.isFinite(errors[index] ?? NaN);
+    colors.set(known ? palette[Math.round(along.at(errors[index]) * (STEPS - 1))] : [0.3, 0.3, 0.3], 3 * index);
   });
-  const shape = new three.BufferGeometry();
+  const shape = new three.BufferGeometry(), look = new three.PointsMaterial({ size: 8, sizeAttenuation: false, vertexColors: true });
   shape.setAttribute("position", new three.BufferAttribute(at, 3));
   shape.setAttribute("color", new three.BufferAttribute(colors, 3));
-  return new three.Points(shape, new three.PointsMaterial({ size: 5, sizeAttenuation: false, vertexColors: true }));
+  look.onBeforeCompile = (shader) => {
+    shader.fragmentShader = shader.fragmentShader.replace("#include <color_fragment>", "#include <color_fragment>\nif (length(gl_PointCoord - 0.5) > 0.5) discard;");
+  };
+  return new three.Points(shape, look);
+}
+
+/* Linear red, green and blue of a color of a style sheet. */
+function resolved(color, element) {
+  element.style.color = color;
+  const brush = document.createElement("canvas").getContext("2d");
+  brush.fillStyle = getComputedStyle(element).color;
+  element.style.color = "";
+  brush.fillRect(0, 0, 1, 1);
+  const [red, green, blue] = brush.getImageData(0, 0, 1, 1).data;
+  return new three.Color().setRGB(red / 255, green / 255, blue / 255, "srgb").toArray();
 }
