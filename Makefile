@@ -6,20 +6,20 @@ BIN = $(VENV)/bin
 # The tests start hundreds of interpreters, each of which would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-browser test-docs test-long test-outside test-package lint bench docs numbers clean
+.PHONY: demo test test-browser test-docs test-long test-outside test-package lint bench docs book numbers clean
 
 demo: $(VENV)/installed $(VENV)/kernel
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
 test: lint $(VENV)/kernel
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside and not browser"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside and not browser and not docs"
 
 test-long: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m pytest -m long
 
-# What is generated, linked and shown to readers; part of `make test`.
+# What is generated, linked and shown to readers; but for the book, part of `make test`.
 test-docs: $(VENV)/developed
-	$(BIN)/python -m pytest tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
+	$(BIN)/python -m pytest -rs tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
 
 # Our files in slicers, CAD, viewers and simulators. Installs none of these; what is missing is skipped by name.
 test-outside: $(VENV)/developed
@@ -44,6 +44,11 @@ bench: $(VENV)/developed $(VENV)/kernel
 
 docs: $(VENV)/developed
 	$(BIN)/python -m docs.generate
+
+# README's and docs' pages as one site in out/book; a warning is an error.
+book: $(VENV)/developed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group book
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 
 # Runs every command that README and docs name for their numbers, and fails where the text has another.
 numbers: $(VENV)/developed $(VENV)/kernel

@@ -51,6 +51,5 @@ def _names_one(value: object, kind: str) -> bool:
 
 
 def _named(flag: str, value: object) -> InputError:
-    return InputError(
-        f"no file for {flag} in the studio", brief(value), "open the file in the page, which takes its content along"
-    )
+    remedy = "correct it, or open the file in the page, which takes its content along"
+    return InputError(f"{flag} without a file, in the studio", brief(value), remedy)

@@ -7,6 +7,7 @@ import socket
 import webbrowser
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from threading import Thread
@@ -14,8 +15,8 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 import uvicorn
+from anyio import to_thread
 from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
@@ -43,6 +44,9 @@ HEADERS = {
     "cache-control": "no-store",
 }
 """Of every answer: the page loads nothing from elsewhere, and no other page loads anything from here."""
+
+MORE = Latest(more)
+"""What takes seconds."""
 
 Answer = Callable[[dict[str, Any]], Any]
 
@@ -103,11 +107,10 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     mimetypes.add_type("text/javascript", ".js")
     begin = None if file is None else opened(file.name, read(file, "upload").data)
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
-    slow = Latest(more)
     known: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
         # What cannot be used is refused here, at once.
-        "more": lambda asked: slow(plain(asked.get("options"))),
+        "more": lambda asked: MORE(plain(asked.get("options"))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
     }
@@ -122,7 +125,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
 
     async def options(request: Request) -> Response:
         del request
-        return _json({**await run_in_threadpool(declared_options), "opened": begin})
+        return _json({**await aside(declared_options), "opened": begin})
 
     routes = [
         Route("/", page),
@@ -150,6 +153,11 @@ async def body(request: Request, kind: str) -> bytes:
     return bytes(data)
 
 
+async def aside(function: Callable[..., Any], *given: Any) -> Any:
+    """Return what a function returns, computed in a thread; whoever ends the server does not wait for it."""
+    return await to_thread.run_sync(partial(function, *given), abandon_on_cancel=True)
+
+
 Handler = Callable[[Request], Awaitable[Response]]
 
 
@@ -167,7 +175,7 @@ def _refusing(handler: Handler) -> Handler:
 
 def _answering(answer: Answer) -> Handler:
     async def handle(request: Request) -> Response:
-        return _json(await run_in_threadpool(answer, parsed_request(await body(request, "request"))))
+        return _json(await aside(answer, parsed_request(await body(request, "request"))))
 
     return _refusing(handle)
 
@@ -186,12 +194,12 @@ def _name(request: Request) -> str:
 
 
 async def _view(request: Request) -> Response:
-    png, dots = await run_in_threadpool(view, parsed_request(await body(request, "request")))
+    png, dots = await aside(view, parsed_request(await body(request, "request")))
     return Response(png, media_type="image/png", headers={"X-Dots": json.dumps(as_json(dots.round(2).tolist()))})
 
 
 async def _export(request: Request) -> Response:
-    file = await run_in_threadpool(exported, parsed_request(await body(request, "request")))
+    file = await aside(exported, parsed_request(await body(request, "request")))
     kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
     disposition = f"attachment; filename*=UTF-8''{quote(Path(file.name).name)}"
     return Response(file.data, media_type=kind, headers={"Content-Disposition": disposition})
@@ -199,13 +207,13 @@ async def _export(request: Request) -> Response:
 
 async def _open(request: Request) -> Response:
     unit, layer = (unquote(request.headers.get(name, "")) or None for name in ("x-unit", "x-layer"))
-    return _json(await run_in_threadpool(opened, _name(request), await body(request, "upload"), unit, layer))
+    return _json(await aside(opened, _name(request), await body(request, "upload"), unit, layer))
 
 
 async def _detect(request: Request) -> Response:
     # What to look for, as JSON in one line, comes before the photograph.
     asked, _, photo = (await body(request, "upload")).partition(b"\n")
-    return _json(await run_in_threadpool(detected, parsed_request(asked), _name(request), photo))
+    return _json(await aside(detected, parsed_request(asked), _name(request), photo))
 
 
 async def _optimize(request: Request) -> Response:
@@ -252,12 +260,13 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
             # Some browsers keep whoever opens them waiting.
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         settings = uvicorn.Config(
-            app, log_level="warning", access_log=False, lifespan="off", ws="none", server_header=False,
+            app, log_level="critical", access_log=False, lifespan="off", ws="none", server_header=False,
             timeout_graceful_shutdown=1,
         )  # fmt: skip
         # Ctrl-C, with which uvicorn ends, is how this ends.
         with suppress(KeyboardInterrupt):
             uvicorn.Server(settings).run(sockets=[sock])
+        MORE.end()
 
 
 def _listening(port: int | None) -> socket.socket:

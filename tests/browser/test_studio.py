@@ -263,7 +263,15 @@ def test_a_photograph_is_searched(studio, tmp_path):
 def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
     studio.page.fill("#shape", "pair")
     studio.page.click("#rig button")
-    studio.page.wait_for_selector("#body:not([hidden]) canvas, #body:not([hidden]) p", timeout=120_000)
+    studio.page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')", timeout=120_000)
+    assert "pair: 2 plates" in studio.said()
+    studio.page.select_option("#suffix", ".json")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    rig = json.loads(loading.value.path().read_text())
+    assert len(rig["markers"]) == 2
+    studio.page.click("#back")
+    assert studio.dots() == 5
 
 
 def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing, tmp_path):

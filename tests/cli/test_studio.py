@@ -23,8 +23,12 @@ def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
             assert b'"opened":{"title":"Mine","options":{"n":6}}' in answer.read()
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(address.rsplit("/", 2)[0] + "/", timeout=30)
-        process.send_signal(signal.SIGINT)
-        said, complaint = process.communicate(timeout=30)
+        # While a search is going on that would take many times as long.
+        search = urllib.request.Request(f"{address}optimize", b'{"options": {"n": 40}}')
+        with urllib.request.urlopen(search, timeout=30) as answer:
+            assert b'"stage": "exchange"' in answer.readline()
+            process.send_signal(signal.SIGINT)
+            said, complaint = process.communicate(timeout=30)
     assert (process.returncode, said, complaint) == (0, "", "")
 
 

@@ -20,23 +20,23 @@ CAMERA = b"width: 640\nheight: 480\nfx: 800\nfy: 810\ncx: 320\ncy: 240\n"
 GEO = b'{"type": "Polygon", "coordinates": [[[0, 0], [200, 0], [200, 100], [0, 100], [0, 0]]]}'
 
 
+HOLES = {"keep_out": ["circle:3mm@60mm,-20mm"], "mount": ["4xM3c@180mm", "4.5mm:0mm,-85mm"], "dowel": "2x4mm@170mm"}
+LONG = [
+    HOLES,
+    {},
+    {"tag": "aruco:DICT_4X4_50:7", "seed": 5, "objective": "rotation"},
+    {"relief": "10mm"},
+    {"noise_model": "image", "print_sigma": "0.1mm", "clearance": "4mm"},
+]
+
+
 @pytest.mark.parametrize(
-    "more",
-    [
-        {"keep_out": ["circle:3mm@60mm,-20mm"], "mount": ["4xM3c@180mm", "4.5mm:0mm,-85mm"], "dowel": "2x4mm@170mm"},
-        *(
-            pytest.param(more, marks=pytest.mark.long)
-            for more in (
-                {},
-                {"tag": "aruco:DICT_4X4_50:7", "seed": 5, "objective": "rotation"},
-                {"relief": "10mm"},
-                {"noise_model": "image", "print_sigma": "0.1mm", "clearance": "4mm"},
-            )
-        ),
-    ],
+    "more", [{**HOLES, "dot": "0mm"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)]
 )
 def test_a_marker_gives_the_options_that_make_it_again(more):
-    marker = mg.design(n=4, radius="120mm", dot="15mm", restarts=1, poses="cone:count=3", **more).marker
+    marker = mg.design(
+        **{"n": 4, "radius": "120mm", "dot": "15mm", "restarts": 1, "poses": "cone:count=3", **more}
+    ).marker
     options = opened("marker.json", to_json(marker))["options"]
     assert "n" not in options
     again = mg.design(**options).marker
@@ -91,7 +91,7 @@ def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
         ("/home/me/plate.svg", b"<svg", "in plate.svg"),
         ("..\\..\\plate.dxf", b"nonsense", "plate.dxf"),
         ("spec.toml", b"n = ", "TOML in spec.toml"),
-        ("spec.toml", b'camera = "camera.yaml"', "no file for --camera"),
+        ("spec.toml", b'camera = "camera.yaml"', "--camera without a file"),
         ("camera.yaml", b"fx: 1", "camera.yaml"),
         ("poses.csv", b"tx,ty\n1,2\n", "poses.csv"),
         ("", b"\0", "file"),

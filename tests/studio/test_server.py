@@ -127,7 +127,7 @@ def test_what_should_not_happen_is_told_as_such(studio, monkeypatch, caplog):
 
 
 def test_the_page_begins_with_a_file(tmp_path, studio, options):
-    made = studio.post("export", {"options": options, "suffix": ".json"}).data
+    made = studio.post("export", {"options": {**options, "dot": "0mm"}, "suffix": ".json"}).data
     (tmp_path / "marker.json").write_bytes(made)
     # Opened before anything is served: what cannot be used ends the command.
     studio_app(TOKEN, 1, tmp_path / "marker.json")

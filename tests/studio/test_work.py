@@ -22,7 +22,8 @@ QUICK = {"n": 4, "radius": "100mm", "restarts": 1, "poses": "cone:count=3", "see
 def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
     # Bounds take longer than such a search.
     monkeypatch.setattr(Design, "certify", lambda self, progress=None: Certificate(4, 1.0, 0.25))
-    answer = studio.post("optimize", {"options": {**QUICK, "points": [[0, 0]], "title": None}})
+    bare = {**QUICK, "dot": 0.0}
+    answer = studio.post("optimize", {"options": {**bare, "points": [[0, 0]], "title": None}})
     assert answer.headers["content-type"] == "application/x-ndjson"
     *told, last = answer.lines
     assert {"descent", "polish"} <= {line["stage"] for line in told}
@@ -31,7 +32,7 @@ def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
     assert all(len(line["dots"]) == 4 for line in shown)
     values = [line["value"] for line in shown]
     assert values == sorted(values, reverse=True)
-    found = mg.design(**QUICK)
+    found = mg.design(**bare)
     assert values[-1] >= found.value * (1 - 1e-9)
     kept = {name: value for name, value in QUICK.items() if name != "n"}
     assert last["options"] == {**kept, "points": found.marker.xyz[:, :2].tolist(), "dot": found.dots.diameter}
@@ -41,6 +42,7 @@ def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
 
 LONG = [
     {},
+    {"dot": "auto"},
     {"relief": "10mm"},
     {"radius": "fit", "paper": "A5"},
     {"radius": None, "boundary": "rect:200mmx150mm"},
@@ -49,7 +51,7 @@ LONG = [
 ]
 
 
-@pytest.mark.parametrize("more", [{"dot": "auto"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)])
+@pytest.mark.parametrize("more", [{"dot": "0mm"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)])
 def test_the_state_after_a_search_gives_the_same_dots(more):
     options = {name: value for name, value in {**QUICK, **more}.items() if value is not None}
     found = mg.design(**options)
@@ -125,6 +127,7 @@ def test_a_real_search_can_be_stopped():
     assert time.monotonic() < began + 10
 
 
+@pytest.mark.long
 def test_the_newest_question_is_answered_by_a_process_that_is_kept():
     """As the page asks for more while another layout is still being worked on."""
     latest, refused = Latest(wait_for), threading.Event()

@@ -35,6 +35,8 @@ function written(state) {
   return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 }
 
+const address = () => history.replaceState(null, "", `#${written(options)}`);
+
 function read(fragment) {
   if (fragment.length < 2) return null;
   try {
@@ -54,11 +56,18 @@ function become(state, step = true) {
     future = [];
   }
   options = JSON.parse(after);
-  body = null;
-  by("body").hidden = true;
-  history.replaceState(null, "", `#${written(options)}`);
+  stands(null);
+  address();
   buttons();
   return refresh();
+}
+
+/* Whether a body stands in the place of the marker. */
+function stands(subject) {
+  body = subject;
+  by("body").hidden = !subject;
+  for (const id of ["marker", "facts"]) by(id).hidden = Boolean(subject);
+  document.body.classList.toggle("stands", Boolean(subject));
 }
 
 function travel(from, to) {
@@ -71,7 +80,7 @@ function buttons() {
   by("undo").disabled = !past.length || Boolean(search);
   by("redo").disabled = !future.length || Boolean(search);
   by("clear").hidden = !options.keep_out && typeof options.boundary !== "object";
-  for (const id of ["command", "python"]) by(id).disabled = Boolean(body);
+  for (const id of ["command", "python", "share"]) by(id).disabled = Boolean(body);
   by("optimize").textContent = search ? "Stop" : "Optimize";
 }
 
@@ -99,7 +108,10 @@ async function refresh() {
       if (number < shown) continue;
       shown = number;
       look = answer;
-      if (Array.isArray(options.points)) options = { ...options, points: look.options.points };
+      if (Array.isArray(options.points)) {
+        options = { ...options, points: look.options.points };
+        address();
+      }
       show();
     } while (again);
   } catch (error) {
@@ -300,9 +312,8 @@ async function optimize() {
 async function stand(subject, note) {
   try {
     const answer = await (await ask("scene", subject)).json();
-    body = { ...subject };
+    stands({ ...subject });
     Object.defineProperty(body, "look", { value: { ...answer, room: { outlines: [], radius: 0.1 }, dots: [] } });
-    by("body").hidden = false;
     by("body-note").textContent = note;
     const { show } = await import("./rig3d.js");
     spatial?.dispose();
@@ -405,6 +416,7 @@ function listen() {
     event.preventDefault();
   });
   by("optimize").addEventListener("click", optimize);
+  by("back").addEventListener("click", () => become(options, false));
   by("open").addEventListener("click", () => by("files").click());
   by("files").addEventListener("change", async () => {
     await take([...by("files").files]);
