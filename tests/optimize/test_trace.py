@@ -5,10 +5,12 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+import markergen as mg
 from markergen.errors import InputError, OutputError
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import criteria, regular_polygon
-from markergen.optimize.trace import Recorder, Step, check_trace_path, plot, trace_bytes, trace_of
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.trace import Recorder, Step, Watcher, check_trace_path, plot, trace_bytes, trace_of
 
 
 def shrinking(count=5, n=5):
@@ -114,3 +116,41 @@ def test_paths(tmp_path):
         check_trace_path(tmp_path / "trace.pdf")
     with pytest.raises(OutputError):
         check_trace_path(tmp_path / "missing" / "trace.csv")
+
+
+def test_a_watcher_tells_of_the_best_layout_that_fits(setting, monkeypatch):
+    monkeypatch.setattr("markergen.optimize.trace.PAUSE", 0.0)
+    objective, told, every = OBJECTIVES["pose"](setting), [], []
+    region = FeasibleRegion(setting.boundary, 0.01, 0.001)
+    watcher = Watcher(
+        objective, region, lambda *words: told.append(words), lambda stage, before, after: every.append(stage)
+    )
+    good, better = regular_polygon(5, 0.08), regular_polygon(5, 0.12)
+    outside = regular_polygon(5, setting.boundary.radius)
+    watcher("descent", np.stack([outside]), np.stack([outside]))
+    assert told == []  # Nothing fits yet.
+    for stage, layouts in (("descent", [outside, good]), ("polish", [better]), ("polish", [good])):
+        watcher(stage, np.stack(layouts), np.stack(layouts))
+    assert every == ["descent", "descent", "polish", "polish"]
+    assert [stage for stage, _, _ in told] == ["descent", "polish", "polish"]
+    for (_, points, value), layout in zip(told, (good, better, better), strict=True):
+        np.testing.assert_array_equal(points, layout)
+        assert value == pytest.approx(objective(layout[None])[0], rel=1e-12)
+
+
+def test_a_search_that_is_watched_is_the_same_and_ends_when_it_is_told_to():
+    options = {"n": 4, "radius": "100mm", "dot": "0mm", "restarts": 2, "poses": "cone:count=3"}
+    told = []
+    watched = mg.design(**options, watch=lambda stage, points, value: told.append((points.shape, value)))
+    assert watched.marker == mg.design(**options).marker
+    assert told
+    assert all(shape == (4, 2) for shape, _ in told)
+    assert min(value for _, value in told) >= watched.value * (1 - 1e-9)
+
+    def enough(stage, points, value):
+        raise KeyError("enough")
+
+    with pytest.raises(KeyError, match="enough"):
+        mg.design(**options, watch=enough)
+    with pytest.raises(InputError, match="a stage, a layout, and its value"):
+        mg.design(**options, watch="often")
