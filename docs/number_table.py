@@ -6,7 +6,7 @@ from docs.numbers import Block, Command, Entry, Given, Number
 
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
-CONVENTIONS, CALIBRATE, RIGS = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md"
+CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
 POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
@@ -519,6 +519,8 @@ GIVEN: Sequence[Given] = tuple(
         ),
         (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
         (STUDY, DEFAULT, ["times out after # s"]),
+        (START, STANDARD, ["Python # or newer"]),
+        (START, SETTING, ["tilted by 20 to # degrees"]),
         (CONVENTIONS, DEFAULT, ["an edge (# mm)", "polygons within # um", "at most # um off"]),
         (CONVENTIONS, MEANING, ["a hole of # mm is # mm in every file", "are for # px;", "a TE over # %"]),
         (CONVENTIONS, STANDARD, ["are # px larger"]),

@@ -176,7 +176,7 @@ def detect_fiducial(
     if image.ndim != 2 or image.dtype != np.uint8:
         raise InputError("a grey image (h, w) of uint8", f"{image.shape} of {image.dtype}", "convert the image to grey")
     k = settings.enlarge
-    searched = _enlarged(image, k)
+    searched = enlarged(image, k)
     if isinstance(fiducial, Tag):
         found = _find_tag(searched, fiducial, settings)
     else:
@@ -242,7 +242,8 @@ def _board_tags(
     return (corners, ids) if ids is not None and len(ids) else (None, None)
 
 
-def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Enlarge an image (h, w) by cubic interpolation; the top left corner, (-0.5, -0.5), stays in place."""
     if factor == 1:
         return image
     import cv2

@@ -93,7 +93,7 @@ def join(
         waiting = [each for each in waiting if not any(each is other for other in agreed)]
         if detection is None:
             continue
-        waiting = [each for each in waiting if not _share(each.detection, detection)]
+        waiting = [each for each in waiting if not share_dots(each.detection, detection)]
         plain = spare is None or _missing(body, detection, camera) <= len(detection.ids)
         (bodies if plain else refuted).append(detection)
     sure = [each for each in bodies if not any(_contradicts(body, other, each) for other in [*bodies, *refuted])]
@@ -185,9 +185,9 @@ def _spread(body: Body, pose: PoseEstimate, dots: Indices, seen: Array, covarian
     return rows @ pose.budget.total @ rows.swapaxes(-1, -2) + normalized_covariance(seen, covariance, camera)
 
 
-def _share(part: Detection, whole: Detection) -> bool:
+def share_dots(one: Detection, other: Detection) -> bool:
     """Return whether two detections have dots in common."""
-    apart = np.linalg.norm(part.ellipse_centers[:, None] - whole.ellipse_centers, axis=-1)
+    apart = np.linalg.norm(one.ellipse_centers[:, None] - other.ellipse_centers, axis=-1)
     return bool(apart.min(initial=np.inf) < 1)
 
 

@@ -16,7 +16,7 @@ from markergen.detect.detection import Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, REFUSED_PX, UNIQUE_PX, Search, View, ambiguity, confirm, given
-from markergen.detect.joining import Spare, join
+from markergen.detect.joining import Spare, join, share_dots
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, misfits
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.results import Detection
@@ -93,7 +93,7 @@ def track(
             again = _body_again(frame, each, first, sought, camera, errors)
         else:
             again = _settled(frame, replace(each, marker=first), sought, eye, camera is not None, errors)
-        if again is None or any(_same_place(again, other) for other in found):
+        if again is None or any(share_dots(again, other) for other in found):
             return None
         found.append(replace(again, marker=each.marker))
     return sorted(found, key=lambda each: -len(each.ids))
@@ -257,12 +257,6 @@ def _is_part(layout: DotLayout, other: DotLayout, calibrated: bool) -> bool:
     ellipses = Ellipses(drawn.center[0], drawn.shape[0], layout.rings.astype(float), np.arange(len(layout)))
     found = find_labelings(ellipses, other, 5 * _DOUBLE_EXTENT, calibrated)
     return bool(((found.count == len(layout)) & (found.misfit < _DOUBLE_SHARE * _DOUBLE_EXTENT)).any())
-
-
-def _same_place(one: Detection, other: Detection) -> bool:
-    """Return whether two detections share dots."""
-    apart = np.linalg.norm(one.ellipse_centers[:, None] - other.ellipse_centers, axis=-1)
-    return bool(apart.min() < 1)
 
 
 @dataclass(frozen=True, eq=False)

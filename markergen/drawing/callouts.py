@@ -51,9 +51,16 @@ class _Leader:
 
 
 @dataclass(frozen=True)
-class _Obstacles:
-    """What leaders should not touch: circles (m, 3) as center and radius, and segments (k, 2, 2); mm on paper."""
+class _Room:
+    """Where callouts go: view, column for the words, mm on paper, gap between them, and what leaders should not touch.
 
+    The latter are circles (m, 3) as center and radius, and segments (k, 2, 2); mm on paper.
+    """
+
+    view: DrawingView
+    column: Box
+    gap: float
+    style: Style
     circles: Array
     segments: Array
 
@@ -78,19 +85,19 @@ def place_callouts(
         Boxes of words, and lines on paper, that leaders should avoid.
     """
     circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
-    obstacles = _Obstacles(
+    room = _Room(
+        view, column, 1.4 * style.words, style,
         np.concatenate([circles.reshape(-1, 3), _as_circles(marks)]),
         np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2),
-    )
-    gap = 1.4 * style.words
-    placed = _placed(callouts, view, column, gap, obstacles, style)
+    )  # fmt: skip
+    placed = _placed(callouts, room)
     while placed is None:
         # One below the other, in the order of what they point at, and smaller if there are too many.
-        total = sum(callout_height(each, style) for each in callouts) + gap * (len(callouts) - 1)
+        total = sum(callout_height(each, style) for each in callouts) + room.gap * (len(callouts) - 1)
         if total > column[3] - column[1]:
             style = Style(0.9 * style.scale)
-        gap = 1.2 * style.words
-        placed = _stacked(callouts, view, column, gap, obstacles, style)
+        room = replace(room, gap=1.2 * style.words, style=style)
+        placed = _stacked(callouts, room)
     shapes: list[Shape] = []
     for number, (callout, best) in enumerate(placed, 1):
         shapes += leader(*best.run, style)
@@ -98,14 +105,12 @@ def place_callouts(
     return shapes
 
 
-def _placed(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
-) -> list[tuple[Callout, "_Leader"]] | None:
+def _placed(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts where their leaders are best; None if there is no room for one of them."""
     orders = [sorted(callouts, key=lambda each: len(each.places))]
     found: list[list[tuple[Callout, _Leader]]] = []
     while len(found) < TRIES:
-        placed = _in_order(orders[-1], view, column, gap, obstacles, style)
+        placed = _in_order(orders[-1], room)
         if placed is None:
             break
         found.append(placed)
@@ -114,15 +119,14 @@ def _placed(
         # What got the worst place chooses first the next time.
         orders.append([callout for callout, _ in sorted(placed, key=lambda each: -each[1].cost)])
     if found and max((best.cost for _, best in found[-1]), default=0.0) >= HIT:
-        column_order = _stacked(callouts, view, column, gap, obstacles, style)
+        column_order = _stacked(callouts, room)
         found += [column_order] if column_order else []
     return min(found, key=lambda each: sum(best.cost for _, best in each), default=None)
 
 
-def _in_order(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
-) -> list[tuple[Callout, "_Leader"]] | None:
+def _in_order(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts each at the best place that those before it leave; None if there is none."""
+    column, style, gap = room.column, room.style, room.gap
     taken: list[tuple[float, float]] = []
     found: list[tuple[Callout, _Leader]] = []
     for callout in callouts:
@@ -132,7 +136,7 @@ def _in_order(
             for top in np.arange(column[1] + height, column[3] + 1e-9, 2.0 * style.scale).tolist()
             if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
         ]
-        best = _best(callout, view, column[0], tops, obstacles, [each.run for _, each in found], style)
+        best = _best(callout, room, tops, [each.run for _, each in found])
         if best is None:
             return None
         taken.append((best.top - height, best.top))
@@ -140,27 +144,24 @@ def _in_order(
     return found
 
 
-def _stacked(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
-) -> list[tuple[Callout, "_Leader"]] | None:
+def _stacked(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts one below the other; None if they are too high together."""
-    top = column[3]
+    top = room.column[3]
     found: list[tuple[Callout, _Leader]] = []
     for callout in sorted(callouts, key=lambda each: -max(place[1] for place in each.places)):
-        height = callout_height(callout, style)
-        if top - height < column[1]:
+        height = callout_height(callout, room.style)
+        if top - height < room.column[1]:
             return None
         runs = [each.run for _, each in found]
-        best = _best(callout, view, column[0], [top], obstacles, runs, style) or _direct(
-            callout, view, column[0], top, style
-        )
+        best = _best(callout, room, [top], runs) or _direct(callout, room, top)
         found.append((callout, best))
-        top -= height + gap
+        top -= height + room.gap
     return found
 
 
-def _direct(callout: Callout, view: DrawingView, left: float, top: float, style: Style) -> "_Leader":
+def _direct(callout: Callout, room: _Room, top: float) -> "_Leader":
     """Leader straight to the feature nearest to the words."""
+    view, left, style = room.view, room.column[0], room.style
     x, y, r = max(callout.places, key=lambda place: (place[0] + place[2], place[1]))
     at, radius = view.at((x, y)), view.scale * r
     end = left - 1.2 * style.scale, top - style.words / 2
@@ -211,16 +212,10 @@ def _written(callout: Callout, x: float, top: float, style: Style, name: str) ->
 
 
 def _best(
-    callout: Callout,
-    view: DrawingView,
-    left: float,
-    tops: Sequence[float],
-    obstacles: _Obstacles,
-    runs: Sequence[tuple[Point, Point, Point]],
-    style: Style,
+    callout: Callout, room: _Room, tops: Sequence[float], runs: Sequence[tuple[Point, Point, Point]]
 ) -> _Leader | None:
     """Cheapest leader over all features, heights of the words and slopes; None if there is none."""
-    end = left - 1.2 * style.scale
+    view, style, end = room.view, room.style, room.column[0] - 1.2 * room.style.scale
     nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
     candidates: list[tuple[float, _Leader, tuple[float, float, float]]] = []
     for (x, y, r), top in product(nearest, tops):
@@ -244,18 +239,18 @@ def _best(
         if best and length >= best.cost:
             break
         cost = length + HIT * _along_axis(each.run, view) + CROSSED * _crossings(each.run, runs)
-        cost += HIT * _hits(each.run, obstacles, own)
+        cost += HIT * _hits(each.run, room, own)
         if best is None or cost < best.cost:
             best = replace(each, cost=cost)
     return best
 
 
-def _hits(run: tuple[Point, Point, Point], obstacles: _Obstacles, own: tuple[float, float, float]) -> int:
+def _hits(run: tuple[Point, Point, Point], room: _Room, own: tuple[float, float, float]) -> int:
     """Number of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
-    others = obstacles.circles[np.any(np.abs(obstacles.circles - own) > 1e-6, axis=-1)]
+    others = room.circles[np.any(np.abs(room.circles - own) > 1e-6, axis=-1)]
     near = np.zeros(len(others), dtype=bool)
     crossed = 0
-    a, b = obstacles.segments[:, 0], obstacles.segments[:, 1]
+    a, b = room.segments[:, 0], room.segments[:, 1]
     for first, last in ((run[0], run[1]), (run[1], run[2])):
         start, end = np.array(first), np.array(last)
         way = end - start

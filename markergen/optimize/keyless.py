@@ -181,14 +181,14 @@ def asymmetric_search(
         for done, start in enumerate(starts):
             if progress:
                 progress("asymmetric", done, len(starts) + FINALISTS)
-            layouts.append(_cut(objective, region, start, px, _Cuts(objective, looked, followed), bar, record))
+            layouts.append(_cut(start, px, _Cuts(objective, region, record, looked, followed), bar))
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
                 bar = min(bar, layouts[-1].value)
         layouts = [each for each in layouts if region.holds(each.points[None])[0]]
         # Layouts that lack little are finished with the others.
         layouts.sort(key=lambda each: (max(HOPELESS * px - each.px, 0.0), each.value))
         for done, each in enumerate(layouts[:FINALISTS], start=1):
-            found += _finished(objective, region, each, px, record)
+            found += _finished(each, px)
             if progress:
                 progress("asymmetric", len(starts) + done, len(starts) + FINALISTS)
     best = min(found, key=lambda each: each.rank(px))
@@ -222,8 +222,16 @@ class _Layout:
 class _Cuts:
     """Rivals as constraints of a layout, refitted as it moves."""
 
-    def __init__(self, objective: Objective, looked: NDArray[np.intp], followed: NDArray[np.intp]) -> None:
-        self.objective, self.looked, self.followed = objective, looked, followed
+    def __init__(
+        self,
+        objective: Objective,
+        region: FeasibleRegion,
+        record: Record | None,
+        looked: NDArray[np.intp],
+        followed: NDArray[np.intp],
+    ) -> None:
+        self.objective, self.region, self.record = objective, region, record
+        self.looked, self.followed = looked, followed
         self.rivals: Rivals | None = None
 
     def add(self, points: Array, px: float) -> float:
@@ -298,22 +306,14 @@ def _image_rows(points: Array, camera: Camera, rotation: Array, translation: Arr
     return camera.pixel_jacobian(normalized) @ rows
 
 
-def _cut(
-    objective: Objective,
-    region: FeasibleRegion,
-    start: Array,
-    px: float,
-    cuts: _Cuts,
-    bar: float,
-    record: Record | None,
-) -> _Layout:
+def _cut(start: Array, px: float, cuts: _Cuts, bar: float) -> _Layout:
     """Alternately polish and cut a layout until it converges, or is worse than `bar`, which cuts never improve."""
-    reach = _reach(region, len(start))
+    objective, region = cuts.objective, cuts.region
     points, px_now = start, cuts.add(start, px)
     best = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
     stale = 0
     for _ in range(ROUNDS):
-        after = _polish(objective, region, points, px * (1 + SLACK), cuts, reach, record)
+        after = _polish(points, px * (1 + SLACK), cuts)
         moved = float(np.abs(after - points).max())
         points = after
         px_now = cuts.add(points, px)
@@ -329,12 +329,10 @@ def _cut(
     return best
 
 
-def _finished(
-    objective: Objective, region: FeasibleRegion, layout: _Layout, px: float, record: Record | None
-) -> list["_Candidate"]:
+def _finished(layout: _Layout, px: float) -> list["_Candidate"]:
     """Examine a layout from all poses, and cut it by the rivals found there."""
     points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
-    reach = _reach(region, len(points))
+    objective, region = cuts.objective, cuts.region
     for finish in range(FINISHES + 1):
         rivals = worst_rivals(cuts.scene(points))
         safety = safety_of(cuts.scene(points), rivals=rivals)
@@ -343,29 +341,19 @@ def _finished(
         if safety.least >= px or finish == FINISHES or layout.px < HOPELESS * px:
             break
         cuts.keep(rivals, px)
-        points = _polish(objective, region, points, px * (1 + SLACK), cuts, reach, record)
+        points = _polish(points, px * (1 + SLACK), cuts)
     return found
 
 
-def _reach(region: FeasibleRegion, n: int) -> float:
-    """Maximum movement in m of a dot in one polish; see `markergen.optimize.polish`."""
-    return np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * region.boundary.radius
-
-
-def _polish(
-    objective: Objective,
-    region: FeasibleRegion,
-    start: Array,
-    px: float,
-    cuts: _Cuts,
-    reach: float,
-    record: Record | None,
-) -> Array:
+def _polish(start: Array, px: float, cuts: _Cuts) -> Array:
     """Run SLSQP once under the region's constraints and the cuts, with a penalty on missing safety.
 
     With the missing safety as an additional variable every start is feasible, and unattainable demands are approached.
     """
+    objective, region = cuts.objective, cuts.region
     n, scale = len(start), region.boundary.radius
+    # As far as in `markergen.optimize.polish`.
+    reach = np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * scale
     clear = Clearances(region, start, reach, scale)
     softness = SOFTNESS if objective.nonsmooth else 0.0
     known: dict[bytes, tuple[Array, Array]] = {}
@@ -398,8 +386,8 @@ def _polish(
     low[-1], high[-1] = 0.0, np.inf
     end = slsqp(cost, slack, slack_jacobian, x, (low, high), ITERATIONS, 1e-9)
     points = region.project(end[:-1].reshape(1, n, 2) * scale)
-    if record:
-        record("asymmetric", start[None], points)
+    if cuts.record:
+        cuts.record("asymmetric", start[None], points)
     return points[0]
 
 

@@ -1,6 +1,7 @@
 """Read meshes in a child process and reduce them to a plan view: shells, level faces, circles, balls."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -56,26 +57,13 @@ MOST_PARTS, MOST_LEVEL, MOST_SHARED = 20_000, 100_000, 200_000
 """Maximum numbers of shells, of level faces, and of triangles' sides at edges where more than two triangles meet."""
 
 
-@READERS.register(".stl")
-def read_stl(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the triangles of an STL in mm."""
-    return _read("STL", data, name, marker)
-
-
-@READERS.register(".3mf")
-def read_3mf(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the objects in the build of a 3MF, in mm, with the colors of their base materials."""
-    return _read("3MF", data, name, marker)
-
-
-@READERS.register(".glb")
-def read_glb(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the meshes in the scene of a GLB, in mm, marker frame."""
-    return _read("GLB", data, name, marker)
-
-
 def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
+    """Read the triangles of an STL, the objects in the build of a 3MF, or the meshes in the scene of a GLB, in mm."""
     return reading_of(kind, surface_of(triangles_of(kind, data, name), name), marker)
+
+
+for _kind in ("STL", "3MF", "GLB"):
+    READERS.register(f".{_kind.lower()}")(partial(_read, _kind))
 
 
 def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:

@@ -5,6 +5,7 @@ Unlike in other files, place and orientation count: the link's frame has to be t
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser
 
@@ -69,30 +70,17 @@ class Model:
         return self.shown if all(is_closed(each.corners) for each in self.shown) else (self.whole,)
 
 
-@READERS.register(".urdf")
-def read_urdf(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the visuals of a URDF's link."""
-    return _read("URDF", data, name, marker)
-
-
-@READERS.register(".sdf")
-def read_sdf(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the visuals of an SDF's link."""
-    return _read("SDF", data, name, marker)
-
-
-@READERS.register(".mjcf.xml")
-def read_mjcf(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the meshes of an MJCF's body, and the sites on its dots."""
-    return _read("MJCF", data, name, marker)
-
-
 def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
+    """Read what the link of a URDF or SDF shows, or the body of an MJCF with the sites on its dots."""
     model = model_of(kind, data, name)
     read = reading_of(kind, surface_of([model.whole], name), marker)
     points = marker.as_designed.control_points
     wanted = {f"dot-{point.id}": np.array([point.x, point.y, point.z]) for point in points}
     return replace(read, placed=True, flaws=(*model.flaws, *site_flaws(model, wanted), *read.flaws))
+
+
+for _suffix, _kind in ((".urdf", "URDF"), (".sdf", "SDF"), (".mjcf.xml", "MJCF")):
+    READERS.register(_suffix)(partial(_read, _kind))
 
 
 def model_of(kind: str, data: bytes, name: str) -> Model:

@@ -130,5 +130,5 @@ def test_drawings(calibrated):
     }
     for label, draw in maps.items():
         drawn = plot(draw, "map", "a map", "Over the image.")
-        assert label in drawn.svg
-        assert drawn.svg == plot(draw, "map", "a map", "Over the image.").svg
+        assert label in drawn.markup
+        assert drawn.markup == plot(draw, "map", "a map", "Over the image.").markup

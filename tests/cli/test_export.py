@@ -8,6 +8,7 @@ from pathlib import Path
 import pypdfium2
 import pytest
 from PIL import Image
+from refusals import refused
 
 from markergen.cli import main
 from markergen.exporters import EXPORTERS, catalog
@@ -31,14 +32,7 @@ def run(line: str) -> int:
 
 
 def refusal(here: Path, capsys, line: str) -> str:
-    """Status 2, one line, and nothing written."""
-    before = {path: path.read_bytes() for path in here.iterdir()}
-    assert run(line) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    (complaint,) = said.err.splitlines()
-    assert {path: path.read_bytes() for path in here.iterdir()} == before
-    return complaint
+    return refused(here, capsys, "export", *line.split())
 
 
 def test_help_lists_every_suffix_with_a_word_about_it():

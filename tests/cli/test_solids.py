@@ -8,6 +8,7 @@ from math import radians
 from pathlib import Path
 
 import pytest
+from refusals import refused as refusal
 
 from markergen.api.export import choices_of
 from markergen.cli import main
@@ -29,17 +30,6 @@ def here(tmp_path, monkeypatch, make_ngon) -> Path:
 
 def export(line: str) -> int:
     return main(["export", "marker.json", *line.split()])
-
-
-def refusal(here: Path, capsys, *words: str) -> str:
-    """Status 2, one line, and nothing written."""
-    before = {path: path.read_bytes() for path in here.iterdir()}
-    assert main(list(words)) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    (complaint,) = said.err.splitlines()
-    assert {path: path.read_bytes() for path in here.iterdir()} == before
-    return complaint
 
 
 def test_what_is_said_of_the_plate_takes_the_place_of_what_the_file_says(here):

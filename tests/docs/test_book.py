@@ -58,3 +58,27 @@ def test_every_public_name_is_in_the_api(book):
     page = (book / "api.html").read_text(encoding="utf-8")
     shown = set(re.findall(r'<h3 id="markergen\.([\w.]+)"', page))
     assert shown >= set(markergen.__all__)
+
+
+def test_getting_started_runs_as_it_stands(tmp_path):
+    """Its photographs are rendered, by the example that measures a bad print."""
+    commands = re.findall(r"^    (markergen .+)$", (ROOT / "docs" / "start.md").read_text(), re.MULTILINE)
+    assert [line.split()[1] for line in commands] == [
+        "design",
+        "verify",
+        "rescale",
+        "calibrate",
+        "detect",
+        "validate",
+    ]
+    for line in commands:
+        _, *words = line.split()
+        if words[0] == "calibrate":
+            example = [sys.executable, ROOT / "examples" / "measure_print.py", "marker.json", "print"]
+            subprocess.run(example, cwd=tmp_path, check=True, capture_output=True)
+            (tmp_path / "print" / "photos").rename(tmp_path / "photos")
+        run = [sys.executable, "-m", "markergen", *words]
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written >= set(re.findall(r"\w+\.(?:pdf|json|yaml|html)", " ".join(commands))) | {"seen"}

@@ -270,8 +270,8 @@ def markers(draw, base):
 
 
 @given(st.data())
-def test_a_damaged_value_anywhere_is_one_line_or_harmless(data):
-    content = json.loads((DATA / FULL).read_text())
+def test_a_damaged_value_anywhere_is_one_line_or_harmless(pentagon, data):
+    content = json.loads(data.draw(st.sampled_from([(DATA / FULL).read_text(), to_json(pentagon)])))
     place = content
     while True:
         key = data.draw(st.sampled_from(range(len(place)) if isinstance(place, list) else sorted(place)))

@@ -186,31 +186,6 @@ def test_what_is_wrong_with_a_shape_is_told_with_its_path(l_shaped, path, value,
     assert words in refusal(l_shaped)
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=6,
-)
-
-
-@given(st.data())
-def test_a_damaged_value_anywhere_is_one_line_or_harmless(pentagon, data):
-    content = json.loads(to_json(pentagon))
-    place = content
-    while True:
-        key = data.draw(st.sampled_from(range(len(place)) if isinstance(place, list) else sorted(place)))
-        if not isinstance(place[key], (dict, list)) or not place[key] or data.draw(st.booleans()):
-            break
-        place = place[key]
-    place[key] = data.draw(JSON)
-    message = ""
-    try:
-        from_json(json.dumps(content))
-    except InputError as error:
-        message = str(error)
-    assert "\n" not in message
-
-
 @pytest.mark.parametrize(
     ("number", "words"),
     [("1e999", "1e999"), ("9" * 5000, "99999999999999999..."), ("-" + "9" * 400, "-9999999999999999...")],

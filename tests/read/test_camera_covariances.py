@@ -7,17 +7,9 @@ from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.read.cameras.covariance import read_camera_covariance
 
+FILE = "camera.yaml"
+
 LENS = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.01, 0.0, 0.0)))
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write(text, name="camera.yaml"):
-        path = tmp_path / name
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return write
 
 
 def test_standard_deviations(write):

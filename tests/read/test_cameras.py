@@ -11,6 +11,8 @@ from markergen.model.camera import NO_DISTORTION, PAPER_CAMERA, Camera, Distorti
 from markergen.read.cameras import CAMERA_FORMATS, read_camera
 from markergen.read.cameras.covariance import read_camera_covariance
 
+FILE = "camera.yaml"
+
 # As the tools write them: OpenCV's calibration sample (4 and 5), ROS's camera_calibration, a printed message, Kalibr,
 # COLMAP.
 OPENCV_YAML = """\
@@ -144,16 +146,6 @@ COLMAP_TXT = """\
 """
 COLMAP_LINE = COLMAP_TXT.splitlines()[-1]
 PLAIN = {"width": 640, "height": 480, "fx": 800.0, "fy": 801.5, "cx": 320.0, "cy": 240.0}
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write(text, name="camera.yaml"):
-        path = tmp_path / name
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return write
 
 
 def test_opencv_yaml(write):

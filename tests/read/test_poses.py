@@ -24,6 +24,8 @@ from markergen.read.poses.rows import numbers_of_rows
 from markergen.read.spec_file import spec_from_mapping
 from markergen.validation.validation import setting_of
 
+FILE = "poses.txt"
+
 QUATERNION = "tx,ty,tz,qx,qy,qz,qw"
 GOOD = "0,0,1,1,0,0,0"
 
@@ -77,16 +79,6 @@ WRITERS = {
     "blanks": lambda r, t: as_csv(r, t, " "), "vectors": as_vectors, "matrices": as_matrices, "json": as_json,
     "tum": as_tum, "colmap": as_colmap,
 }  # fmt: skip
-
-
-@pytest.fixture
-def write(tmp_path):
-    def writer(text, name="poses.txt"):
-        path = tmp_path / name
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return writer
 
 
 @pytest.mark.parametrize("kind", WRITERS)

@@ -6,14 +6,13 @@ and words that the first sentence of those kinds has.
 
 import ctypes
 import re
-from io import BytesIO, StringIO
+from io import StringIO
 
 import cv2
 import ezdxf
 import numpy as np
-import pypdfium2 as pdfium
 import pypdfium2.raw as raw
-from spoiled_files import png
+from spoiled_files import png, rewritten
 
 DPI = 200
 DOT = re.compile(r'<circle id="dot-2"[^>]*/>')
@@ -85,17 +84,7 @@ SVG = {
 def pages(change):
     """Change every page of a PDF through PDFium."""
 
-    def changed(data):
-        document = pdfium.PdfDocument(data)
-        for page in document:
-            change(page)
-            page.gen_content()
-        out = BytesIO()
-        document.save(out)
-        document.close()
-        return out.getvalue()
-
-    return changed
+    return lambda data: rewritten(data, change)
 
 
 def objects(page):

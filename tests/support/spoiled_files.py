@@ -12,6 +12,18 @@ import pypdfium2 as pdfium
 import pypdfium2.raw as raw
 
 
+def rewritten(data, change):
+    """A PDF with every page changed through PDFium."""
+    document = pdfium.PdfDocument(data)
+    for page in document:
+        change(page)
+        page.gen_content()
+    out = BytesIO()
+    document.save(out)
+    document.close()
+    return out.getvalue()
+
+
 class Spoiler:
     """Spoils files of one marker, sheets of pixels at `dpi`."""
 
@@ -42,13 +54,7 @@ class Spoiler:
 
     def _pdf_streams(self, data, change):
         """The PDF with another content stream on every page, as an update behind the old file."""
-        document = pdfium.PdfDocument(data)
-        for page in document:
-            change(page)
-            page.gen_content()
-        out = BytesIO()
-        document.save(out)
-        return out.getvalue()
+        return rewritten(data, change)
 
     def _pdf_mapped(self, data, x, y):
         def change(page):

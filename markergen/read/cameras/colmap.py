@@ -37,10 +37,6 @@ _LENGTHS = {"none": 0, "radtan": 4, "rational": 8, "equidistant": 4}
 _CAMERA = re.compile(r"\d+\s+[A-Z][A-Z0-9_]*\s")
 
 
-def _fits(document: Document) -> bool:
-    return bool(document.lines) and _CAMERA.match(document.lines[0]) is not None
-
-
 def _read(document: Document, choice: str | None) -> Camera:
     numbers = [line.split(maxsplit=1)[0] for line in document.lines]
     rows = dict(zip(numbers, document.lines, strict=True))
@@ -101,10 +97,6 @@ def _table(document: Document, choice: str | None) -> Fields:
     return Fields(document.name, values)
 
 
-def _holds(record: CameraRecord) -> bool:
-    return record.camera.distortion.model in _LENGTHS
-
-
 def _write(record: CameraRecord, ending: str) -> str:
     del ending
     record = without_k3(record)
@@ -129,11 +121,11 @@ def _write(record: CameraRecord, ending: str) -> str:
 CAMERA_FORMATS.register("colmap")(
     CameraFormat(
         "lines of CAMERA_ID MODEL WIDTH HEIGHT PARAMS",
-        _fits,
+        lambda document: bool(document.lines) and _CAMERA.match(document.lines[0]) is not None,
         _read,
         _table,
         ("cameras.txt", ".colmap.txt"),
-        _holds,
+        lambda record: record.camera.distortion.model in _LENGTHS,
         _write,
     )
 )

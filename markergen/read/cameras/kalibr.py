@@ -15,10 +15,6 @@ def _names(document: Document) -> list[str]:
     return [key for key, value in document.fields.values.items() if _NAME.fullmatch(key) and isinstance(value, dict)]
 
 
-def _fits(document: Document) -> bool:
-    return bool(_names(document))
-
-
 def _table(document: Document, choice: str | None) -> Fields:
     names = _names(document)
     name = "cam0" if choice is None else choice
@@ -80,7 +76,7 @@ def _write(record: CameraRecord, ending: str) -> str:
 CAMERA_FORMATS.register("kalibr")(
     CameraFormat(
         "cam0 with camera_model, intrinsics, resolution",
-        _fits,
+        lambda document: bool(_names(document)),
         _read,
         _table,
         (".kalibr.yaml", ".kalibr.yml"),

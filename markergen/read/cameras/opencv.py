@@ -37,10 +37,6 @@ def _table(document: Document, choice: str | None) -> Fields:
     return document.fields
 
 
-def _holds(record: CameraRecord) -> bool:
-    return record.camera.distortion.model in LENSES
-
-
 def _write(record: CameraRecord, ending: str) -> str:
     camera = record.camera
     values = {
@@ -102,7 +98,7 @@ CAMERA_FORMATS.register("opencv")(
         _read,
         _table,
         (".yaml", ".yml", ".xml", ".json"),
-        _holds,
+        lambda record: record.camera.distortion.model in LENSES,
         _write,
     )
 )

@@ -7,12 +7,12 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fiducials import FiducialDetection
+from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import cell_outlines, to_plane
 from markergen.validation.contestants.base import KINDS, Arena, Kind
-from markergen.validation.contestants.printed import Grey, Lattice, Printed, enlarged, grid_size, ours
+from markergen.validation.contestants.printed import Grey, Lattice, Printed, grid_size, ours
 
 Array = NDArray[np.float64]
 

@@ -8,21 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fiducials import FiducialDetection
+from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
 from markergen.model.camera import Camera
 from markergen.validation.contestants.base import KINDS, Arena, Kind
-from markergen.validation.contestants.printed import (
-    Grey,
-    Printed,
-    disk_outlines,
-    enlarged,
-    grid_size,
-    lm_pose,
-    ours,
-    share_of,
-)
+from markergen.validation.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
 
 Array = NDArray[np.float64]
 

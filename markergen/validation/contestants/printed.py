@@ -143,16 +143,6 @@ def disk_outlines(centers: Array, radius: float, scale_px: float) -> tuple[Array
     return tuple(center + rim for center in centers)
 
 
-def enlarged(image: Grey, factor: int) -> Grey:
-    """Enlarge an image (h, w) by cubic interpolation; see `ours` for its pixels."""
-    if factor == 1:
-        return image
-    import cv2
-
-    height, width = image.shape
-    return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
-
-
 def ours(pixels: Array, factor: int) -> Array:
     """Convert pixels (..., 2) of an enlarged image: the corner of the top left pixel, (-0.5, -0.5), stays in place."""
     return np.asarray((pixels + 0.5) / factor - 0.5, dtype=float)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fiducials import FiducialDetection
+from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.validation.contestants.base import KINDS, Arena, Kind
-from markergen.validation.contestants.printed import Grey, enlarged, ours
+from markergen.validation.contestants.printed import Grey, ours
 from markergen.validation.contestants.tags import SquareTag, tag_in
 
 Array = NDArray[np.float64]

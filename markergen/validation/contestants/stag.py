@@ -11,13 +11,13 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fiducials import FiducialDetection
+from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera
 from markergen.model.tag import UNITS
 from markergen.validation.contestants.base import KINDS, Arena, Kind
-from markergen.validation.contestants.printed import Grey, Lattice, Printed, enlarged, ours
+from markergen.validation.contestants.printed import Grey, Lattice, Printed, ours
 
 Array = NDArray[np.float64]
 

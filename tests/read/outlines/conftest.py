@@ -9,16 +9,6 @@ from markergen.read.outlines.reader import read_outline
 
 
 @pytest.fixture
-def write(tmp_path):
-    def write(content, name="drawing"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
-@pytest.fixture
 def refused(write):
     """Words of the one line that reading ends with."""
 
