@@ -177,7 +177,7 @@ async function see() {
     by("view").src = URL.createObjectURL(await answer.blob());
     if (old.startsWith("blob:")) URL.revokeObjectURL(old);
     const { tilt, azimuth, distance } = (body ? body.look : look).poses;
-    const words = tilt ? `Rendered from ${distance[picked].toFixed(2)} m, tilted ${tilt[picked].toFixed(0)} deg, azimuth ${azimuth[picked].toFixed(0)} deg.` : "Rendered.";
+    const words = tilt ? `Rendered from ${distance[picked].toFixed(2)} m, tilted ${tilt[picked].toFixed(0)} deg${tilt[picked] < 0.5 ? "" : `, azimuth ${azimuth[picked].toFixed(0)} deg`}.` : "Rendered.";
     by("view").alt = `Camera image of the marker. ${words}`;
     by("view").hidden = false;
     by("view-note").textContent = words;
