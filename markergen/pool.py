@@ -188,6 +188,9 @@ class Worker:
 
 def _started(luggage: Luggage, daemon: bool = False) -> tuple[Connection, SpawnProcess]:
     """Start a worker, a daemon if it is to end with this process; return our end of its pipe, too."""
+    # Workers inherit sys.path, which while another thread imports OpenCV begins with a folder that has a "typing".
+    import cv2  # noqa: F401
+
     # A fresh interpreter, because fork would copy locks that threads of BLAS and OpenCV may hold at that moment.
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()

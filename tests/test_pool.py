@@ -129,6 +129,30 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
     assert (ran.stdout, ran.stderr) == (f"runs\n[6, 24] None {tmp_path / 'script.py'}\n", "")
 
 
+def test_a_worker_starts_while_another_thread_imports_opencv(tmp_path):
+    """OpenCV puts its own folder, in which there is a `typing`, first in sys.path while it is imported."""
+    (tmp_path / "cv2").mkdir()
+    (tmp_path / "cv2" / "typing.py").write_text('raise ImportError("not the typing of Python")\n')
+    (tmp_path / "cv2" / "__init__.py").write_text(
+        "import sys, time\n"
+        "before, setNumThreads = sys.path[:], int\n"
+        "sys.path.insert(0, __path__[0])\n"
+        "sys.importing = True\n"
+        "time.sleep(0.3)\n"
+        "sys.path[:] = before\n"
+    )
+    script = (
+        "import math, sys, threading\n"
+        "from markergen.pool import Worker\n"
+        'threading.Thread(target=__import__, args=("cv2",)).start()\n'
+        'while not hasattr(sys, "importing"):\n'
+        "    pass\n"
+        "print(Worker()(math.factorial, 4))\n"
+    )
+    ran = run_file(tmp_path / "script.py", script)
+    assert (ran.stdout, ran.stderr) == ("24\n", "")
+
+
 def test_what_a_script_defines_reaches_the_workers_and_ctrl_c_does_not(tmp_path):
     script = (
         "import signal\n"
