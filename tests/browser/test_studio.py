@@ -2,11 +2,13 @@
 
 import json
 import re
+import shutil
 import socket
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -153,6 +155,9 @@ def test_dots_are_added_moved_and_removed_by_keyboard_and_mouse(studio):
     last.focus()
     studio.page.keyboard.press("Delete")
     assert studio.dots() == 5
+    studio.page.click("[data-mode=remove]")
+    studio.page.locator("#canvas .dot").nth(2).click()
+    assert studio.dots() == 4
 
 
 def test_numbers_can_be_typed(studio):
@@ -208,6 +213,19 @@ def test_a_search_can_be_stopped(studio):
     assert studio.state() == before
 
 
+def test_a_search_ends_when_the_design_is_changed(studio):
+    number = studio.page.get_by_label("n", exact=True)
+    number.fill("20")
+    studio.page.keyboard.press("Tab")
+    studio.page.click("#optimize")
+    studio.page.wait_for_selector("#optimize:text-is('Stop')")
+    number.fill("7")
+    studio.page.keyboard.press("Tab")
+    studio.page.wait_for_selector("#optimize:text-is('Optimize')")
+    assert studio.dots() == 7
+    assert studio.state() == {"n": "7"}
+
+
 def test_files_are_opened(studio, tmp_path):
     mg.design(n=7, radius="80mm", restarts=2).marker.save(tmp_path / "seven.json")
     studio.give(tmp_path / "seven.json")
@@ -225,6 +243,43 @@ def test_files_are_opened(studio, tmp_path):
     assert studio.state()["boundary"]["kind"] == "polygon"
 
 
+@pytest.mark.parametrize("use", ["boundary", "keep_out"])
+def test_drawings_are_dropped(studio, use):
+    side = 200 if use == "boundary" else 20
+    studio.page.evaluate(
+        """([side]) => {
+          const held = new DataTransfer(), box = `width="${side}mm" height="${side}mm" viewBox="0 0 ${side} ${side}"`;
+          const path = `<path d="M0,0 h${side} v${side} h-${side} z"/>`;
+          const text = `<svg xmlns="http://www.w3.org/2000/svg" ${box}>${path}</svg>`;
+          held.items.add(new File([text], "plate.svg", {type: "image/svg+xml"}));
+          for (const name of ["dragenter", "drop"]) {
+            const looks = {dataTransfer: held, bubbles: true, cancelable: true};
+            document.body.dispatchEvent(new DragEvent(name, looks));
+          }
+        }""",
+        [side],
+    )
+    studio.page.click(f"#drop button[value={use}]")
+    studio.until("() => document.getElementById('said').textContent.startsWith('plate.svg')")
+    shape = studio.state()[use]
+    assert (shape if use == "boundary" else shape[0])["kind"] == "polygon"
+
+
+def test_a_drawing_whose_use_is_not_chosen_changes_nothing(studio, tmp_path):
+    drawing = '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
+    (tmp_path / "plate.svg").write_text(drawing + '<path d="M20,20 h200 v160 h-200 z"/></svg>')
+    studio.give(tmp_path / "plate.svg")
+    studio.page.click("#drop button[value=boundary]")
+    studio.page.wait_for_selector("#clear:not([hidden])")
+    studio.page.click("#undo")
+    before = studio.state()
+    studio.give(tmp_path / "plate.svg")
+    studio.page.wait_for_selector("#drop[open]")
+    studio.page.keyboard.press("Escape")
+    studio.page.wait_for_selector("#drop", state="hidden")
+    assert studio.state() == before
+
+
 def test_regions_are_drawn(studio):
     box = studio.page.locator("#canvas svg").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -237,6 +292,28 @@ def test_regions_are_drawn(studio):
     assert len(studio.state()["keep_out"]) == 1
     studio.page.click("#clear")
     studio.page.wait_for_selector("#canvas .out", state="detached")
+
+
+@pytest.mark.parametrize("mode", ["room", "keep"])
+def test_circles_are_drawn_from_their_center(studio, mode):
+    box = studio.page.locator("#canvas svg").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    studio.page.click(f"[data-mode={mode}]")
+    studio.page.mouse.move(x, y)
+    studio.page.mouse.down()
+    studio.page.mouse.move(x + 60, y, steps=3)
+    studio.page.mouse.move(x + 60, y + 80, steps=3)
+    studio.page.mouse.up()
+    studio.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
+    # 100 px of a drawing that shows 1.12 times the room, whose radius is 150 mm.
+    radius = 100 * 2 * 1.12 * 0.15 / min(box["width"], box["height"])
+    state = studio.state()
+    if mode == "room":
+        assert float(state["radius"].removesuffix("mm")) == pytest.approx(1e3 * radius, rel=0.01)
+    else:
+        (circle,) = state["keep_out"]
+        assert circle["radius"] == pytest.approx(radius, rel=0.01)
+        assert studio.page.locator("#canvas .out").count() == 1
 
 
 def test_a_photograph_is_searched(studio, tmp_path):
@@ -366,7 +443,7 @@ def test_two_tabs_are_independent_and_the_address_holds_the_design(studio, addre
     assert studio.degrees() == moved
 
 
-def test_a_server_that_goes_leaves_the_design_and_is_found_again(chromium):
+def test_a_server_that_goes_leaves_the_design(chromium):
     port = free_port()
     context = chromium.new_context()
     page = context.new_page()
@@ -379,6 +456,20 @@ def test_a_server_that_goes_leaves_the_design_and_is_found_again(chromium):
     page.wait_for_selector("#gone:not([hidden])")
     assert studio.state()["points"]
     context.close()
+
+
+def test_a_server_that_is_out_of_reach_for_a_while_is_found_again(refusing):
+    before = refusing.degrees()
+    refusing.page.context.set_offline(True)
+    refusing.page.locator("#canvas .dot").nth(1).focus()
+    refusing.page.keyboard.press("Shift+ArrowDown")
+    refusing.page.wait_for_selector("#gone:not([hidden])")
+    assert refusing.degrees() == before
+    refusing.page.context.set_offline(False)
+    refusing.page.wait_for_selector("#gone", state="hidden")
+    refusing.until("() => document.getElementById('plan') && document.querySelector('main').ariaBusy === 'false'")
+    assert refusing.degrees() != before
+    assert "points" in refusing.state()
 
 
 def test_numbers_follow_a_dragged_dot_within_a_tenth_of_a_second(studio, record_property):
@@ -430,3 +521,13 @@ def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
         assert page.evaluate("() => document.documentElement.scrollWidth") <= 400
         first = page.locator("#canvas svg").bounding_box()
         assert first["width"] >= 330
+
+
+def test_its_scripts_are_well_formed():
+    node = shutil.which("node")
+    if not node:
+        pytest.skip("no node in the path")
+    scripts = [each for each in (files("markergen.studio") / "static").iterdir() if each.name.endswith(".js")]
+    assert scripts
+    for script in scripts:
+        subprocess.run([node, "--input-type=module", "--check"], input=script.read_bytes(), check=True)

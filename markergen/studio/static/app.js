@@ -54,6 +54,7 @@ function become(state, step = true) {
   if (step && before !== after) {
     past = [...past, before].slice(-KEPT);
     future = [];
+    search?.abort();
   }
   options = JSON.parse(after);
   stands(null);
@@ -238,12 +239,12 @@ function changed(name, value) {
   become(next);
 }
 
-function drawn(mode, outline) {
-  const shape = { kind: "polygon", outlines: [outline] };
+function drawn(mode, shape) {
   if (mode === "keep") become({ ...options, keep_out: [...[options.keep_out || []].flat(), shape] });
   else {
-    const { radius, points, ...others } = sizeless(options);
-    become({ ...others, n: others.n || look.dots.length, boundary: shape });
+    // The marker's origin is the center of its room.
+    const { radius, boundary, points, ...others } = sizeless(options), room = shape.kind === "circle" ? { radius: `${mm(shape.radius)}mm` } : { boundary: shape };
+    become({ ...others, n: others.n || look.dots.length, ...room });
   }
   pick("move");
 }
@@ -251,8 +252,9 @@ function drawn(mode, outline) {
 const HINTS = {
   move: "Drag a dot, or Tab to it and use the arrow keys: 1 mm, with Shift 10 mm, with Alt 0.1 mm; Delete removes it.",
   add: "Click where a dot should be.",
-  room: "Click the corners, and the first one again or Enter to close; two opposite corners make a rectangle. Escape starts anew.",
-  keep: "Click the corners of a region without dots, and the first one again or Enter to close; two corners make a rectangle.",
+  remove: "Click a dot to remove it.",
+  room: "Click the corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle. Escape starts anew.",
+  keep: "A region without dots: click its corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle.",
 };
 
 function pick(mode) {
@@ -336,6 +338,7 @@ const opened = {
   options: (answer) => become(answer.options),
   rig: (answer) => stand({ rig: answer.rig }, answer.title),
   boundary: async (answer) => {
+    by("drop").returnValue = "";
     by("drop").showModal();
     await new Promise((done) => by("drop").addEventListener("close", done, { once: true }));
     const use = by("drop").returnValue;

@@ -2,7 +2,7 @@
 
 editor(element, hooks) returns {draw(look), ghost(points), mode(name), dots()}. Lengths are in m, y is up.
 hooks.moving(dots): a dot is on its way; hooks.moved(dots): it is in its place, or dots were added or taken away;
-hooks.drawn(mode, outline): a region was drawn; hooks.said(text): what to tell. */
+hooks.drawn(mode, shape): a region was drawn, a circle or polygon as in a marker.json; hooks.said(text): what to tell. */
 
 import { make, mm } from "./dom.js";
 
@@ -13,7 +13,7 @@ export function editor(element, hooks) {
   const floor = make("g"), layer = make("g"), over = make("g", { "aria-hidden": "true" });
   svg.append(floor, layer, over);
   element.append(svg);
-  let seen = null, dots = [], mode = "move", extent = 0.2, held = null, draft = [], shapes = [];
+  let seen = null, dots = [], mode = "move", extent = 0.2, held = null, draft = [], round = 0, shapes = [];
 
   const point = (event) => {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
@@ -74,7 +74,9 @@ export function editor(element, hooks) {
     const group = make("g", {
       tabindex: 0, role: "button", "aria-roledescription": "movable dot", "aria-description": "Arrow keys move it, Delete removes it",
       pointerdown: (event) => {
-        if (mode !== "move" || event.button) return;
+        if (event.button) return;
+        if (mode === "remove") remove(index);
+        if (mode !== "move") return;
         held = { index, at: point(event), from: { ...dots[index] }, moved: false };
         group.focus({ preventScroll: true });
         svg.setPointerCapture(event.pointerId);
@@ -93,7 +95,7 @@ export function editor(element, hooks) {
       event.preventDefault();
       place();
       hooks.moved(dots);
-    } else if (event.key === "Delete" || event.key === "Backspace") {
+    } else if (["Delete", "Backspace", ...(mode === "remove" ? ["Enter", " "] : [])].includes(event.key)) {
       event.preventDefault();
       remove(index);
     }
@@ -113,12 +115,14 @@ export function editor(element, hooks) {
       dots[index] = { ...dots[index], x: from.x + x - at[0], y: from.y + y - at[1] };
       place();
       hooks.moving(dots);
-    } else if (draft.length) sketch([...draft, point(event)]);
+    } else if (draft.length === 1 && event.buttons) circle(point(event));
+    else if (draft.length) sketch([...draft, point(event)]);
   });
   for (const name of ["pointerup", "pointercancel"]) {
     svg.addEventListener(name, () => {
       if (held?.moved) hooks.moved(dots);
       held = null;
+      if (round && name === "pointerup") finish();
     });
   }
   svg.addEventListener("pointerdown", (event) => {
@@ -132,9 +136,10 @@ export function editor(element, hooks) {
       const [first] = draft;
       if (first && draft.length > 2 && Math.hypot(first[0] - x, first[1] - y) < extent / 25) finish();
       else sketch((draft = [...draft, [x, y]]));
+      svg.setPointerCapture(event.pointerId);
     }
   });
-  svg.addEventListener("dblclick", () => mode === "move" || finish());
+  svg.addEventListener("dblclick", () => draft.length && finish());
   document.addEventListener("keydown", (event) => {
     if (!draft.length) return;
     if (event.key === "Enter") finish();
@@ -142,19 +147,32 @@ export function editor(element, hooks) {
   });
 
   function sketch(outline) {
+    round = 0;
     over.replaceChildren(...(outline.length ? [make("path", { class: "draft", d: d([outline]), "stroke-width": extent / 200 })] : []));
+  }
+
+  /* The first corner is a center where the pointer is dragged away from it. */
+  function circle([x, y]) {
+    const [[cx, cy]] = draft, radius = Math.round(Math.hypot(x - cx, y - cy) / GRID) * GRID;
+    round = radius > extent / 25 ? radius : 0;
+    over.replaceChildren(...(round ? [make("circle", { class: "draft", cx, cy: -cy, r: round, "stroke-width": extent / 200 })] : []));
   }
 
   /* Two corners are those of a rectangle. */
   function finish() {
+    if (round) {
+      const shape = { kind: "circle", radius: round, center: draft[0] };
+      sketch((draft = []));
+      return hooks.drawn(mode, shape);
+    }
     let outline = draft.filter(([x, y], index) => !index || Math.hypot(x - draft[index - 1][0], y - draft[index - 1][1]) > extent / 500);
     if (outline.length === 2) {
       const [[a, b], [c, e]] = outline;
       outline = [[a, b], [c, b], [c, e], [a, e]];
     }
     sketch((draft = []));
-    if (outline.length > 2) hooks.drawn(mode, outline);
-    else hooks.said("A region needs three corners, or two opposite ones of a rectangle.");
+    return outline.length > 2 ? hooks.drawn(mode, { kind: "polygon", outlines: [outline] })
+      : hooks.said("A region needs three corners, or two opposite ones of a rectangle.");
   }
 
   return {
@@ -174,7 +192,7 @@ export function editor(element, hooks) {
     mode(name) {
       mode = name;
       sketch((draft = []));
-      svg.classList.toggle("drawing", name !== "move");
+      svg.classList.toggle("drawing", name !== "move" && name !== "remove");
     },
     remove,
     dots: () => dots,
