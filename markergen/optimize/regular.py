@@ -1,9 +1,10 @@
-"""Regular layouts in a feasible region: polygons, concentric rings, and lattices cut to the region.
+"""Regular layouts in a feasible region: polygons, concentric rings, full rings, and lattices cut to the region.
 
 They are what designs are compared with, and starts of the search.
 """
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ SIZES, HALVINGS = 100, 30
 
 RATIOS = (0.0, 0.35, 0.6, 0.8)
 """Radii of an inner ring, in those of the outer one; 0 places its dots about the center."""
+
+MISSING, STEPS = (0, 1, 2), (1.0, 0.95, 0.9)
+"""Numbers of dots that full rings have less than they hold, and distances between them, in spacings."""
 
 TURNS = np.deg2rad([0.0, 15.0, 30.0, 45.0])
 """Rotations of lattices, and of rings as a whole."""
@@ -47,9 +51,11 @@ def polygons(region: FeasibleRegion, n: int) -> Array:
 def regular_layouts(region: FeasibleRegion, n: int) -> tuple[Array, int]:
     """Feasible regular layouts (B, n, 2) in m, and how many of them are polygons.
 
-    Polygons come first, then two concentric rings, lattices, and a packing where nothing else fits.
+    Polygons come first, then two concentric rings, rings filled from the edge inward where one does not hold all dots,
+    lattices, and a packing where nothing else fits.
     """
-    first, others = polygons(region, n), np.array([*_rings(region, n), *_lattices(region, n)])
+    first = polygons(region, n)
+    others = np.array([*_rings(region, n), *_full_rings(region, n), *_lattices(region, n)])
     others = region.boundary.project(others, region.inset)
     # What has to be pushed far is no longer regular.
     others = region.project(others[region.violation(others) <= PUSHED * region.spacing])
@@ -68,6 +74,30 @@ def _rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
             for shift in (0.0, np.pi / (n - inner)):
                 for turn in _turns(TURNS):
                     yield center + np.concatenate([outside, within @ _turns(np.array([shift]))[0]]) @ turn
+
+
+def _full_rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
+    """Rings filled from the edge inward, the innermost with what is left, aligned and turned by half a step."""
+    spacing, radius = region.spacing, region.boundary.radius - region.inset
+    if not 0 < spacing <= radius or n <= _most_around(radius, spacing):
+        return
+    center = _centers(region)[-1]
+    for missing, step in product(MISSING, STEPS):
+        for turn in (0.0, 0.5):
+            found, size, left = list[Array](), radius, n
+            while left and size > 0:
+                count = min(left, max(1, _most_around(size, spacing) - missing))
+                turned = _turns(np.array([turn * len(found) * 2 * np.pi / count]))[0]
+                found.append(regular_polygon(count, size) @ turned)
+                size, left = size - step * spacing, left - count
+            if not left:
+                yield center + np.concatenate(found)
+
+
+def _most_around(radius: float, spacing: float) -> int:
+    """Number of dots that fit around a circle."""
+    half = spacing / 2 / radius
+    return int(np.pi / np.arcsin(half) + 1e-9) if half < 1 else 1
 
 
 def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:

@@ -218,13 +218,15 @@ def _unreachable(best: Forecast, error: float, spec: Spec, target: Target) -> In
     setting = Setting(spec.boundary, spec.camera, _judged(spec, target))
     budget = marker_budget(best.points, best.diameter, setting, spec.image_noise, sources_of(spec))
     parts = budget.rotation_deg if target.angle else budget.translation
-    rms = {name: float(np.sqrt(np.mean(part**2))) for name, part in parts.items() if name != "total"}
-    limit = max(rms, key=lambda name: rms[name])
+    rms = {name: float(np.sqrt(np.mean(part**2))) for name, part in parts.items()}
+    limit = max((name for name in rms if name != "total"), key=lambda name: rms[name])
+    # The sources are known to first order, the error is sampled.
+    alone = error * rms[limit] / rms["total"]
     names = {"image": "the noise of the image", "print": "the print", "camera": "the calibration"}
     size = f"at radius {format_length(spec.boundary.radius)}" if isinstance(spec.boundary, Circle) else "in this room"
     return InputError(
         f"a marker that reaches {target}",
         f"{target.words(error)} with {best.n} dots of {format_length(best.diameter)} {size}, "
-        f"of which {names[limit]} alone gives {target.words(rms[limit])}",
+        f"of which {names[limit]} alone gives {target.words(alone)}",
         REMEDIES[limit],
     )

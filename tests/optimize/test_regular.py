@@ -29,6 +29,21 @@ def test_in_a_disk_they_are_rings_and_lattices():
     assert np.any(np.ptp(nearest[count:, :, 1], axis=-1) < 1e-9)
 
 
+def test_where_one_ring_does_not_hold_all_dots_full_ones_are_inside_one_another():
+    region = FeasibleRegion(Circle(0.15), 0.04, 0.004)
+    outer, pitch = 0.15 - 0.024, 0.044
+    most = int(np.pi / np.arcsin(pitch / 2 / outer))
+    layouts, count = regular_layouts(region, most + 14)
+    assert count == 0
+    radius = np.sort(np.hypot(*np.moveaxis(layouts, -1, 0)), axis=-1)
+    full = np.ptp(radius[:, -most:], axis=-1) < 1e-9
+    assert full.any()
+    # The next ring is a pitch further in, and the third holds the rest.
+    inside = radius[full][:, :-most]
+    assert np.any(np.abs(inside[:, -1] - (outer - pitch)) < 1e-9)
+    assert np.any(inside[:, 0] < outer - 1.5 * pitch)
+
+
 def test_dots_that_nearly_fill_the_room_have_a_packing(rooms):
     # Nothing regular fits in two squares that hold nine dots.
     region = FeasibleRegion(rooms["two squares"], 0.03, 0.003)

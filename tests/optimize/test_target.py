@@ -1,5 +1,7 @@
 """Targets: the smallest marker that reaches an error, or why none does."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from markergen.model.spec import AUTO, Spec
 from markergen.model.target import parse_target
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
+from markergen.optimize import target as targets
 from markergen.optimize.dot_count import Forecast, marker_budget, sources_of
 from markergen.optimize.target import at_distance, sampled_error, settled
 
@@ -59,3 +62,13 @@ def test_a_target_out_of_reach_names_what_limits():
     with pytest.raises(InputError, match=r"of which the print alone gives 0\.\d+ deg; print better") as error:
         settled(spec)
     assert "in this room" in str(error.value)
+
+
+def test_a_source_alone_gives_no_more_than_all_of_them(monkeypatch):
+    # Where the error is sampled, it may be less than to first order.
+    monkeypatch.setattr(targets, "sampled_error", lambda *_: 0.02)
+    spec = Spec(n=AUTO, boundary=Circle(0.06), poses=NEAR, target="0.01deg@0.6m", dot=0.012)
+    with pytest.raises(InputError) as error:
+        settled(spec)
+    found = re.search(r"found 0\.02 deg with .* the print alone gives (0\.\d+) deg", str(error.value))
+    assert 0.015 < float(found[1]) <= 0.02
