@@ -355,9 +355,10 @@ def test_a_rig_on_the_command_line_stands_with_its_errors(opened, tmp_path):
     mg.rig("pair", n=4, plate="100mm", restarts=1).rig.save(tmp_path / "rig.json")
     with (
         serving(free_port(), tmp_path / "rig.json") as address,
-        opened(address, lambda url: url.startswith((address, "blob:"))) as page,
+        opened(address, lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page,
     ):
         page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')")
+        assert obstacles(page) == []
         assert page.locator("#body-note").inner_text().startswith("rig.json. Expect ")
         assert "rotation error" in page.locator("#dome .dome-said").inner_text()
         page.locator("#stage canvas").focus()
@@ -504,14 +505,23 @@ def test_numbers_follow_a_dragged_dot_within_a_tenth_of_a_second(studio, record_
         assert median < (LIVE_MS if count == 5 else 2 * LIVE_MS)
 
 
+def obstacles(page):
+    """What axe finds that keeps somebody from using the page."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe: make test-browser installs it")
+    found = axe.Axe().run(page).response["violations"]
+    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in found]
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_everyone_can_use_it(address, opened, scheme):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe: make test-browser installs it")
     with opened(address, lambda url: url.startswith((address, "blob:")), color_scheme=scheme, bypass_csp=True) as page:
         page.wait_for_selector("body[data-rested]", timeout=60_000)
         page.click("#table summary")
-        found = axe.Axe().run(page).response["violations"]
-        assert not [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in found]
+        assert obstacles(page) == []
+        page.select_option("#theme", "light" if scheme == "dark" else "dark")
+        assert obstacles(page) == []
+        page.set_viewport_size({"width": 400, "height": 800})
+        assert obstacles(page) == []
 
 
 def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
@@ -531,3 +541,33 @@ def test_its_scripts_are_well_formed():
     assert scripts
     for script in scripts:
         subprocess.run([node, "--input-type=module", "--check"], input=script.read_bytes(), check=True)
+
+
+def test_the_keyboard_alone_is_enough(studio):
+    reached = []
+    for _ in range(40):
+        studio.page.keyboard.press("Tab")
+        name = studio.page.evaluate(
+            "() => { const on = document.activeElement; return on.id || on.dataset.mode || on.getAttribute('aria-label'); }"
+        )
+        reached.append(name)
+        if name == "optimize":
+            break
+    assert reached[-1] == "optimize"
+    number = studio.page.get_by_label("n", exact=True)
+    number.focus()
+    studio.page.keyboard.type("6")
+    studio.page.keyboard.press("Enter")
+    assert studio.dots() == 6
+    # The drawing comes after its tools; Tab goes through its dots one by one.
+    studio.page.locator("[data-mode=keep]").focus()
+    studio.page.keyboard.press("Tab")
+    for index in range(6):
+        label = studio.page.evaluate("() => document.activeElement.getAttribute('aria-label')")
+        assert label.startswith(f"dot {index}")
+        if index < 5:
+            studio.page.keyboard.press("Tab")
+    studio.page.keyboard.press("Delete")
+    assert studio.dots() == 5
+    studio.page.keyboard.press("Control+z")
+    assert studio.dots() == 6

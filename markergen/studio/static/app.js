@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, lines, make, mm } from "./dom.js";
+import { Gone, Refused, ask, by, lines, make, mm, sentence } from "./dom.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
 import { form } from "./options.js";
@@ -132,7 +132,7 @@ function show() {
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
   if (by("table").open) listed();
-  by("problems").replaceChildren(...look.problems.map((each) => make("li", {}, `${each.line[0].toUpperCase()}${each.line.slice(1)}.`)));
+  by("problems").replaceChildren(...look.problems.map((each) => make("li", {}, sentence(each.line))));
   if (!search) said(look.start ? "A regular polygon to start from. Optimize searches for the best layout; or move the dots." : "");
   document.title = `${look.dots.length} dots - markergen studio`;
   document.body.dataset.shown = shown;
