@@ -548,7 +548,7 @@ def test_the_keyboard_alone_is_enough(studio):
     for _ in range(40):
         studio.page.keyboard.press("Tab")
         name = studio.page.evaluate(
-            "() => { const on = document.activeElement; return on.id || on.dataset.mode || on.getAttribute('aria-label'); }"
+            "() => (({ id, dataset, ariaLabel }) => id || dataset.mode || ariaLabel)(document.activeElement)"
         )
         reached.append(name)
         if name == "optimize":

@@ -348,8 +348,8 @@ const opened = {
     return become({ ...others, n: others.n || look.dots.length, boundary: answer.boundary });
   },
   camera: (answer) => {
-    camera = answer.camera;
-    return become({ ...options, camera });
+    camera = { camera: answer.camera, camera_covariance: answer.camera_covariance };
+    return become({ ...options, ...camera });
   },
   poses: (answer) => become({ ...options, poses: answer.poses }),
   points: (answer) => {
@@ -372,7 +372,7 @@ async function take(files) {
       told(error instanceof Refused ? new Refused({ ...error.found, line: `${file.name}: ${error.message}` }) : error);
     }
   }
-  if (pictures.length) await photographs(by("photos"), pictures, () => ({ ...about(), ...(camera ? { camera } : {}) })).catch(told);
+  if (pictures.length) await photographs(by("photos"), pictures, () => ({ ...about(), ...camera })).catch(told);
 }
 
 async function download() {
