@@ -4,7 +4,9 @@ python -m docs.picture_of_the_studio templates/robot-flange.toml docs/images/stu
 """
 
 import argparse
+import os
 import re
+import shutil
 import subprocess
 import sys
 from io import BytesIO
@@ -55,7 +57,7 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("light", type=Path)
     parser.add_argument("dark", type=Path)
-    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    parser.add_argument("--chromium", default=os.environ.get("CHROMIUM") or shutil.which("chromium"))
     given = parser.parse_args()
     command = [sys.executable, "-m", "markergen", "studio", str(given.file), "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

@@ -87,6 +87,7 @@ function buttons() {
 
 /* --- what the state is worth ---------------------------------------------------------------------------------- */
 
+const PAGE = crypto.randomUUID();
 let asked = 0, shown = 0, running = false, again = false, timer = null, slow = null;
 
 /* One request at a time; the newest state is asked for when the last answer is there. */
@@ -148,7 +149,7 @@ async function rest() {
   facts.later(null);
   slow = new AbortController();
   try {
-    facts.later(await (await ask("more", { options: look.options }, { signal: slow.signal })).json());
+    facts.later(await (await ask("more", { options: look.options, page: PAGE }, { signal: slow.signal })).json());
     document.body.dataset.rested = shown;
   } catch (error) {
     if (error instanceof Refused) facts.failed(error.message);
@@ -234,6 +235,7 @@ function changed(name, value) {
   if (name === "n" || name === "target") delete next.points;
   else if (next.points && options.dot && name !== "dot") next.dot = options.dot;
   if (name === "points") delete next.n;
+  if (name === "camera") delete next.camera_covariance;
   if (name === "radius" && value !== null) delete next.boundary;
   if (name === "boundary" && value !== null) delete next.radius;
   become(next);
