@@ -12,7 +12,7 @@ from markergen.model.rig import planned_print
 from markergen.read.templates import templates
 
 FOUND = {template.name: template for template in overview().templates}
-QUICK = "desk-a4"
+QUICK = "instrument-plate"
 PAGE = (Path(__file__).parents[2] / "docs" / "templates.md").read_text()
 
 
