@@ -1,6 +1,6 @@
 """Take a picture of a marker that was exported as GLB: sun, open sky, and a table under it.
 
-python docs/picture_of_a_solid.py marker.glb solid.png
+python -m docs.picture_of_a_solid marker.glb solid.png
 """
 
 import argparse

@@ -1,8 +1,10 @@
-"""The only parser of lengths, for user input; internally, all lengths are in meters."""
+"""The only parsers of lengths and of named numbers, for user input; internally, all lengths are in meters."""
 
 import math
 import re
+from collections.abc import Iterable
 from decimal import Decimal
+from difflib import get_close_matches
 
 from markergen.errors import InputError
 
@@ -47,3 +49,30 @@ def format_length(meters: float) -> str:
     ('36 mm', '1.5 m')
     """
     return f"{meters * 1e3:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"
+
+
+def parse_settings(text: str, known: Iterable[str], what: str) -> dict[str, float]:
+    """Parse named numbers such as ``blur_px=1.5,noise_grey=4``; empty text names none.
+
+    Raises
+    ------
+    InputError
+        If a name is not a known one, or given twice, or its value is not a number.
+
+    Examples
+    --------
+    >>> parse_settings("blur_px=1.5, bits=12", ("blur_px", "bits"), "optics")
+    {'blur_px': 1.5, 'bits': 12}
+    """
+    names, values = list(known), dict[str, float]()
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if name not in names or name in values:
+            near = get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]!r}? Known: " if near and name not in values else "name each once; known: "
+            raise InputError(f"{what} as name=value,...", repr(part), hint + ", ".join(names))
+        try:
+            values[name] = int(value) if value.isdecimal() else float(value)
+        except ValueError:
+            raise InputError(f"a number for {name}", repr(part), f"write {name}= and a number") from None
+    return values

@@ -47,8 +47,10 @@ TYPES: dict[str, Any] = {
     "str": str,
     "bool": bool,
     "length": float,
-    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses", "layout"), str),
-    "file": Path,
+    **dict.fromkeys(
+        ("int or auto", "length or auto", "length or fit", "shape", "camera", "poses", "settings", "layout"), str
+    ),
+    **dict.fromkeys(("file", "covariance"), Path),
     "files": list[Path],
     **dict.fromkeys(("texts", "shapes"), list[str]),
 }

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     TargetLike: TypeAlias = MarkerLike | Rig
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
+    Covariance = str | PathLike[str] | Sequence[Sequence[float]] | NDArray[Any]
+    Settings = str | Mapping[str, float]
     Layout = str | PathLike[str] | Sequence[Sequence[float | str]] | NDArray[Any]
 else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind, one of `ACCEPTED`.
@@ -56,6 +58,8 @@ else:
     TargetLike = Annotated[object, "marker or rig"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
+    Covariance = Annotated[object, "covariance"]
+    Settings = Annotated[object, "settings"]
     Layout = Annotated[object, "layout"]
 
 Progress = Callable[[str, int, int], None]
@@ -78,6 +82,8 @@ ACCEPTED = {
     "marker or rig": "Marker | Rig | str | Path | dict",
     "camera": "Camera | str | Path | dict",
     "poses": "str | Path | PoseDistribution",
+    "covariance": "str | Path | array",
+    "settings": "str | dict",
     "layout": "str | Path | array",
 }
 """Accepted types for each kind of value, as ``help()`` and editors show them."""
@@ -383,11 +389,25 @@ def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, s
     return read_all
 
 
+def _covariance(value: Any, name: str) -> Any:
+    rows = value.tolist() if hasattr(value, "tolist") else value
+    try:
+        return rows if isinstance(rows, list | tuple) and rows else _file(rows, name)
+    except InputError:
+        raise _wrong("a path, standard deviations, or rows of a covariance") from None
+
+
 def _layout(value: Any, _: str) -> Any:
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str | os.PathLike | list | tuple):
         return value
     raise _wrong("a layout: a text such as '0mm,50mm; -40mm,-30mm; ...', a CSV file, or rows of x, y")
+
+
+def _settings(value: Any, _: str) -> Any:
+    if isinstance(value, str | Mapping):
+        return value
+    raise _wrong("named numbers: a text such as 'blur_px=1.5,noise_grey=4', or a dictionary")
 
 
 def _thing(expected: str) -> Callable[[Any, str], Any]:
@@ -417,6 +437,8 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "shape": _thing(_SHAPE),
     "shapes": _several(_thing(_SHAPE), _SHAPE + ", or a list of them"),
     "camera": _thing("a camera, a path, or a dictionary"),
+    "settings": _settings,
+    "covariance": _covariance,
     "layout": _layout,
     "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
 }

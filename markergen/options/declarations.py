@@ -19,6 +19,7 @@ from markergen.options import (
     SOLID,
     TRIALS,
     VIEW,
+    Covariance,
     File,
     Files,
     IntOrAuto,
@@ -28,6 +29,7 @@ from markergen.options import (
     LengthOrFit,
     Option,
     Poses,
+    Settings,
     Shape,
     Shapes,
     Texts,
@@ -144,6 +146,16 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             metavar="NAME",
         ),
     ]
+    image_noise: Annotated[
+        Settings,
+        Option(
+            VIEW,
+            "Image quality that --noise-model image and --dot auto count on: standard deviations of the blur, px, "
+            "and of the noise, grey levels, and these between dot and ground.",
+            otherwise="blur_px=0.7,noise_grey=2,contrast=195",
+            metavar="NAME=VALUE,...",
+        ),
+    ]
     print_sigma: Annotated[
         Length,
         Option(
@@ -162,7 +174,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     camera_covariance: Annotated[
-        File,
+        Covariance,
         Option(
             VIEW,
             "Covariance of the camera's parameters for --n auto and --target, as for markergen validate.",

@@ -2,11 +2,24 @@
 
 from typing import Annotated, TypedDict
 
-from markergen.options import ERRORS, RUN, SEARCH, SHEET, SOLID, VIEW, CameraLike, File, Length, Option, Shape, Texts
+from markergen.options import (
+    ERRORS,
+    RUN,
+    SEARCH,
+    SHEET,
+    SOLID,
+    VIEW,
+    CameraLike,
+    Covariance,
+    Length,
+    Option,
+    Shape,
+    Texts,
+)
 
 Printed = Annotated[Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")]
 Calibrated = Annotated[
-    File,
+    Covariance,
     Option(
         ERRORS,
         "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ..., or none: take the calibration as exact.",

@@ -39,7 +39,7 @@ from markergen.read.layout import is_table, layout_of, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
-from markergen.units import parse_length
+from markergen.units import parse_length, parse_settings
 
 
 def _length(value: object) -> float:
@@ -119,6 +119,16 @@ def _holes(key: str, texts: object) -> list[Hole]:
         return [hole for text in every for hole in HOLES[key](text if isinstance(text, str) else brief(text))]
     except InputError as error:
         raise ValueError(f"{key}: {error}") from None
+
+
+def _quality(value: object) -> object:
+    """Image quality, from text as on the command line or a table as it is."""
+    try:
+        return (
+            parse_settings(value, ImageNoiseTable.model_fields, "an image quality") if isinstance(value, str) else value
+        )
+    except InputError as error:
+        raise ValueError(str(error)) from None
 
 
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
@@ -227,9 +237,10 @@ KINDS: dict[str, Any] = {
     "length or fit": Annotated[float, BeforeValidator(_radius)],
     "shape": Shape,
     "shapes": list[Shape],
-    "file": Any,
+    "covariance": Any,
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(stated_poses)],
+    "settings": Annotated[ImageNoiseTable, BeforeValidator(_quality)],
     "layout": Annotated[Any, BeforeValidator(layout_of)],
 }
 """Type of each kind of option, once the files that it names have been read."""
@@ -246,7 +257,6 @@ _SpecFile: Any = create_model(
     "_SpecFile",
     __base__=_Table,
     title=(str, ABSENT),
-    image_noise=(ImageNoiseTable, ABSENT),
     substrate=(Plate, ABSENT),
     **_DECLARED,
 )
@@ -405,13 +415,14 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "length": _LENGTH,
     "length or auto": _LENGTH,
     "int or auto": {"anyOf": [{"type": "integer"}, {"const": "auto"}]},
-    "file": _TEXT,
+    "covariance": {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}]},
     "length or fit": _LENGTH,
     "shape": _SHAPE,
     "shapes": {"type": "array", "items": _SHAPE},
     "texts": {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},
     "camera": {"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
     "poses": _TEXT,
+    "settings": {"anyOf": [_TEXT, ImageNoiseTable.model_json_schema()]},
     "layout": {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": _LENGTH}}]},
 }
 """JSON Schema of the values in a file, by kind of option; lengths are meters, or text with a unit."""
@@ -436,7 +447,6 @@ def spec_schema() -> dict[str, Any]:
         "properties": {
             "title": {"type": "string", "description": "What it is for, in a line."},
             **keys,
-            "image_noise": ImageNoiseTable.model_json_schema(),
             "substrate": {
                 "type": "object",
                 "description": "The plate: the same keys as outside of this table, and its holes one by one.",

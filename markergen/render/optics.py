@@ -4,16 +4,15 @@ Point spread functions are kernels of unit sum, symmetric about their center, so
 """
 
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from functools import lru_cache
 from math import isfinite
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.coverage import polygon_coverage
+from markergen.units import parse_settings
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
@@ -128,19 +127,7 @@ def optics_from_text(text: str) -> Optics:
     InputError
         If a name is unknown or repeated, a value is not a number, or the optics are impossible.
     """
-    known = [field.name for field in fields(Optics)]
-    values: dict[str, Any] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        name, _, value = (word.strip() for word in part.partition("="))
-        if name not in known or name in values:
-            near = get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}? Known: " if near and name not in values else "name each once; known: "
-            raise InputError("optics as name=value,...", repr(part), hint + ", ".join(known))
-        try:
-            values[name] = int(value) if name == "bits" else float(value)
-        except ValueError:
-            raise InputError(f"a number for {name}", repr(part), f"write {name}= and a number") from None
-    return Optics(**values)
+    return Optics(**parse_settings(text, [field.name for field in fields(Optics)], "optics"))  # type: ignore[arg-type]
 
 
 FINENESS = 2

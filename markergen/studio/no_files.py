@@ -41,7 +41,7 @@ def refuse_named_plates(content: Mapping[str, Any]) -> None:
 
 
 def _names_one(value: object, kind: str) -> bool:
-    if kind in ("file", "camera"):
+    if kind in ("camera", "covariance"):
         return isinstance(value, str)
     if kind in ("shape", "shapes"):
         return any(isinstance(each, str) and each.strip() and is_drawing(each) for each in as_list(value))

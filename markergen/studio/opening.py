@@ -19,6 +19,7 @@ from markergen.model.spec import Spec
 from markergen.model.substrate import SCREWS
 from markergen.options.declarations import DesignKeywords
 from markergen.read.cameras import format_of, load_camera
+from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.cameras.document import Document
 from markergen.read.layout import read_layout
 from markergen.read.outlines.boundary import parse_boundary
@@ -31,7 +32,7 @@ DRAWINGS = (".svg", ".dxf", ".geojson")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a stored spec of options that are called differently."""
-NOT_OPTIONS = ("title", "image_noise", "substrate", "target", "camera_covariance", "n")
+NOT_OPTIONS = ("title", "substrate", "target", "n")
 
 
 @contextmanager
@@ -60,7 +61,7 @@ def opened(name: str, data: bytes, unit: str | None = None, layer: str | None = 
     dict
         ``title``, and one of ``options`` (of a marker.json, with ``marker``, its content, or of a spec), ``rig``,
         ``boundary`` (of a drawing, for the options boundary and keep_out; with ``center``, the place in the drawing in
-        m that became its origin), ``camera``, ``poses`` and ``points``.
+        m that became its origin), ``camera`` (with ``camera_covariance``, or None), ``poses`` and ``points``.
 
     Raises
     ------
@@ -89,12 +90,18 @@ def _opened(path: Path) -> dict[str, Any]:
         return {**title, "options": options}
     content = read(path, "poses")
     if format_of(Document(path.name, content.data)) is not None:
-        return {"camera": load_camera(path).as_dict()}
+        return _camera(path)
     if suffix == ".csv" and _is_layout(content.data):
         return {"points": [list(row) for row in read_layout(path)]}
     if suffix in (".csv", ".txt", ".tum"):
         return {"poses": read_poses(path).as_dict()}
     raise _unknown(path)
+
+
+def _camera(path: Path) -> dict[str, Any]:
+    camera = load_camera(path)
+    covariance = camera_covariance(None, path, camera)
+    return {"camera": camera.as_dict(), "camera_covariance": None if covariance is None else covariance.tolist()}
 
 
 def _unknown(path: Path) -> InputError:
@@ -111,7 +118,7 @@ def _json(path: Path, content: object) -> dict[str, Any]:
         assert isinstance(found, Marker)
         return {"options": options_of(found), "marker": json.loads(to_json(found))}
     if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
-        return {"camera": load_camera(path).as_dict()}
+        return _camera(path)
     if isinstance(content, list):
         return {"poses": read_poses(path).as_dict()}
     raise _unknown(path)

@@ -110,7 +110,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     known: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
         # What cannot be used is refused here, at once.
-        "more": lambda asked: MORE(plain(asked.get("options"))),
+        "more": lambda asked: MORE(plain(asked.get("options")), str(asked.get("page", ""))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
     }

@@ -35,7 +35,7 @@ from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_rig, render_view
 from markergen.studio.look import clean, sketch
-from markergen.studio.no_files import refuse_named_plates
+from markergen.studio.no_files import refuse_files, refuse_named_plates
 from markergen.studio.opening import uploaded
 from markergen.studio.state import plain
 from markergen.validation import headline
@@ -220,8 +220,9 @@ def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, A
         ``found``; ``why`` not; ``line``, the result as the command prints it; ``dots`` with ``id``, ``x`` and ``y`` in
         px; ``pose`` as in docs/detect.md, or None without ``camera``; ``notes`` on the file; ``overlay``, a data URI.
     """
-    what, camera = subject(request).what, request.get("camera")
-    detector = Detector(what, None if camera is None else table_in(request, "camera"))
+    what, camera, covariance = subject(request).what, request.get("camera"), request.get("camera_covariance")
+    refuse_files({"camera": camera, "camera_covariance": covariance}, DesignKeywords)
+    detector = Detector(what, None if camera is None else table_in(request, "camera"), camera_covariance=covariance)
     with uploaded(name, photo) as path:
         image = read_image(path)
     found = detector(image.grey)

@@ -4,7 +4,7 @@ import asyncio
 import json
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping
-from threading import Event, Lock, Thread
+from threading import Condition, Event, Thread
 from time import monotonic
 from typing import Any
 
@@ -92,7 +92,9 @@ async def streamed(job: Job) -> AsyncIterator[bytes]:
 
 
 class Latest:
-    """A function whose calls are answered by another process, so that this one stays free; a new call ends an old one.
+    """A function whose calls are answered by another process, so that this one stays free.
+
+    A call ends an older one of the same page, and waits for one of another page.
 
     Parameters
     ----------
@@ -101,46 +103,59 @@ class Latest:
     """
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
-        self._function, self._lock = function, Lock()
+        self._function, self._turn = function, Condition()
         self._worker: Worker | None = None
-        self._busy = False
+        self._newest: dict[str, object] = {}
+        self._served: str | None = None
 
-    def __call__(self, asked: Any) -> Any:
+    def __call__(self, asked: Any, page: str = "") -> Any:
         """Return what the function returns.
 
         Raises
         ------
         InputError
-            If a newer call has come meanwhile, or as the function.
+            If a newer call of the same page has come meanwhile, or as the function.
         """
-        with self._lock:
-            old, self._worker = self._worker, None
-            if old and self._busy:
-                old.end()
-                old = None
-            self._worker = worker = old or Worker()
-            self._busy = True
+        with self._turn:
+            mine = self._newest[page] = object()
+            if self._served == page and self._worker:
+                self._worker.end()
+                self._worker = self._served = None
+            self._turn.notify_all()
+            self._turn.wait_for(lambda: self._served is None or self._newest.get(page) is not mine)
+            if self._newest.get(page) is not mine:
+                raise InputError(*_OLDER)
+            self._served, self._worker = page, self._worker or Worker()
+            worker = self._worker
         try:
             return worker(self._function, asked)
         except MarkergenError as error:
-            with self._lock:
+            with self._turn:
                 newest = worker is self._worker
                 if newest and not isinstance(error, InputError):  # It has ended by itself.
                     self._worker = None
+                    self._served = None
             if newest:
                 raise
-            raise InputError("the newest request", "an older one", "wait for the newer answer") from None
+            raise InputError(*_OLDER) from None
         finally:
-            with self._lock:
+            with self._turn:
+                if self._newest.get(page) is mine:
+                    del self._newest[page]
                 if worker is self._worker:
-                    self._busy = False
+                    self._served = None
+                self._turn.notify_all()
 
     def end(self) -> None:
         """End the process."""
-        with self._lock:
+        with self._turn:
             if self._worker:
                 self._worker.end()
-            self._worker = None
+            self._worker = self._served = None
+            self._turn.notify_all()
+
+
+_OLDER = ("the newest request", "an older one", "wait for the newer answer")
 
 
 def failure(error: Exception) -> dict[str, str]:

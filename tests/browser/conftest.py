@@ -6,24 +6,31 @@ from contextlib import contextmanager
 
 import pytest
 
-ARGUMENTS = (
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-)
+ARGUMENTS = ("--no-sandbox", "--disable-background-networking", "--disable-component-update")
 
 
 @pytest.fixture(scope="session")
-def chromium():
+def launched():
+    """Start an installed Chromium with further arguments."""
     playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: make test-browser installs it")
     path = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
     if not path:
         pytest.skip("no Chromium in the path")
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=path, args=ARGUMENTS)
+
+        @contextmanager
+        def launched(*arguments):
+            browser = started.chromium.launch(executable_path=path, args=[*ARGUMENTS, *arguments])
+            yield browser
+            browser.close()
+
+        yield launched
+
+
+@pytest.fixture(scope="session")
+def chromium(launched):
+    with launched("--enable-unsafe-swiftshader") as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import contextmanager
 from importlib.resources import files
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -18,8 +19,15 @@ from markergen.cli import main
 
 pytestmark = pytest.mark.browser
 
-LIVE_MS = 100
-"""Time in ms within which numbers follow a dot, as the median over a drag; the server does most of it."""
+LIVE = {5: 5, 60: 9}
+"""Time within which numbers follow a dot, by their number, over that of the least request to the studio and a frame."""
+
+
+PASTE = """(text) => {
+  const held = new DataTransfer();
+  held.setData("text", text);
+  document.body.dispatchEvent(new ClipboardEvent("paste", {clipboardData: held, bubbles: true, cancelable: true}));
+}"""
 
 
 @contextmanager
@@ -243,24 +251,34 @@ def test_files_are_opened(studio, tmp_path):
     assert studio.state()["boundary"]["kind"] == "polygon"
 
 
-@pytest.mark.parametrize("use", ["boundary", "keep_out"])
-def test_drawings_are_dropped(studio, use):
-    side = 200 if use == "boundary" else 20
+def drawings():
+    import ezdxf
+
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" width="{0}mm" height="{0}mm" viewBox="0 0 {0} {0}">{1}</svg>'
+    yield "boundary", "plate.svg", svg.format(200, '<path d="M0,0 h200 v200 h-200 z"/>').encode()
+    yield "keep_out", "hole.svg", svg.format(20, '<path d="M0,0 h20 v20 h-20 z"/>').encode()
+    drawing = ezdxf.new(units=ezdxf.units.MM)
+    drawing.modelspace().add_lwpolyline([(0, 0), (200, 0), (200, 160), (0, 160)], close=True)
+    text = StringIO()
+    drawing.write(text)
+    yield "boundary", "plate.dxf", text.getvalue().encode()
+
+
+@pytest.mark.parametrize(("use", "name", "data"), [*drawings()], ids=lambda each: each if isinstance(each, str) else "")
+def test_drawings_are_dropped(studio, use, name, data):
     studio.page.evaluate(
-        """([side]) => {
-          const held = new DataTransfer(), box = `width="${side}mm" height="${side}mm" viewBox="0 0 ${side} ${side}"`;
-          const path = `<path d="M0,0 h${side} v${side} h-${side} z"/>`;
-          const text = `<svg xmlns="http://www.w3.org/2000/svg" ${box}>${path}</svg>`;
-          held.items.add(new File([text], "plate.svg", {type: "image/svg+xml"}));
+        """([name, bytes]) => {
+          const held = new DataTransfer();
+          held.items.add(new File([new Uint8Array(bytes)], name));
           for (const name of ["dragenter", "drop"]) {
             const looks = {dataTransfer: held, bubbles: true, cancelable: true};
             document.body.dispatchEvent(new DragEvent(name, looks));
           }
         }""",
-        [side],
+        [name, list(data)],
     )
     studio.page.click(f"#drop button[value={use}]")
-    studio.until("() => document.getElementById('said').textContent.startsWith('plate.svg')")
+    studio.until(f"() => document.getElementById('said').textContent.startsWith({name!r})")
     shape = studio.state()[use]
     assert (shape if use == "boundary" else shape[0])["kind"] == "polygon"
 
@@ -337,6 +355,56 @@ def test_a_photograph_is_searched(studio, tmp_path):
     assert "empty.png: not found" in said
 
 
+def test_a_camera_file_gives_photographs_their_pose_and_the_calibration_its_share(studio, tmp_path):
+    from PIL import Image
+
+    from markergen.render import Optics, render_view
+
+    setting = mg.Camera(640, 480, 800, 800, 320, 240)
+    assert "calibration 0 %" in studio.page.locator("#limits").inner_text()
+    (tmp_path / "camera.yaml").write_text(
+        "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n"
+        "camera_parameters: [fx, fy, cx, cy]\n"
+        "camera_covariance: [[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 2, 0], [0, 0, 0, 2]]\n"
+    )
+    turned, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
+    image = render_view(mg.design(n=5).marker, setting, turned, place, Optics(), np.random.default_rng(1))
+    Image.fromarray(image).save(tmp_path / "seen.png")
+    studio.give(tmp_path / "camera.yaml", tmp_path / "seen.png")
+    studio.until("() => /found, 5 dots. 0.8\\d* m away/.test(document.getElementById('photos').textContent)")
+    assert studio.state()["camera_covariance"][2] == [0, 0, 2, 0]
+    assert "calibration 0 %" not in studio.page.locator("#limits").inner_text()
+    studio.page.reload()
+    assert "calibration 0 %" not in studio.page.locator("#limits").inner_text()
+
+
+def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
+    (tmp_path / "pad.toml").write_text(
+        'n = "auto"\nradius = "400mm"\nposes = "cone:distance=0.5..10m,tilt=0..30,count=40"\n'
+    )
+    studio.give(tmp_path / "pad.toml")
+    studio.until("() => document.getElementById('said').textContent.length > 0")
+    studio.page.click("#optimize")
+    studio.page.wait_for_selector("#stage canvas[data-ready]", timeout=120_000)
+    assert "Dots of several sizes" in studio.said()
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    assert loading.value.path().stat().st_size > 1000
+    studio.page.click("#back")
+    studio.settle()
+
+
+def test_a_browser_without_webgl_says_so_and_shows_the_rest(launched, address):
+    with launched("--disable-3d-apis") as browser:
+        page = browser.new_page()
+        page.goto(address)
+        assert Studio(page).dots() == 5
+        page.fill("#shape", "pair")
+        page.click("#rig button")
+        page.wait_for_selector("#stage p:has-text('WebGL')", timeout=120_000)
+        assert "Expect " in page.locator("#body-note").inner_text()
+
+
 def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
     studio.page.fill("#shape", "pair")
     studio.page.click("#rig button")
@@ -355,9 +423,10 @@ def test_a_rig_on_the_command_line_stands_with_its_errors(opened, tmp_path):
     mg.rig("pair", n=4, plate="100mm", restarts=1).rig.save(tmp_path / "rig.json")
     with (
         serving(free_port(), tmp_path / "rig.json") as address,
-        opened(address, lambda url: url.startswith((address, "blob:"))) as page,
+        opened(address, lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page,
     ):
         page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')")
+        assert obstacles(page) == []
         assert page.locator("#body-note").inner_text().startswith("rig.json. Expect ")
         assert "rotation error" in page.locator("#dome .dome-said").inner_text()
         page.locator("#stage canvas").focus()
@@ -374,13 +443,8 @@ def test_a_link_of_a_server_that_is_gone_is_pasted(studio):
     studio.page.click("#undo")
     studio.settle()
     studio.page.evaluate(
-        """(link) => {
-          const held = new DataTransfer();
-          held.setData("text", link.replace(/\\/\\/[^#]*/, "//127.0.0.1:1/gone/"));
-          const looks = {clipboardData: held, bubbles: true, cancelable: true};
-          document.body.dispatchEvent(new ClipboardEvent("paste", looks));
-        }""",
-        link,
+        PASTE,
+        re.sub("//[^#]*", "//127.0.0.1:1/gone/", link),
     )
     studio.until("() => document.getElementById('said').textContent === 'The design of the link.'")
     assert studio.state() == moved
@@ -458,6 +522,36 @@ def test_a_server_that_goes_leaves_the_design(chromium):
     context.close()
 
 
+def test_the_design_is_taken_from_one_server_to_the_next(opened):
+    """A server that starts anew has another token: its page takes the address of the old one."""
+    port = free_port()
+    with serving(port) as address, opened(address, lambda url: url.startswith((address, "blob:"))) as page:
+        studio = Studio(page)
+        studio.drag(2, -30, -20)
+        moved, link, error = studio.state(), page.evaluate("() => location.href"), studio.degrees()
+    with serving(port) as again, opened(again, lambda url: url.startswith((again, "blob:"))) as page:
+        assert again != address
+        studio = Studio(page)
+        studio.settle()
+        page.evaluate(PASTE, link)
+        studio.until("() => document.getElementById('said').textContent === 'The design of the link.'")
+        assert (studio.state(), studio.degrees()) == (moved, error)
+
+
+def test_sixty_dots_are_searched(studio):
+    studio.page.get_by_label("n", exact=True).fill("60")
+    studio.page.keyboard.press("Enter")
+    assert studio.dots() == 60
+    polygon = studio.degrees()
+    studio.page.click("#optimize")
+    studio.page.wait_for_selector("#canvas .ghost", timeout=60_000, state="attached")
+    studio.page.wait_for_selector("#optimize:text-is('Optimize')", timeout=240_000)
+    studio.until("() => location.hash.length > 100")
+    assert studio.dots() == 60
+    assert studio.page.locator("#problems li").count() == 0
+    assert studio.degrees() < polygon
+
+
 def test_a_server_that_is_out_of_reach_for_a_while_is_found_again(refusing):
     before = refusing.degrees()
     refusing.page.context.set_offline(True)
@@ -472,15 +566,15 @@ def test_a_server_that_is_out_of_reach_for_a_while_is_found_again(refusing):
     assert "points" in refusing.state()
 
 
-def test_numbers_follow_a_dragged_dot_within_a_tenth_of_a_second(studio, record_property):
-    for count in (5, 60):
+def test_numbers_follow_a_dragged_dot_at_once(studio, record_property):
+    for count, ratio in LIVE.items():
         studio.page.get_by_label("n", exact=True).fill(str(count))
         studio.page.get_by_label("dot", exact=True).fill("10mm")
         studio.page.keyboard.press("Tab")
         studio.settle()
         took = studio.page.evaluate(
             """async () => {
-              const took = [], group = document.querySelectorAll('#canvas .dot')[1], body = document.body;
+              const took = [], least = [], group = document.querySelectorAll('#canvas .dot')[1], body = document.body;
               const box = group.querySelector('.mark').getBoundingClientRect();
               const x = box.x + box.width / 2, y = box.y + box.height / 2;
               const at = (dx) => ({bubbles: true, pointerId: 1, button: 0, clientX: x + dx, clientY: y});
@@ -493,25 +587,38 @@ def test_numbers_follow_a_dragged_dot_within_a_tenth_of_a_second(studio, record_
                 send('pointermove', svg, -k);
                 while (body.dataset.shown === before) await new Promise((done) => requestAnimationFrame(done));
                 took.push(performance.now() - start);
+                const then = performance.now();
+                await (await fetch('options')).json();
+                await new Promise((done) => requestAnimationFrame(done));
+                least.push(performance.now() - then);
               }
               send('pointerup', svg, -30);
-              return took;
+              return [took, least];
             }"""
         )
-        median, most = np.percentile(took, [50, 95])
+        (median, most), floor = np.percentile(took[0], [50, 95]), np.median(took[1])
         record_property(f"median_ms_{count}", round(median))
-        print(f"\n{count} dots: median {median:.0f} ms, 95 % {most:.0f} ms")
-        assert median < (LIVE_MS if count == 5 else 2 * LIVE_MS)
+        print(f"\n{count} dots: median {median:.0f} ms, 95 % {most:.0f} ms; the least request {floor:.0f} ms")
+        assert median < ratio * floor
+
+
+def obstacles(page):
+    """What axe finds that keeps somebody from using the page."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe: make test-browser installs it")
+    found = axe.Axe().run(page).response["violations"]
+    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in found]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_everyone_can_use_it(address, opened, scheme):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe: make test-browser installs it")
     with opened(address, lambda url: url.startswith((address, "blob:")), color_scheme=scheme, bypass_csp=True) as page:
         page.wait_for_selector("body[data-rested]", timeout=60_000)
         page.click("#table summary")
-        found = axe.Axe().run(page).response["violations"]
-        assert not [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in found]
+        assert obstacles(page) == []
+        page.select_option("#theme", "light" if scheme == "dark" else "dark")
+        assert obstacles(page) == []
+        page.set_viewport_size({"width": 400, "height": 800})
+        assert obstacles(page) == []
 
 
 def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
@@ -531,3 +638,44 @@ def test_its_scripts_are_well_formed():
     assert scripts
     for script in scripts:
         subprocess.run([node, "--input-type=module", "--check"], input=script.read_bytes(), check=True)
+
+
+def test_the_keyboard_alone_is_enough(studio):
+    reached = []
+    for _ in range(40):
+        studio.page.keyboard.press("Tab")
+        name = studio.page.evaluate(
+            "() => (({ id, dataset, ariaLabel }) => id || dataset.mode || ariaLabel)(document.activeElement)"
+        )
+        reached.append(name)
+        if name == "optimize":
+            break
+    assert reached[-1] == "optimize"
+    number = studio.page.get_by_label("n", exact=True)
+    number.focus()
+    studio.page.keyboard.type("6")
+    studio.page.keyboard.press("Enter")
+    assert studio.dots() == 6
+    # The drawing comes after its tools; Tab goes through its dots one by one.
+    studio.page.locator("[data-mode=keep]").focus()
+    studio.page.keyboard.press("Tab")
+    for index in range(6):
+        label = studio.page.evaluate("() => document.activeElement.getAttribute('aria-label')")
+        assert label.startswith(f"dot {index}")
+        if index < 5:
+            studio.page.keyboard.press("Tab")
+    studio.page.keyboard.press("Delete")
+    assert studio.dots() == 5
+    studio.page.keyboard.press("Control+z")
+    assert studio.dots() == 6
+
+
+def test_its_pictures_are_taken_by_a_script(launched, tmp_path):
+    from PIL import Image
+
+    (tmp_path / "four.toml").write_text('n = 4\nradius = "60mm"\nrestarts = 1\n')
+    light, dark = tmp_path / "light.png", tmp_path / "dark.png"
+    script = [sys.executable, "-m", "docs.picture_of_the_studio", str(tmp_path / "four.toml"), str(light), str(dark)]
+    subprocess.run(script, check=True, timeout=300)
+    shades = [np.asarray(Image.open(each).convert("L")).mean() for each in (light, dark)]
+    assert shades[0] > 200 > 100 > shades[1]

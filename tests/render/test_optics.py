@@ -200,7 +200,7 @@ def test_optics_from_text():
         ("blr_px=1", "blur_px"),
         ("blur_px", "number"),
         ("blur_px=wide", "number"),
-        ("bits=8.5", "number"),
+        ("bits=8.5", "of 8 to 16"),
         ("blur_px=1,blur_px=2", "once"),
         ("blur_px=-1", "blur_px=-1"),
     ],

@@ -10,7 +10,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.marker_json import to_json
 from markergen.model.rig import Rig, RigMarker
 from markergen.model.rig_json import rig_to_json
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.studio.opening import opened, options_of
 
 SQUARE = (
@@ -19,8 +19,9 @@ SQUARE = (
 CAMERA = b"width: 640\nheight: 480\nfx: 800\nfy: 810\ncx: 320\ncy: 240\n"
 GEO = b'{"type": "Polygon", "coordinates": [[[0, 0], [200, 0], [200, 100], [0, 100], [0, 0]]]}'
 
-
+COVARIANCE = [[4.0, 0.0, 0.0, 0.0], [0.0, 4.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 HOLES = {"keep_out": ["circle:3mm@60mm,-20mm"], "mount": ["4xM3c@180mm", "4.5mm:0mm,-85mm"], "dowel": "2x4mm@170mm"}
+QUALITY = {"image_noise": "blur_px=1.5", "camera_covariance": [[4.0, 4.0, 2.0, 2.0]], "scale_sigma": 0.001}
 LONG = [
     HOLES,
     {},
@@ -31,7 +32,7 @@ LONG = [
 
 
 @pytest.mark.parametrize(
-    "more", [{**HOLES, "dot": "0mm"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)]
+    "more", [{**HOLES, **QUALITY, "dot": "0mm"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)]
 )
 def test_a_marker_gives_the_options_that_make_it_again(more):
     marker = mg.design(
@@ -40,6 +41,8 @@ def test_a_marker_gives_the_options_that_make_it_again(more):
     options = opened("marker.json", to_json(marker))["options"]
     assert "n" not in options
     again = mg.design(**options).marker
+    for name in ("image_noise", "camera_covariance", "scale_sigma"):
+        assert getattr(spec_of(again), name) == getattr(spec_of(marker), name), name
     for name in ("control_points", "boundary", "keep_outs", "tag", "substrate", "clearance"):
         assert getattr(again, name) == getattr(marker, name), name
     # And once more: the state that is opened is the state that was saved.
@@ -66,6 +69,10 @@ def test_every_kind_of_file_is_known():
         assert room.area == pytest.approx(0.02)
     camera = opened("camera.yaml", CAMERA)["camera"]
     assert spec_from_mapping({"camera": camera}).camera.fy == 810
+    assert opened("camera.yaml", CAMERA)["camera_covariance"] is None
+    known = CAMERA + b"camera_parameters: [fx, fy, cx, cy]\ncamera_covariance: " + str(COVARIANCE).encode()
+    taken = opened("camera.yaml", known)
+    assert (taken["camera"], taken["camera_covariance"]) == (camera, COVARIANCE)
     assert opened("dots.csv", b"x_mm,y_mm\n0,50\n50,0\n-50,0\n0,-50\n")["points"][0] == [0, 0.05]
     poses = opened("p.csv", b"tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n")["poses"]
     assert len(spec_from_mapping({"poses": poses}).poses) == 1

@@ -139,7 +139,7 @@ def test_the_newest_question_is_answered_by_a_process_that_is_kept():
 
     first = threading.Thread(target=ask_first)
     first.start()
-    while not latest._busy:
+    while latest._served is None:
         time.sleep(0.01)
     number = latest(0)
     assert refused.wait(10)
@@ -148,6 +148,31 @@ def test_the_newest_question_is_answered_by_a_process_that_is_kept():
     with pytest.raises(ValueError, match="negative"):
         latest(-1)
     assert latest(0) == number
+    latest.end()
+
+
+@pytest.mark.long
+def test_a_page_waits_for_another_and_ends_its_own_questions_alone():
+    latest, answers = Latest(wait_for), []
+    other = threading.Thread(target=lambda: answers.append(latest(1.0, "other")))
+    other.start()
+    while latest._served is None:
+        time.sleep(0.01)
+
+    def ask_in_vain():
+        with pytest.raises(mg.InputError, match="the newest request"):
+            latest(600, "mine")
+        answers.append("older")
+
+    older = threading.Thread(target=ask_in_vain)
+    older.start()
+    while "mine" not in latest._newest:
+        time.sleep(0.01)
+    answers.append(latest(0, "mine"))
+    older.join()
+    other.join()
+    # The older one of this page never began; the other page's was answered by the same process.
+    assert answers == ["older", answers[1], answers[1]]
     latest.end()
 
 

@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, lines, make, mm } from "./dom.js";
+import { Gone, Refused, ask, by, lines, make, mm, sentence } from "./dom.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
 import { form } from "./options.js";
@@ -87,6 +87,7 @@ function buttons() {
 
 /* --- what the state is worth ---------------------------------------------------------------------------------- */
 
+const PAGE = crypto.randomUUID();
 let asked = 0, shown = 0, running = false, again = false, timer = null, slow = null;
 
 /* One request at a time; the newest state is asked for when the last answer is there. */
@@ -132,7 +133,7 @@ function show() {
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
   if (by("table").open) listed();
-  by("problems").replaceChildren(...look.problems.map((each) => make("li", {}, `${each.line[0].toUpperCase()}${each.line.slice(1)}.`)));
+  by("problems").replaceChildren(...look.problems.map((each) => make("li", {}, sentence(each.line))));
   if (!search) said(look.start ? "A regular polygon to start from. Optimize searches for the best layout; or move the dots." : "");
   document.title = `${look.dots.length} dots - markergen studio`;
   document.body.dataset.shown = shown;
@@ -148,7 +149,7 @@ async function rest() {
   facts.later(null);
   slow = new AbortController();
   try {
-    facts.later(await (await ask("more", { options: look.options }, { signal: slow.signal })).json());
+    facts.later(await (await ask("more", { options: look.options, page: PAGE }, { signal: slow.signal })).json());
     document.body.dataset.rested = shown;
   } catch (error) {
     if (error instanceof Refused) facts.failed(error.message);
@@ -234,6 +235,7 @@ function changed(name, value) {
   if (name === "n" || name === "target") delete next.points;
   else if (next.points && options.dot && name !== "dot") next.dot = options.dot;
   if (name === "points") delete next.n;
+  if (name === "camera") delete next.camera_covariance;
   if (name === "radius" && value !== null) delete next.boundary;
   if (name === "boundary" && value !== null) delete next.radius;
   become(next);
@@ -348,8 +350,8 @@ const opened = {
     return become({ ...others, n: others.n || look.dots.length, boundary: answer.boundary });
   },
   camera: (answer) => {
-    camera = answer.camera;
-    return become({ ...options, camera });
+    camera = { camera: answer.camera, camera_covariance: answer.camera_covariance };
+    return become({ ...options, ...camera });
   },
   poses: (answer) => become({ ...options, poses: answer.poses }),
   points: (answer) => {
@@ -372,7 +374,7 @@ async function take(files) {
       told(error instanceof Refused ? new Refused({ ...error.found, line: `${file.name}: ${error.message}` }) : error);
     }
   }
-  if (pictures.length) await photographs(by("photos"), pictures, () => ({ ...about(), ...(camera ? { camera } : {}) })).catch(told);
+  if (pictures.length) await photographs(by("photos"), pictures, () => ({ ...about(), ...camera })).catch(told);
 }
 
 async function download() {

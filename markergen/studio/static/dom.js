@@ -15,6 +15,10 @@ export function make(name, attributes = {}, ...children) {
 
 export const by = (id) => document.getElementById(id);
 
+/* A line of text whose options of the command do not break. */
+export const prose = (line) => line.split(/(--[a-z][a-z-]*)/).map((part) => (part.startsWith("--") ? make("code", {}, part) : part));
+export const sentence = (line) => prose(`${line[0].toUpperCase()}${line.slice(1)}.`);
+
 /* Significant digits; a word for what is missing or not finite. */
 export function digits(value, count = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "unbounded";

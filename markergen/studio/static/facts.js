@@ -1,6 +1,6 @@
 /* The right side: what to expect of a layout, what limits it, and what stands beside it. */
 
-import { by, digits, make, mm, table } from "./dom.js";
+import { by, digits, make, mm, prose, sentence, table } from "./dom.js";
 
 const SOURCES = { image: "image", print: "print", calibration: "calibration" };
 
@@ -11,7 +11,7 @@ export function now(look) {
     make("p", { class: "big" },
       make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation, RMS of all poses")),
       make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
-    make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`),
+    make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to ")),
     make("div", { class: "note", id: "plan" }, expected.sentence));
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
@@ -20,7 +20,7 @@ export function now(look) {
   shares.forEach((share, index) => { bar.children[index].style.width = `${100 * share}%`; });
   by("limits").replaceChildren(bar,
     make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${digits(100 * shares[index], 2)} %`))),
-    ...look.limits.map((line) => make("p", {}, line)));
+    ...look.limits.map((line) => make("p", {}, prose(line))));
   const value = (number) => (number === null ? "does not fit" : `${digits(number, 4)} ${objective.unit}`);
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
@@ -42,11 +42,11 @@ export function later(more) {
     ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
       more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))
     : make("p", { class: "note" }, "Not computed for a relief."));
-  by("labels").replaceChildren(make("p", {}, more.labels ? more.labels.sentence : "Bare points are not labeled."));
+  by("labels").replaceChildren(make("p", {}, more.labels ? sentence(more.labels.sentence) : "Bare points are not labeled."));
   by("patterns").replaceChildren(...(more.beside.length
     ? [table("All that the image tells of the pattern: least rotation error, exact print", ["pattern", "bound"], more.beside.map((row) => [row.name, `${digits(row.rotation_deg)} deg`]), 0)] : []),
-    make("p", {}, `${more.bound[0].toUpperCase()}${more.bound.slice(1)}.`));
-  by("advice").replaceChildren(...(more.advice.length ? more.advice.map((line) => make("p", {}, `${line[0].toUpperCase()}${line.slice(1)}.`)) : [make("p", { class: "note" }, "None.")]));
+    make("p", {}, sentence(more.bound)));
+  by("advice").replaceChildren(...(more.advice.length ? more.advice.map((line) => make("p", {}, sentence(line))) : [make("p", { class: "note" }, "None.")]));
 }
 
 export function failed(line) {
