@@ -33,11 +33,12 @@ def test_it_is_designed_found_and_exported(name, tmp_path):
     seen = mg.validate(target, views=views, runs=1).results["views"]
     assert seen["wrong"] == 0
     assert seen["detected"] == views
-    solids = [] if name == "wall" else [tmp_path / "made.step"]
-    for path in (tmp_path / "made.pdf", tmp_path / "made.svg", *solids):
-        mg.export(target, path, tile=True)
-        assert path.stat().st_size > 1000 or path.with_name("made-1.svg").exists()
-        assert mg.verify(target, path).passed
+    flat, solid = not getattr(target, "height", 0), name != "thermal"  # Light dots are not made as solids.
+    one_page = flat and name not in ("landing-pad", "wall")
+    for suffix in (".pdf",) * flat + (".svg",) * one_page + (".step",) * solid:
+        path = tmp_path / f"made{suffix}"
+        mg.export(target, path)
+        assert mg.verify(target, path).passed, suffix
 
 
 def test_one_page_shows_them_all():
