@@ -27,7 +27,7 @@ from pathlib import Path
 from docs.numbers import ROOT
 
 GENERATED = {"cli.md", "api.md", "changelog.md"}
-COMMANDS = {"markergen", "python", "pip", "make", "dask", "colcon", "ros2"}
+COMMANDS = {"markergen", "python", "pip", "echo", "make", "colcon", "ros2"}
 MARK = re.compile(r"<!-- (setup python|setup|not run|file|exits)(?: \(([^)]+)\))?:\s(.*?)-->", re.DOTALL)
 MINUTES = 5
 

@@ -1,5 +1,6 @@
-"""What the book makes of pages: links out of docs/ go to the repository, functions come with their keywords."""
+"""What the book makes of pages: links out of docs/, formulas drawn, and the keywords of functions."""
 
+import html
 import re
 from collections.abc import Callable
 from typing import Any, get_args, get_type_hints
@@ -13,8 +14,7 @@ HOME = "https://github.com/markergen/markergen/blob/main/"
 
 def keywords(function: Callable[..., Any]) -> str:
     """Return the tables of a function's keywords from where they are declared; empty if it has none of its own."""
-    told = getattr(function, "__init__" if isinstance(function, type) else "__call__")
-    hints = get_type_hints(told if isinstance(function, type) else function, include_extras=True)
+    hints = {} if isinstance(function, type) else get_type_hints(function, include_extras=True)
     tables = [each for hint in hints.values() for each in get_args(hint) if hasattr(each, "__required_keys__")]
     if not tables:
         return ""
@@ -46,3 +46,16 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
             flags=re.MULTILINE,
         )
     return markdown.replace("](../", f"]({HOME}")
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Return a page whose formulas are MathML, which browsers draw by themselves."""
+    from latex2mathml.converter import convert
+
+    def drawn(found: re.Match[str]) -> str:
+        if found[1] == "span":
+            return convert(html.unescape(found[2]))
+        # A phone is narrower than some formulas.
+        return f'<div style="overflow-x:auto">{convert(html.unescape(found[2]), display="block")}</div>'
+
+    return re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', drawn, content, flags=re.DOTALL)

@@ -6,6 +6,8 @@ from docs.numbers import Block, Command, Entry, Given, Number
 
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
+CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
+FAQ = "docs/faq.md"
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
@@ -32,6 +34,11 @@ CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
+FIGURES = {
+    CHOOSING: Command("python -m docs.figures choosing -o .", 260),
+    ERROR: Command("python -m docs.figures error -o .", 180),
+    THEORY: Command("python -m docs.figures theory -o .", 20),
+}
 STUDIED = Command(
     "markergen study paper -o quarter --scale 0.25 && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500
 )
@@ -97,10 +104,10 @@ def _speed(row: str, label: str) -> Number:
     )
 
 
-def _rival(row: str, label: str) -> Number:
+def _rival(row: str, label: str, file: str = README) -> Number:
     """Errors and share of views of a contestant, and the bound of its pattern."""
     return Number(
-        README,
+        file,
         f"| {row} | # (# to #) | # | # % | # |",
         "markergen compare marker.json",
         [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
@@ -199,13 +206,19 @@ MEASURED: Sequence[Entry] = (
         [(RELIEF_20, "this marker @ # @ - - best without relief @ #"), (RELIEF_50, "this marker @ # @ - -")],
         lambda low, flat, high: [flat, low, high],
     ),
-    _rival("markergen, 5 dots", "marker.json"),
-    _rival("5 x 5 circles, OpenCV", "circles:5x5"),
-    _rival("ArUco 4x4, our lines fitted to its edges", "edges:aruco:DICT_4X4_50"),
-    _rival("ArUco 4x4, OpenCV", "aruco:DICT_4X4_50"),
-    _rival("AprilTag 36h11, OpenCV", "apriltag:36h11"),
-    _rival("checkerboard of 9 x 9, OpenCV", "checkerboard:9x9"),
-    _rival("ChArUco 5x5, OpenCV", "charuco:5x5"),
+    *(
+        _rival(row, label, file)
+        for file in (README, COMPARISON)
+        for row, label in (
+            ("markergen, 5 dots", "marker.json"),
+            ("5 x 5 circles, OpenCV", "circles:5x5"),
+            ("ArUco 4x4, our lines fitted to its edges", "edges:aruco:DICT_4X4_50"),
+            ("ArUco 4x4, OpenCV", "aruco:DICT_4X4_50"),
+            ("AprilTag 36h11, OpenCV", "apriltag:36h11"),
+            ("checkerboard of 9 x 9, OpenCV", "checkerboard:9x9"),
+            ("ChArUco 5x5, OpenCV", "charuco:5x5"),
+        )
+    ),
     Number(
         README,
         "are as good as five dots, with # times the ink",
@@ -326,6 +339,15 @@ MEASURED: Sequence[Entry] = (
     _cube("all faces, print good to 0.1 mm", "this cube, print 0.1 mm"),
     _cube("its best face alone, print good to 0.1 mm", "its best face alone, print 0.1 mm", "-"),
     _cube("ArUco tags by cv2.aruco, exact print", "cv2.aruco, all corners, exact"),
+    *(
+        Block(file, f"<!-- {name} -->", "<!-- end -->", FIGURES[file].line.removesuffix(" -o ."), FIGURES[file])
+        for file, names in (
+            (CHOOSING, ("room", "number", "size", "print", "relief")),
+            (ERROR, ("dots", "bias", "tilt", "distance", "example")),
+            (THEORY, ("condition", "another")),
+        )
+        for name in names
+    ),
     Block(PAPER, "<!-- sentences -->", "<!-- end -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
     Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
 )
@@ -518,6 +540,30 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
+        (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
+        (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),
+        (CHOOSING, SETTING, ["(here off by # px in fx", "by # px in the principal point)", "made to # mm (`--relief"]),
+        (CHOOSING, DEFAULT, ["are *found*: # px along", "# px at the least.", "glued flat: # mm is the tool"]),
+        (
+            ERROR,
+            SETTING,
+            [
+                "a disk of # mm, a camera of 640 x # px with a focal length of # px, half",
+                "tilted by 20 to # degrees:",
+                "(Noise of # grey levels",
+                "tilted by # degrees.) Hundredths",
+                "a print good to # mm.) *First",
+                "(Tilted by # degrees; a print good to # mm, and a calibration off by # px in fx and fy and # px in",
+            ],
+        ),
+        (ERROR, DEFAULT, ["Keep dots at # px"]),
+        (ERROR, STANDARD, ["largest at # degrees or so"]),
+        (THEORY, SETTING, ["rotation for # px of noise"]),
+        (COMPARISON, SETTING, ["in a circle of # mm"]),
+        (COMPARISON, DEFAULT, ["dots of # px and a ring"]),
+        (COMPARISON, MEANING, ["with its # % interval"]),
+        (FAQ, EXAMPLE, ["seen at # degrees or more"]),
+        (FAQ, STANDARD, ["by (cx + #) s - # for"]),
         (STUDY, DEFAULT, ["times out after # s"]),
         (START, STANDARD, ["Python # or newer"]),
         (START, SETTING, ["tilted by 20 to # degrees"]),

@@ -42,6 +42,14 @@ def test_nothing_comes_from_elsewhere(book):
         assert not re.search(r"url\([\"']?(https?:)?//", path.read_text(encoding="utf-8")), path.name
 
 
+def test_formulas_are_drawn_without_a_script(book):
+    page = (book / "theory.html").read_text(encoding="utf-8")
+    assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">') > 5
+    assert page.count('display="inline"') > 20
+    for path in book.rglob("*.html"):
+        assert 'class="arithmatex"' not in path.read_text(encoding="utf-8"), path.name
+
+
 def test_release_notes_are_the_changelog(book):
     page = (book / "changelog.html").read_text(encoding="utf-8")
     headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
