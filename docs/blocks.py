@@ -8,7 +8,7 @@ python -m docs.blocks docs/detect.md
     <!-- file: sweep.toml -->                  the block is the content of this file
     <!-- not run: needs a camera -->           or: not run (detect 0): ..., only the lines with these words
     <!-- exits: 1 -->                          the status that this command ends with
-    <!-- setup: markergen design -->           commands for what a reader has already, a photograph; $ROOT is the checkout
+    <!-- setup: markergen design -->           commands for what a reader already has; $ROOT is the checkout
     <!-- setup python: frame = ... -->         the same in the namespace of the Python blocks
 """
 
