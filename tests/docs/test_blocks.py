@@ -10,10 +10,11 @@ from docs.blocks import ROOT, blocks, pages, run
 
 LEFT_OUT = {
     "README.md": 3,  # installation twice, a live camera
+    "comparison.md": 1,  # takes minutes
     "detect.md": 1,  # a live camera
-    "paper.md": 1,
+    "paper.md": 1,  # takes half an hour
     "plugins.md": 2,  # packages of others
-    "studio.md": 1,
+    "studio.md": 1,  # a server
     "study.md": 1,  # a cluster
 }
 
