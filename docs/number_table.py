@@ -34,6 +34,12 @@ CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
+MISPRINTED = Command(
+    "markergen design --n 5 -o five.json && markergen design --n auto -o many.json && "
+    "markergen compare five.json many.json circles:7x7 "
+    "charuco:5x5 checkerboard:9x9 aruco:DICT_4X4_50 apriltag:36h11 --print-sigma 0.1mm --views 100",
+    500,
+)
 FIGURES = {
     CHOOSING: Command("python -m docs.figures choosing -o .", 260),
     ERROR: Command("python -m docs.figures error -o .", 180),
@@ -112,6 +118,17 @@ def _rival(row: str, label: str, file: str = README) -> Number:
         "markergen compare marker.json",
         [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
         lambda found, rms, low, high, median, bound: [rms, low, high, median, found, bound],
+    )
+
+
+def _misprinted(row: str, label: str) -> Number:
+    """Errors and share of views of a contestant whose dots and corners are misprinted."""
+    return Number(
+        COMPARISON,
+        f"| {row} | # (# to #) | # | # % |",
+        "markergen compare five.json many.json",
+        [(MISPRINTED, f"{label} # % # #–# #")],
+        lambda found, rms, low, high, median: [rms, low, high, median, found],
     )
 
 
@@ -340,6 +357,18 @@ MEASURED: Sequence[Entry] = (
     _cube("its best face alone, print good to 0.1 mm", "its best face alone, print 0.1 mm", "-"),
     _cube("ArUco tags by cv2.aruco, exact print", "cv2.aruco, all corners, exact"),
     *(
+        _misprinted(row, label)
+        for row, label in (
+            ("65 designed dots, `--n auto`", "many.json"),
+            ("7 x 7 circles", "circles:7x7"),
+            ("checkerboard of 9 x 9", "checkerboard:9x9"),
+            ("5 designed dots", "five.json"),
+            ("ArUco 4x4", "aruco:DICT_4X4_50"),
+            ("AprilTag 36h11", "apriltag:36h11"),
+            ("ChArUco 5x5", "charuco:5x5"),
+        )
+    ),
+    *(
         Block(file, f"<!-- {name} -->", "<!-- end -->", FIGURES[file].line.removesuffix(" -o ."), FIGURES[file])
         for file, names in (
             (CHOOSING, ("room", "number", "size", "print", "relief")),
@@ -563,7 +592,7 @@ GIVEN: Sequence[Given] = tuple(
         (ERROR, DEFAULT, ["Keep dots at # px"]),
         (ERROR, STANDARD, ["largest at # degrees or so"]),
         (THEORY, SETTING, ["rotation for # px of noise"]),
-        (COMPARISON, SETTING, ["in a circle of # mm"]),
+        (COMPARISON, SETTING, ["in a circle of # mm", "a print error of # mm of"]),
         (COMPARISON, DEFAULT, ["dots of # px and a ring"]),
         (COMPARISON, MEANING, ["with its # % interval"]),
         (FAQ, EXAMPLE, ["seen at # degrees or more"]),
