@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from markergen.cli.console import INTERRUPTED, UNUSABLE, complain
+from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, complain
 
 
 class _Warnings(logging.Handler):
@@ -19,11 +19,15 @@ WARNINGS = _Warnings(logging.WARNING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status; ``--debug`` anywhere shows the traceback of an error."""
+    """Run the command line and return its exit status.
+
+    Anywhere, ``--quiet`` leaves nothing but errors and JSON, and ``--debug`` shows the traceback of an error.
+    """
     # The matrices here are tiny and come in batches: threads inside the linear algebra only cost time and memory.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in given
+    debug, Silence.on = "--debug" in given, "--quiet" in given
+    WARNINGS.setLevel(logging.ERROR if Silence.on else logging.WARNING)
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - a device, until the process ends
     if sys.stdout is None:
@@ -31,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("expected a standard output, found it closed; send it to a file or /dev/null")
         return UNUSABLE
     try:
-        status = _run([word for word in given if word != "--debug"] or ["--help"])
+        status = _run([word for word in given if word not in ("--debug", "--quiet")] or ["--help"])
         sys.stdout.flush()
     except KeyboardInterrupt:
         status = INTERRUPTED

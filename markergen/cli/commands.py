@@ -25,7 +25,7 @@ from markergen.options.declarations import (
 from markergen.options.rig import RigKeywords
 from markergen.options.study import StudyKeywords
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _version(wanted: bool) -> None:
@@ -50,7 +50,8 @@ def markergen(
       markergen export marker.json -o marker.step
       markergen detect photos/ --marker marker.json --camera camera.yaml
 
-    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug for the traceback of an error.
+    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --quiet to see
+    nothing but errors, and --debug for the traceback of one.
     """
 
 
@@ -157,7 +158,7 @@ def validate(
     console.print_found(found, to_stdout)
     verdicts = [found.check(expression) for expression in fail_if or []]
     for passed, said in verdicts:
-        console.complain(f"{'passed' if passed else 'FAILED'}: {said}")
+        (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {said}")
     if not all(passed for passed, _ in verdicts):
         raise typer.Exit(console.FAILED)
 
@@ -265,9 +266,9 @@ def detect(
     # While the progress bar is shown, it replaces the stream.
     stdout = sys.stdout
     to_stdout = str(json) == "-"
-    options.update(json=stdout if to_stdout else json, overlay=overlay, warn=console.complain)
+    options.update(json=stdout if to_stdout else json, overlay=overlay, warn=console.note)
     # Lines for people must not mix with data.
-    options["tell"] = console.complain if to_stdout else print
+    options["tell"] = console.note if to_stdout else console.tell
     found: Any
     if any(map(is_video, images)):
         with nullcontext() if to_stdout and stdout.isatty() else console.status_line("waiting for a frame") as show:
@@ -276,7 +277,7 @@ def detect(
         with console.progress_bar() as progress:
             found = detect_files(images, marker, camera, progress=progress, **options)
     if missing := kernel.missing():
-        console.complain(f"markergen: note: {missing}")
+        console.note(f"markergen: note: {missing}")
     raise typer.Exit(found.status)
 
 
@@ -464,7 +465,7 @@ def study(
 
     try:
         with console.cells_progress() as progress:
-            found = run(what, output, progress=progress, announce=console.complain, **options)
+            found = run(what, output, progress=progress, announce=console.note, **options)
     except KeyboardInterrupt:
         console.complain(f"markergen: finished cells remain in {output}; continue with the same command and --resume")
         raise

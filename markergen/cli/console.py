@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
 
+
+class Silence:
+    """Whether nothing but errors, and JSON on standard output, is to be printed: ``--quiet``."""
+
+    on = False
+
+
 SECONDS_BETWEEN_LINES = 30
 """Seconds between lines of progress in a log."""
 
@@ -44,7 +51,7 @@ def progress_bar() -> Iterator["Progress"]:
         transient=True,
         # Lines for the same terminal go above the bar; a file or a pipe gets its own.
         redirect_stdout=sys.stdout.isatty(),
-        disable=not sys.stderr.isatty(),
+        disable=Silence.on or not sys.stderr.isatty(),
     ) as bar:
         tasks: dict[str, Any] = {}
 
@@ -66,7 +73,7 @@ def status_line(first: str) -> Iterator[Callable[[str], None]]:
     from rich.text import Text
 
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if Silence.on or not console.is_terminal:
         yield _silent
         return
 
@@ -86,8 +93,8 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
-    if not sys.stderr.isatty():
-        yield _Lines()
+    if Silence.on or not sys.stderr.isatty():
+        yield _silent if Silence.on else _Lines()
         return
     columns = (TextColumn("{task.completed}/{task.total} cells"), BarColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
@@ -119,20 +126,32 @@ def busy(words: str) -> Iterator[None]:
     from rich.console import Console
 
     console = Console(stderr=True)
-    if console.is_terminal:
+    if console.is_terminal and not Silence.on:
         with console.status(words):
             yield
     else:
         yield
 
 
-def _silent(line: str) -> None:
+def _silent(*_: object) -> None:
     """Show nothing."""
 
 
 def complain(line: str) -> None:
     """Print a line on stderr, where it cannot mix with data."""
     print(line, file=sys.stderr)
+
+
+def note(line: str) -> None:
+    """Print a remark on stderr."""
+    if not Silence.on:
+        complain(line)
+
+
+def tell(line: str) -> None:
+    """Print a line of a result."""
+    if not Silence.on:
+        print(line)
 
 
 def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
@@ -142,11 +161,12 @@ def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | 
     else:
         print_parts(found.parts() if parts is None else parts)
     for each in found.written:
-        print(each, file=sys.stderr if as_json else sys.stdout)
+        (note if as_json else tell)(str(each))
 
 
 def print_parts(parts: Iterable["str | Table"]) -> None:
     """Print sentences and tables; the width of a terminal applies to tables."""
     from markergen.presentation.tables import print_parts
 
-    print_parts(parts, sys.stdout)
+    if not Silence.on:
+        print_parts(parts, sys.stdout)

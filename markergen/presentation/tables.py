@@ -6,18 +6,17 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from numbers import Integral, Real
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from markergen.errors import MissingLibraryError
+from markergen.presentation.lines import SHORT, cells, drawn, wrapped
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 WIDTH = 100
 """Line width in characters if there is no terminal to set it; no table needs more."""
-
-_AS_IT_IS: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
-"""Settings of rich's console that print text verbatim: a file may be called ``[red].svg``."""
 
 
 class Table(NamedTuple):
@@ -40,38 +39,23 @@ class Table(NamedTuple):
     caption: str = ""
 
     def text(self, width: int = WIDTH) -> str:
-        """Return the table as lines of plain text without truncation; long cells wrap.
+        """Return the table as lines of plain text that break between words alone.
 
-        >>> text = Table("", ["dot", "x", "y"], [["0", "1.5", "-2"]]).text()
-        >>> [line.strip() for line in text.splitlines() if line.strip()]
-        ['dot     x    y', '────────────────', '0     1.5   -2']
+        Where the words of all columns are too wide together, the table continues below with the columns that are left.
+        A word that is wider than a line by itself, such as a path, is longer than the others.
+
+        >>> print(Table("", ["dot", "x", "y"], [["0", "1.5", "-2"]]).text(), end="")
+        <BLANKLINE>
+          dot     x    y
+         ────────────────
+          0     1.5   -2
+        <BLANKLINE>
         """
-        from rich.console import Console
-
-        out = StringIO()
-        plain: dict[str, Any] = {"force_terminal": False, "force_jupyter": False, "color_system": None}
-        self.print(Console(file=out, width=width, **plain, **_AS_IT_IS))
-        return out.getvalue()
-
-    def print(self, console: Any) -> None:
-        """Print on a rich console: first column left-aligned, the others right-aligned if there are at least two."""
-        from rich import box
-        from rich.table import Table as Drawn
-
-        drawn = Drawn(
-            box=box.SIMPLE_HEAD,
-            title=self.title,
-            caption=self.caption or None,
-            title_justify="left",
-            caption_justify="left",
-            title_style="bold",
-        )
-        for index, name in enumerate(self.header):
-            justify = "right" if index and len(self.header) > 2 else "left"
-            drawn.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-        for row in self.rows:
-            drawn.add_row(*row)
-        console.print(drawn)
+        body = drawn(self.header, self.rows, width)
+        # No narrower than a short line of text.
+        room = min(width, max(SHORT, *map(cells, body)))
+        lines = [*wrapped(self.title, room), "", *body, "", *wrapped(self.caption, room)]
+        return "\n".join(lines) + "\n"
 
     def html(self) -> str:
         """Return the table as HTML with all text escaped.
@@ -96,16 +80,26 @@ def parts_as_html(parts: Iterable[str | Table]) -> str:
     return f"<div>{''.join(shown)}</div>"
 
 
-def print_parts(parts: Iterable[str | Table], file: TextIO) -> None:
-    """Print sentences and tables; a terminal sets their width and shows titles in bold."""
-    from rich.console import Console
-
+def print_parts(parts: Iterable[object], file: TextIO) -> None:
+    """Print sentences, tables and written files; a terminal sets their width and shows titles in bold."""
+    # A pipe has no width, and sentences of any length.
+    width = get_terminal_size((WIDTH, 0)).columns if file.isatty() else None
     for part in parts:
-        if isinstance(part, str):
-            print(part, file=file)
+        if isinstance(part, Table):
+            title = wrapped(part.title, width or WIDTH) if width else []
+            if title:
+                _print_bold(title, file)
+            print((part._replace(title="") if title else part).text(width or WIDTH), end="", file=file)
         else:
-            # A pipe has no width.
-            part.print(Console(file=file, width=None if file.isatty() else WIDTH, **_AS_IT_IS))
+            print("\n".join(wrapped(str(part), width)) if width else part, file=file)
+
+
+def _print_bold(lines: Iterable[str], file: TextIO) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    for line in lines:
+        Console(file=file).print(Text(line, "bold"), soft_wrap=True)
 
 
 def number(value: float | None, digits: int = 3) -> str:

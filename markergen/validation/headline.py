@@ -150,7 +150,7 @@ def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = F
 
 
 def sentences(found: Mapping[str, Any]) -> list[str]:
-    """Say what to plan with, how it was computed, and what the views of the same run say to it.
+    """Say what to plan with, first, then how it was computed, and what the views of the same run say to it.
 
     Parameters
     ----------
@@ -167,14 +167,14 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     else:
         places = f"{deg} deg (at {_place(turned)}) and {mm} mm (at {_place(moved)})"
         plan = f"Plan with {places} {with_flips}: the hardest cases.{frontal}"
-    said = [plan]
     if turned["failure_rate"]:
-        said.append(f"{percent(turned['failure_rate'])} of the estimates fail there, and are not included.")
-    said.append(
+        plan += f" {percent(turned['failure_rate'])} of the estimates fail there, and are not included."
+    said = [
+        plan,
         f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
         f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
-        f"{found['source']}."
-    )
+        f"{found['source']}.",
+    ]
     if over_all["sampled"]:
         says = f" (in the hardest it claims {amount(turned['first_order_deg'])} deg)" if turned["sampled"] else ""
         said.append(

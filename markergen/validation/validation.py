@@ -287,7 +287,7 @@ class Validation(ValidationResult[SyntheticViews]):
     def parts(self) -> list[str | Table]:
         """Return sentences and tables in the order in which the command prints them."""
         results = self._results
-        shown: list[str | Table] = [*headline.sentences(results["headline"]), tables.heading(results)]
+        shown: list[str | Table] = [tables.heading(results)]
         if results["estimators"]:
             shown += [tables.rotation_table(results), tables.translation_table(results)]
             shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
@@ -305,7 +305,10 @@ class Validation(ValidationResult[SyntheticViews]):
                 shown.append(tables.estimator_table(views))
             if "stress" in views:
                 shown.append(tables.stress_table(views))
-        return [*shown, *tables.trial_sentences(results), *tables.view_sentences(results)]
+        shown += [*tables.trial_sentences(results), *tables.view_sentences(results)]
+        # The verdict last, where a terminal still shows it.
+        plan, *more = headline.sentences(results["headline"])
+        return [*shown, *more, plan]
 
     def __repr__(self) -> str:
         results, views = self._results, self._results["views"]

@@ -168,7 +168,7 @@ def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):
 def test_all_files_verify(made, capsys):
     files = [str(made.folder / f"m.{suffix}") for suffix in ("step", "stl", "dxf", "pdf", "svg")]
     assert main(["verify", str(made.folder / "m.json"), *files]) == 0
-    assert capsys.readouterr().out.count(" ok ") == 5
+    assert capsys.readouterr().out.count("   ok\n") == 5
 
 
 def test_marker_json_carries_the_arcs_and_the_spec_that_asked_for_them(made):

@@ -36,7 +36,7 @@ def test_what_was_written_is_right(here, capsys):
     assert main(["verify", "marker.json", *names]) == 0
     said = capsys.readouterr()
     assert not said.err
-    assert said.out.count(" ok ") == len(names) == 8
+    assert said.out.count("   ok\n") == len(names) == 8
     assert "148 x 210 mm" in said.out
     assert "100.0000 %" in said.out
 
@@ -98,4 +98,4 @@ def test_the_others_are_verified_all_the_same(here, capsys):
     assert main(["verify", "marker.json", "none.svg", "marker.svg"]) == 2
     said = capsys.readouterr()
     assert "none.svg" in said.err
-    assert " ok " in said.out
+    assert "   ok\n" in said.out

@@ -54,7 +54,7 @@ def test_results_are_plain_json_and_views_are_of_the_rig(found, tmp_path):
 
 def test_what_is_said_has_the_numbers(found):
     text = str(found)
-    assert text.startswith("Plan with ")
+    assert text.splitlines()[-1].startswith("Plan with ")
     assert "Found in 6 of 6 views, none with a wrong label." in text
     assert "the best plate alone: 2" in text
     assert repr(found).startswith("<RigValidation: 6 markers, 20 poses, 6 of 6 views found, plan with ")

@@ -304,10 +304,13 @@ class RigValidation(ValidationResult[RigViews]):
     def parts(self) -> list[str | Table]:
         """Return sentences and tables in the order in which the command prints them."""
         results, views = self._results, self._results["views"]
-        shown: list[str | Table] = [*sentences(results), tables.heading(results), expected_table(results)]
+        shown: list[str | Table] = [tables.heading(results), expected_table(results)]
         shown += [trial_table(results)] if results["estimators"] else []
         shown.append(tables.budget_table(results))
-        return [*shown, *([view_table(views)] if views else []), *tables.limit_sentences(results)]
+        shown += [view_table(views)] if views else []
+        # The verdict last, where a terminal still shows it.
+        plan, *more = sentences(results)
+        return [*shown, *tables.limit_sentences(results), *more, plan]
 
     def __repr__(self) -> str:
         views, plan = self._results["views"], self._results["headline"]
