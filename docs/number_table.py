@@ -572,7 +572,7 @@ GIVEN: Sequence[Given] = tuple(
         (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
         (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),
         (CHOOSING, SETTING, ["(here off by # px in fx", "by # px in the principal point)", "made to # mm (`--relief"]),
-        (CHOOSING, DEFAULT, ["are *found*: # px along", "# px at the least.", "glued flat: # mm is the tool"]),
+        (CHOOSING, DEFAULT, ["no longer *found*: take # px along", "# px at the least.", "glued flat: # mm is the tool"]),
         (
             ERROR,
             SETTING,
