@@ -17,9 +17,9 @@ test: lint $(VENV)/kernel
 test-long: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m pytest -m long
 
-# What is generated, linked and shown to readers; but for the book, part of `make test`.
-test-docs: $(VENV)/developed
-	$(BIN)/python -m pytest -rs tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
+# What is generated, linked and shown to readers, and every block of code of README and docs, page by page.
+test-docs: $(VENV)/developed $(VENV)/kernel
+	$(BIN)/python -m pytest -rs -n 2 --dist worksteal tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
 
 # Our files in slicers, CAD, viewers and simulators. Installs none of these; what is missing is skipped by name.
 test-outside: $(VENV)/developed

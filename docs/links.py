@@ -1,20 +1,50 @@
-"""What the book makes of links out of docs/, which a repository shows and the book does not, and of formulas."""
+"""What the book makes of pages: links out of docs/, formulas drawn, and the keywords of functions."""
 
 import html
 import re
-from typing import Any
+from collections.abc import Callable
+from typing import Any, get_args, get_type_hints
 
+import markergen
 from docs.numbers import ROOT
+from markergen.options import ACCEPTED, GROUPS, declared
 
 HOME = "https://github.com/markergen/markergen/blob/main/"
 
 
+def keywords(function: Callable[..., Any]) -> str:
+    """Return the tables of a function's keywords from where they are declared; empty if it has none of its own."""
+    hints = {} if isinstance(function, type) else get_type_hints(function, include_extras=True)
+    tables = [each for hint in hints.values() for each in get_args(hint) if hasattr(each, "__required_keys__")]
+    if not tables:
+        return ""
+    options = declared(tables[0])
+    rows = [f"Keywords of `{function.__name__}`:\n", "| keyword | takes | default | |", "|---|---|---|---|"]
+    for group in GROUPS:
+        for name, option in options.items():
+            if option.group == group:
+                words = (f"`{ACCEPTED.get(option.kind, option.kind)}`", _plain(option.shown), _plain(option.help))
+                rows.append(f"| `{name}` | " + " | ".join(words) + " |")
+    return "\n".join(rows) + "\n"
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"([\\`*_{}\[\]<>#|])", r"\\\1", text)
+
+
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Return a page whose links out of docs/ go to the repository; the release notes are CHANGELOG.md."""
+    """Return a page as the book has it; the release notes are CHANGELOG.md."""
     if page.file.src_uri == "changelog.md":
         text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
         text = re.sub(r"\]\((?!https?:|#|docs/)", "](../", text)
         markdown = text.replace("](docs/", "](")
+    if page.file.src_uri == "api.md":
+        markdown = re.sub(
+            r"^::: markergen\.(\w+)$",
+            lambda found: f"{found.group()}\n\n{keywords(getattr(markergen, found.group(1)))}",
+            markdown,
+            flags=re.MULTILINE,
+        )
     return markdown.replace("](../", f"]({HOME}")
 
 

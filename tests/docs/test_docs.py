@@ -4,15 +4,11 @@ import re
 import tomllib
 from pathlib import Path
 
-import cv2
-import numpy as np
-import pytest
 import typer
 
 from docs.generate import reference, rig_file_schema, schema, spec_file_schema
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
-from markergen.render import DEFAULT_OPTICS, render_view
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,19 +83,3 @@ def test_flags_of_the_readme_exist():
     known = (ROOT / "docs" / "cli.md").read_text()
     for flag in re.findall(r"(--[a-z][a-z-]+)", (ROOT / "README.md").read_text()):
         assert flag in known, flag
-
-
-def test_the_page_on_python_runs_as_it_stands(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), re.DOTALL)
-    names = {"__name__": "page"}
-    for block in blocks:
-        exec(compile(block, "library.md", "exec"), names)
-    assert "6 control points in a disk of radius 80 mm" in capsys.readouterr().out
-    assert {"marker.pdf", "marker.svg", "report.html"} <= {path.name for path in tmp_path.iterdir()}
-    # Its loop is fed with a view of the marker, seen upright from half a meter.
-    pose = np.diag([1.0, -1, -1]), np.array([0, 0, 0.5])
-    view = render_view(names["marker"], names["camera"], *pose, DEFAULT_OPTICS, np.random.default_rng(0))
-    rvec, tvec = names["pose_of"](cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
-    assert tvec[2, 0] == pytest.approx(0.5, abs=1e-3)
-    assert np.linalg.norm(rvec) == pytest.approx(np.pi, abs=0.01)
