@@ -1,4 +1,4 @@
-"""Write what follows from the code: the schemas of marker.json, rig.json and specs, and the command-line reference.
+"""Write what follows from code and templates: schemas of files, the command-line reference, the page of templates.
 
 python -m docs.generate
 """
@@ -8,12 +8,22 @@ from pathlib import Path
 
 import typer
 
+from markergen.api.templates import overview
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
 from markergen.model.rig_json import rig_schema
 from markergen.read.spec_file import spec_schema
+from markergen.read.templates import template_text
 
 HERE = Path(__file__).parent
+
+TEMPLATES = """# Templates
+
+Ready-made specs for common uses, each to be designed as it is or edited. `markergen templates` lists them, and
+`markergen templates NAME > my.toml` copies one; put your own camera in. A flag beside `--template` replaces what the
+file says. Each is designed, rendered, found, validated and exported as it is shipped by `make test-long`; the pictures
+are made by `python -m docs.pictures_of_templates docs/images/templates`.
+"""
 
 
 def schema(version: int) -> str:
@@ -44,6 +54,25 @@ def reference() -> str:
     return "\n".join(parts)
 
 
+def page_of_templates() -> str:
+    """Return the page that shows every template: what its file says of it, its picture, sizes, and command."""
+    parts = [TEMPLATES]
+    for each in overview().templates:
+        said = template_text(each.name).splitlines()[0].removeprefix("# ")
+        [picture] = sorted((HERE / "images" / "templates").glob(f"{each.name}.*"))
+        size = " x ".join(f"{1e3 * side:.4g}" for side in each.size)
+        dots = f"{each.dots} dots" if each.dots else "as many dots as the distances need"
+        near, far = (f"{distance:.2g}" for distance in each.distances)
+        output = f"{each.name}.pdf -o {each.name}.step" if each.name in ("relief-print", "cube") else f"{each.name}.pdf"
+        parts.append(
+            f"## {each.name}\n\n{said}\n\n"
+            f'<img src="images/templates/{picture.name}" width="260" alt="{each.title}, as designed">\n\n'
+            f"{size} mm, {dots}, for {each.camera[0]}x{each.camera[1]} px from {near} to {far} m.\n\n"
+            f"```sh\nmarkergen {each.command} --template {each.name} -o {output}\n```\n"
+        )
+    return "\n".join(parts)
+
+
 def main() -> None:
     """Write the files beside this one."""
     for version in VERSIONS:
@@ -51,6 +80,7 @@ def main() -> None:
     (HERE / "rig-v1.schema.json").write_text(rig_file_schema())
     (HERE / "spec.schema.json").write_text(spec_file_schema())
     (HERE / "cli.md").write_text(reference())
+    (HERE / "templates.md").write_text(page_of_templates())
 
 
 if __name__ == "__main__":

@@ -477,7 +477,7 @@ GIVEN: Sequence[Given] = tuple(
                 "as of a grid turned by # degrees",
                 "- **# %**: interval",
                 "over that of its square (# and # are tried",
-                "(standard deviation, default # mm)",
+                "(standard deviation; that of the design, or # mm)",
                 "standard deviation | # |",
                 "with # px of blur, noise of # grey levels",
                 "reported more than # px from",
@@ -495,7 +495,11 @@ GIVEN: Sequence[Given] = tuple(
         ),
         (VALIDATE, SETTING, ["for a radius of # px, a contrast of # grey levels, a blur of # px and noise of # grey"]),
         (VALIDATE, EXAMPLE, ["gave # deg in the hardest case where # was expected"]),
-        (DETECT, DEFAULT, ["gives no frame for # s", "(default # mm along each axis)", "`design` takes # px along"]),
+        (
+            DETECT,
+            DEFAULT,
+            ["gives no frame for # s", "(along each axis; that of the design, or # mm)", "`design` takes # px along"],
+        ),
         (
             DETECT,
             MEANING,

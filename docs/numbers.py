@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).parent.glob("*.md"))))
 """Files that are searched for numbers."""
 
-GENERATED = ("docs/cli.md",)
+GENERATED = ("docs/cli.md", "docs/templates.md")
 """Files that `make docs` writes."""
 
 _NUMBER = r"-?(?:\d{1,3}(?:,\d{3})+|\d+)(?:\.\d+)?"

@@ -12,7 +12,7 @@ from markergen.calibration.run import Known
 from markergen.calibration.run import calibrate as run
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig
+from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import check_scale
 from markergen.options import (
@@ -121,7 +121,7 @@ def calibrate(
         covariance,
         settled["geometry"] == "free",
         tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
-        settled["print_sigma"],
+        planned_print(*designs) if settled["print_sigma"] is None else settled["print_sigma"],
         settled["scale_sigma"],
         settled["poses"],
     )

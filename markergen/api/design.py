@@ -166,6 +166,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
     template, output, traces, coverages = (asked.pop(name, None) for name in OUTSIDE_FILES)
     values = read_template(str(template)) if template else {}
+    if "shape" in values:
+        raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
     # Each of them defines the available room, so the one that is given replaces the template's.
     for one, other in (("radius", "boundary"), ("boundary", "radius")):
         if one in asked:

@@ -1,7 +1,8 @@
 """``markergen.rig``: from a shape to a rig and its files."""
 
 import logging
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -12,13 +13,15 @@ from markergen.exporters import RIG_EXPORTERS
 from markergen.exporters.saving import check_outputs, save, with_record
 from markergen.files import check_outputs as check_files
 from markergen.model.marker import Marker
-from markergen.model.rig_shapes import rig_shape
+from markergen.model.rig_shapes import RigShape, rig_shape
+from markergen.model.spec import Spec
 from markergen.model.tag import parse_tag
 from markergen.optimize.rig_design import RigDesign, design_rig
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.rig import RigKeywords
 from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping
+from markergen.read.templates import read_template
 
 log = logging.getLogger(__name__)
 
@@ -27,7 +30,7 @@ SHARED = ("n", "camera", "poses", "print_sigma", "dot", "clearance", "objective"
 """Options of a rig that are also those of a design, with the same meaning."""
 
 
-def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKeywords]) -> RigDesign:
+def rig(shape: str = "", *, progress: Progress | None = None, **options: Unpack[RigKeywords]) -> RigDesign:
     """Design a body with a marker on every face, for the pose from all dots in view.
 
     Each plate's layout minimizes the error of the joint pose T_camera_rig, given the dots of the others in view. Where
@@ -37,7 +40,7 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     ----------
     shape : str
         ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``, or a list of plates, ``plates.toml``, ``.json`` or ``.csv``;
-        see docs/rigs.md.
+        see docs/rigs.md. Empty takes that of the template.
     progress : callable, optional
         Called with a stage, the amount done, and the total.
     **options
@@ -65,9 +68,51 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     [('left', 'aruco:DICT_4X4_50:0'), ('right', 'aruco:DICT_4X4_50:1')]
     """
     check_progress(progress)
+    request = request_of(shape, options)
+    asked, made, spec = request.asked, request.made, request.spec
+    choices = choices_of(asked)
+    paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
+    check_outputs(paths, choices, table=RIG_EXPORTERS)
+    check_files(paths, request.inputs)
+    log.info("designing a rig of %d plates", len(made.faces))
+    found = design_rig(made, spec, request.tags, request.known, progress)
+    for warning in found.warnings:
+        log.warning("%s", warning)
+    return replace(found, written=tuple(save(found.rig, paths, choices, request.inputs))) if paths else found
+
+
+rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class Request:
+    """A request, checked before any search: options, shape, markers that are known, spec, tags, and input files."""
+
+    asked: dict[str, Any]
+    made: RigShape
+    known: dict[int, Marker]
+    spec: Spec
+    tags: list[str]
+    inputs: list[Path]
+
+
+def request_of(shape: str, options: Mapping[str, Any]) -> Request:
+    """Check the options of a rig, and read the files that they name; raises InputError as `rig`."""
     if not isinstance(shape, str):
         raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
     asked = given(options, RigKeywords)
+    template = asked.pop("template", None)
+    if template:
+        values = read_template(str(template))
+        if "shape" not in values:
+            remedy = f"use markergen design --template {template}, or name the shape as well"
+            raise InputError("a template of a rig", f"{template}, of one plate", remedy)
+        shape = shape or str(values["shape"])
+        own = {key: value for key, value in values.items() if key not in ("shape", "title")}
+        asked = given(own, RigKeywords) | asked
+    if not shape:
+        remedy = "write cube, or --template with a name of markergen templates"
+        raise InputError("a shape or a template", "neither", remedy)
     measures: dict[str, Any] = {name: asked[name] for name in (*MEASURES, "without") if name in asked}
     known: dict[int, Marker] = {}
     if shape.lower().endswith(SUFFIXES):
@@ -81,19 +126,10 @@ def rig(shape: str, *, progress: Progress | None = None, **options: Unpack[RigKe
     spec = spec_from_mapping(values, "the options")
     tags = _tags(asked, len(made.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
-    choices = choices_of(asked)
-    paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
-    inputs = files_among(shape if known or made.text == "plates" else None, asked.get("camera"), asked.get("poses"))
-    check_outputs(paths, choices, table=RIG_EXPORTERS)
-    check_files(paths, inputs)
-    log.info("designing a rig of %d plates", len(made.faces))
-    found = design_rig(made, spec, tags, known, progress)
-    for warning in found.warnings:
-        log.warning("%s", warning)
-    return replace(found, written=tuple(save(found.rig, paths, choices, inputs))) if paths else found
-
-
-rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
+    listed = shape if known or made.text == "plates" else None
+    return Request(
+        asked, made, known, spec, tags, files_among(template, listed, asked.get("camera"), asked.get("poses"))
+    )
 
 
 def _tags(asked: dict[str, Any], count: int) -> list[str]:

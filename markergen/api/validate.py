@@ -8,7 +8,7 @@ from typing import Any, Unpack, overload
 from markergen.api.arguments import camera_of, files_among
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
-from markergen.model.rig import Rig
+from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import (
     CameraLike,
@@ -139,9 +139,10 @@ def validate(
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
     setting = setting_of(judged, settled["poses"], camera_of(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
+    printed = planned_print(judged) if settled["print_sigma"] is None else settled["print_sigma"]
     series = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"],
-        ErrorSources(settled["print_sigma"], covariance, scale_sigma=settled["scale_sigma"]),
+        ErrorSources(printed, covariance, scale_sigma=settled["scale_sigma"]),
         settled["hide"], settled["refine"],
     )  # fmt: skip
     check_pictures(targets, views)
@@ -177,9 +178,10 @@ def _validated(
     views = VIEWS if settled["views"] is None else settled["views"]
     by, poses = rig_setting(rig, settled["poses"], camera_of(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, by)
+    printed = planned_print(rig) if settled["print_sigma"] is None else settled["print_sigma"]
     series = RigViews(
         rig, by, poses, views, settled["seed"], optics_from_text(settled["optics"] or ""), settled["background"],
-        ErrorSources(settled["print_sigma"], covariance),
+        ErrorSources(printed, covariance),
     )  # fmt: skip
     check_pictures(targets, views)
     targets.check(files_among(source, camera, settled["camera_covariance"], settled["poses"]))

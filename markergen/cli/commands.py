@@ -89,7 +89,9 @@ def _shapes() -> list[tuple[str, str]]:
 @app.command(cls=GroupedCommand)
 @with_options(RigKeywords, listed={"Shapes": _shapes, "Suffixes for a rig": _rig_suffixes})
 def rig(
-    shape: Annotated[list[str], typer.Argument(metavar="SHAPE", help="One of those above.")],
+    shape: Annotated[
+        list[str] | None, typer.Argument(metavar="[SHAPE]", help="One of those above; or that of the --template.")
+    ] = None,
     **options: Any,
 ) -> None:
     """Design a body with a marker on every face, for one pose from all dots in view; <stem>.json always comes with it.
@@ -99,12 +101,13 @@ def rig(
       markergen rig cube --edge 80mm --n 6 -o cube.json
       markergen rig prism:6 --edge 60mm --height 80mm --without -z -o prism.json
       markergen rig wall 3x2 --pitch 0.5m --tag aruco:DICT_4X4_50 -o wall.json
+      markergen rig --template cube -o cube.json -o cube.pdf
     """
     from markergen.api.rig import rig as find
 
     options.setdefault("output", [Path("rig.json")])
     with console.progress_bar() as progress:
-        found = find(" ".join(shape), progress=progress, **options)
+        found = find(" ".join(shape or ()), progress=progress, **options)
     console.print_parts([*found.parts(), *map(str, found.written)])
 
 
@@ -471,22 +474,23 @@ def study(
 @app.command(cls=GroupedCommand)
 def templates(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this template, to be edited.")] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="The list as JSON; - is standard output.")] = None,
 ) -> None:
-    """List the ready-made specs, or print one.
+    """List the ready-made specs with sizes, cameras and distances, or print one.
 
     \b
     Example:
       markergen templates desk-a4 > my.toml
       markergen design --template my.toml -o marker.pdf
     """
-    from markergen.presentation.tables import Table
-    from markergen.read.templates import read_template, template_text, templates
+    from markergen.api.templates import overview
+    from markergen.read.templates import template_text
 
     if name:
         print(template_text(name), end="")
         return
-    rows = [[known, str(read_template(known).get("title", ""))] for known in templates()]
-    console.print_parts([Table("Templates", ["name", "purpose"], rows)])
+    to_stdout = str(json) == "-"
+    console.print_found(overview(None if to_stdout else json), to_stdout)
 
 
 app.command(cls=GroupedCommand)(studio)

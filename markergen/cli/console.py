@@ -8,6 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from markergen.api.templates import Overview
     from markergen.calibration.calibration import Calibration
     from markergen.options import Progress
     from markergen.presentation.tables import Table
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
 
-    Found = Calibration | Comparison | Validation | Verification
+    Found = Overview | Calibration | Comparison | Validation | Verification
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""

@@ -133,7 +133,7 @@ def detect_files(
     camera: CameraLike | None = None,
     *,
     camera_covariance: CovarianceSource = None,
-    print_sigma: str | float = "0.1mm",
+    print_sigma: str | float | None = None,
     refine: str = "none",
     workers: int | None = None,
     window: bool | None = None,

@@ -24,7 +24,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig
+from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import CameraLike, TargetLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
@@ -267,8 +267,9 @@ class Detector:
         Markers and rigs to find, with all their copies.
     camera : Camera, path of a calibration, or None
         Without one there are pixels and homographies, but no poses.
-    print_sigma : str or float
-        Standard deviation of a printed dot's position along each axis: a length such as ``"0.1mm"``, or m.
+    print_sigma : str, float or None
+        Standard deviation of a printed dot's position along each axis: a length such as ``"0.1mm"``, or m; None is that of
+        the design, or 0.1 mm.
     camera_covariance : array (k, k) or (k,), path, or None
         Covariance or standard deviations of the calibration's parameters: fx, fy, cx, cy and the distortion coefficients,
         or the first four alone, in px for those. None takes that in the camera's file, if it has one; ``"none"`` takes
@@ -314,7 +315,7 @@ class Detector:
         markers: TargetLike | Iterable[TargetLike],
         camera: CameraLike | None = None,
         *,
-        print_sigma: str | float = "0.1mm",
+        print_sigma: str | float | None = None,
         camera_covariance: CovarianceSource = None,
         refine: str = "none",
         copies: int = MAX_COPIES,
@@ -331,11 +332,12 @@ class Detector:
                 "give its calibration as well, with --camera, or camera= from Python",
             )
         self._note = counted(camera_covariance, camera, covariance)
-        self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
         sources = as_list(markers)
         named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
         self._names = tuple(name for _, name in named)
         self._targets = tuple(marker for marker, _ in named)
+        printed = planned_print(*self._targets) if print_sigma is None else parse_length(print_sigma, "print_sigma")
+        self._errors = ErrorSources(printed, covariance)
         self._sought = prepare(self._targets, self._camera is not None)
         self._photometric = refine == "photometric"
         if self._photometric and any(isinstance(each, Rig) for each in self._targets):

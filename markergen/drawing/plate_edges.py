@@ -96,8 +96,15 @@ def plate_labels(rig: Rig, k: int, edges: list[Edge], scale: float) -> tuple[Sha
 
     size, name = NAME * scale, rig.markers[k].name
     half = text_width(name, size, "bold") / 2
-    low = bottom - 2 * AIR * scale - size
-    x, _ = freest(np.array([[x, low] for x in (left + half, right - half)]))
+    quiet = np.array([point.feature.diameter * 1e3 for point in marker.control_points])
+
+    def lowest(x: float) -> float:
+        """Lower end of the plate, and of the quiet zones of dots above a name there."""
+        above = np.abs(dots[:, 0] - x) < quiet + half
+        return float(np.min((dots[:, 1] - quiet)[above], initial=bottom))
+
+    ends = [(x, lowest(x) - 2 * AIR * scale - size) for x in (left + half, right - half)]
+    x, low = max(ends, key=lambda end: round(end[1], 6))
     shapes: list[Shape] = [text(name, float(x), low, size, "center", "bold", name="plate-name")]
     for number, edge in enumerate(edges):
         if edge.meets is None:

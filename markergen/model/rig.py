@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
 from markergen.model.marker import ROUNDING, Marker, Rows, check_covariance, check_pose
+from markergen.model.spec import USUAL_PRINT
 from markergen.registry import door
 from markergen.units import format_length
 
@@ -272,3 +273,15 @@ def _check_covariance(rows: Rows, size: int) -> None:
     except InputError as error:
         expected = "a symmetric, positive semidefinite covariance of a rig's relation"
         raise InputError(expected, *error.args[1:]) from None
+
+
+def planned_print(*targets: Marker | Rig) -> float:
+    """Return the print error in m that markers were designed for, the largest of several; the usual one for others.
+
+    Standard deviation of a dot's position along each axis, as in `Spec.print_sigma`.
+    """
+    parts = [[each.marker for each in target.markers] if isinstance(target, Rig) else [target] for target in targets]
+    specs = [marker.provenance.get("spec") for markers in parts for marker in markers]
+    planned = [spec.get("print_sigma") if isinstance(spec, Mapping) else None for spec in specs]
+    known = [each if isinstance(each, float) and each > 0 else USUAL_PRINT for each in planned]
+    return max(known, default=USUAL_PRINT)

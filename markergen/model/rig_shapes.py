@@ -176,7 +176,7 @@ def _body(text: str, faces: list[Face], without: Sequence[str], sizes: dict[str,
     kept = tuple(face for face in faces if face.name not in without)
     if not kept:
         raise InputError("a face or more", "none", "leave out fewer of them")
-    reach = max(float(np.linalg.norm(_corners(face), axis=-1).max()) for face in faces)
+    reach = max(float(np.linalg.norm(corners(face), axis=-1).max()) for face in faces)
     return RigShape(text, kept, f"sphere:distance={span_of(reach)}", sizes)
 
 
@@ -200,7 +200,7 @@ def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
         for row in range(rows)
         for column in range(columns)
     )
-    reach = max(float(np.linalg.norm(_corners(face), axis=-1).max()) for face in faces)
+    reach = max(float(np.linalg.norm(corners(face), axis=-1).max()) for face in faces)
     return RigShape(f"wall:{columns}x{rows}", faces, f"cone:distance={span_of(reach, 1.5, 5)},tilt=0..60", sizes)
 
 
@@ -223,7 +223,8 @@ def rectangle(width: float, height: float) -> Polygon:
     return Polygon((((x, y), (-x, y), (-x, -y), (x, -y)),))
 
 
-def _corners(face: Face) -> Array:
+def corners(face: Face) -> Array:
+    """Return the corners (k, 3) in m of a face in the frame of its rig."""
     points = np.concatenate(face.boundary.outlines())
     return points @ np.array(face.rotation).T[:2] + face.translation
 

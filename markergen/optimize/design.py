@@ -31,7 +31,7 @@ from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
-from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
+from markergen.optimize.dot_size import DotSize, choose_dots, crowded, pixels_across
 from markergen.optimize.given import refuse_faults, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
@@ -253,11 +253,8 @@ class Design(Result):
             found.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
             found.append(self.dots.warning)
-        found.extend(self._beaten())
-        found.extend(self._weak_criteria())
-        found.extend(self._idle_keep_outs())
-        found.extend(near_holes(self.marker))
-        return tuple(found)
+        found += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]
+        return (*found, *crowded(self.marker.xyz, self.dots.diameter, self.setting.camera, self.setting.poses))
 
     def _idle_keep_outs(self) -> list[str]:
         """Warnings about keep-outs outside the boundary."""

@@ -8,6 +8,7 @@ from markergen.options import (
     LAYOUT,
     SEARCH,
     VIEW,
+    File,
     Files,
     Length,
     LengthOrAuto,
@@ -21,6 +22,9 @@ from markergen.options.shared import Aggregate, Camera, Restarts, Seed, SheetKey
 class RigKeywords(SheetKeywords, total=False):
     """Options of a rig, besides its shape."""
 
+    template: Annotated[
+        File, Option(LAYOUT, "Start from a ready-made rig; see markergen templates.", metavar="NAME|FILE")
+    ]
     edge: Annotated[
         Length, Option(LAYOUT, "Edge of a cube, or of a prism's polygon.", otherwise="80mm of a cube, 60mm of a prism")
     ]

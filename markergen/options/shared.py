@@ -17,7 +17,14 @@ from markergen.options import (
     Texts,
 )
 
-Printed = Annotated[Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")]
+Printed = Annotated[
+    Length,
+    Option(
+        ERRORS,
+        "Standard deviation of a printed dot's position along each axis.",
+        otherwise="that of the design, or 0.1mm",
+    ),
+]
 Calibrated = Annotated[
     Covariance,
     Option(

@@ -26,7 +26,7 @@ from markergen.model.marker import Marker
 from markergen.model.marker_json import load_marker
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import Rig
+from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_rig
 from markergen.model.sight import coverage
 from markergen.options import given
@@ -48,9 +48,6 @@ from markergen.validation.validation import setting_of
 from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
-
-USUAL = ErrorSources()
-"""Print and calibration that the errors of a body are told with, as `validate` takes them."""
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 """Same files, same bytes."""
@@ -192,17 +189,18 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tuple[dict[str, Any], str]:
-    """Errors to expect at every pose, of the usual print and to first order, and a sentence on them."""
+    """Errors to expect at every pose, of the print that was planned and to first order, and a sentence on them."""
+    usual = ErrorSources(planned_print(what))
     if isinstance(what, Rig):
-        shown = rigs.visibility(RigViews(what, camera, poses, 0, errors=USUAL))
+        shown = rigs.visibility(RigViews(what, camera, poses, 0, errors=usual))
         served, budget = shown.served, rigs.budget_of(shown)
     else:
-        series = SyntheticViews(what, camera, poses, 0, errors=USUAL)
+        series = SyntheticViews(what, camera, poses, 0, errors=usual)
         served, budget = coverage(what, camera, poses).served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
     turned, moved = (headline.amount(rms(each[served])) for each in total.values())
     found = {name: np.where(served, each, np.inf) for name, each in total.items()}
-    source = headline.source_of(1e3 * USUAL.print_sigma, False)
+    source = headline.source_of(1e3 * usual.print_sigma, False)
     where = (
         f"the {np.count_nonzero(served)} of {len(poses)} poses that show enough dots"
         if not served.all()

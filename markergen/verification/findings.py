@@ -21,6 +21,9 @@ MOST_SUBSETS = 300
 MIRRORED = "print or cut it without mirroring: looked at from the printed side it must read normally"
 AGAIN = "export it again, and do not edit its dots"
 
+FAR = 2.0
+"""Reach of a marker, in radii of what its dots fill, within which others disturb it."""
+
 STRANGER = 0.25
 """Share of a dot's diameter: dots farther off than that, where no scale explains it, belong to another marker."""
 
@@ -146,12 +149,21 @@ def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: flo
 def extras(
     found: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
 ) -> list[Finding]:
-    """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped."""
+    """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped.
+
+    So are those far from a small marker on a large sheet: at the size of its dots, letters are round.
+    """
     left = np.setdiff1d(np.arange(len(found)), used)
     if not len(left) or motion is None:
         return []
     rotation, shift = motion
     places = (found.centers[left] - shift) @ rotation
+    if len(used):
+        own = (found.centers[used] - shift) @ rotation
+        middle = own.mean(axis=0)
+        reach = FAR * (np.linalg.norm(own - middle, axis=-1).max() + 10 * found.radii[used].max())
+        close = np.linalg.norm(places - middle, axis=-1) <= reach
+        left, places = left[close], places[close]
     if holes is not None and len(holes):
         places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > found.radii[left] / 2]
     if not len(places):

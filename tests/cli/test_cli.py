@@ -165,7 +165,7 @@ def test_version(capsys):
         ("design --aggregate median", "nown: cvar, logmean, max, mean, rms"),
         ("design --coordinates polar --objective condition", "unit, metric, pixel, hartley"),
         ("design --poses sideways", "known: paper, paper-roll"),
-        ("design --template none", "known: desk-a4, drone-pad, landing-pad, paper-disk, robot-flange"),
+        ("design --template none", "known: conveyor, cube, desk-a4, desk-letter"),
         ("design --radius 3 -o m.json", "none of 400"),
         ("design -o marker.doc", ".pdf"),
         ("design -o marker", ".pdf"),

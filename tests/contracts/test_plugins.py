@@ -158,7 +158,10 @@ def test_names_of_plug_ins_are_among_the_known_ones(run, here):
     (here / "wrong.yaml").write_text(CAMERA.replace("field_of_view", "omni"))
     assert "fov, field_of_view" in run("design --camera wrong.yaml -o no.json", 2)
     # Without the package, a marker that needs it says what is missing.
-    assert "known pose distribution" in run("validate d.json --runs 0 --views 0", 2, folders=())
+    marker = json.loads((here / "plain.json").read_text())
+    marker["provenance"] = {"spec": {"poses": "helix:count=12"}}
+    (here / "helix.json").write_text(json.dumps(marker))
+    assert "known pose distribution" in run("validate helix.json --runs 0 --views 0", 2, folders=())
 
 
 # What comes from a script goes to a cluster in test_scripts.

@@ -179,7 +179,6 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
         (["pentagon", np.eye(3)], {}, "a calibration, found ndarray"),
         (["pentagon", "no.yaml"], {}, "no.yaml"),
         (["pentagon", CAMERA], {"print_sigma": "much"}, "print_sigma"),
-        (["pentagon", CAMERA], {"print_sigma": None}, "print_sigma"),
         (["pentagon", CAMERA], {"print_sigma": -1e-3}, "print error of 0 to 1 m"),
         (["pentagon"], {"camera_covariance": np.eye(4)}, "a camera that the covariance belongs to"),
         (["pentagon", CAMERA], {"camera_covariance": np.eye(3)}, "4 standard deviations or 4x4 numbers"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from docs.generate import reference, rig_file_schema, schema, spec_file_schema
+from docs.generate import page_of_templates, reference, rig_file_schema, schema, spec_file_schema
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
 
@@ -21,6 +21,7 @@ def test_generated_documents_are_up_to_date():
     published = {"spec.schema.json", "rig-v1.schema.json", *(f"marker-v{version}.schema.json" for version in VERSIONS)}
     assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == published
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
+    assert (ROOT / "docs" / "templates.md").read_text() == page_of_templates()
 
 
 def test_every_key_of_marker_json_is_explained():

@@ -16,7 +16,14 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.design import design
-from markergen.optimize.dot_size import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
+from markergen.optimize.dot_size import (
+    BLOT_PX,
+    choose_dots,
+    crowded,
+    largest_that_leaves_room,
+    pixels_across,
+    smallest_detectable,
+)
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +168,16 @@ def test_progress_ends_full(few):
     choose_dots(Spec(dot="auto", n=4), few, lambda *call: calls.append(call))
     assert calls[-1][1] == calls[-1][2]
     assert {stage for stage, *_ in calls} == {"dot size"}
+
+
+def test_dots_that_run_together_in_images_are_told_with_the_gap_that_serves():
+    poses = PoseDistribution("frontal", np.diag([1.0, -1, -1])[None], np.array([[0.0, 0, 1.0]]))
+    camera, diameter = Camera(640, 480, 800, 800, 320, 240), 0.01
+    for gap in (0.0012, 0.0018):  # 0.96 and 1.44 px
+        points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+        said = crowded(points, diameter, camera, poses)
+        assert bool(said) == (800 * gap < BLOT_PX)
+        if said:
+            assert "100%" in said[0]
+            assert "--gap 1.9mm" in said[0]
+    assert crowded(points, 0.0, camera, poses) == []

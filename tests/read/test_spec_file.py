@@ -21,12 +21,13 @@ CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "c
 
 
 def test_templates_are_ready_to_use():
-    assert set(templates()) == {"desk-a4", "drone-pad", "landing-pad", "paper-disk", "robot-flange"}
+    assert len(templates()) == 14
     for name in templates():
         values = read_template(name)
         assert values["title"]
-        spec = spec_from_mapping(values, name)
-        assert spec.n >= 4 or spec.n == AUTO
+        if "shape" not in values:  # Rigs are those of tests/api/test_templates.py.
+            spec = spec_from_mapping(values, name)
+            assert spec.n >= 4 or spec.n == AUTO
 
 
 def test_the_papers_template_is_the_default():
@@ -209,7 +210,7 @@ def test_templates_from_files(tmp_path):
         read_template(str(path))
     with pytest.raises(InputError, match="No such file"):
         read_template(str(tmp_path / "none.toml"))
-    with pytest.raises(InputError, match="known: desk-a4, drone-pad, landing-pad, paper-disk"):
+    with pytest.raises(InputError, match="known: conveyor, cube, desk-a4, desk-letter"):
         read_template("desk")
 
 
@@ -340,7 +341,7 @@ def test_it_is_a_schema():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("name", templates())
+@pytest.mark.parametrize("name", [name for name in templates() if "shape" not in read_template(name)])
 def test_the_templates_fit(name):
     assert fits(read_template(name))
 

@@ -1,0 +1,113 @@
+"""Shipped templates with what they are for, how large they are, and from where they are seen."""
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from markergen.api import rig
+from markergen.files import Written
+from markergen.model.rig_shapes import corners
+from markergen.model.spec import AUTO
+from markergen.presentation.results import SavableResult, json_bytes
+from markergen.presentation.tables import Table
+from markergen.read.poses import poses_from
+from markergen.read.spec_file import spec_from_mapping
+from markergen.read.templates import read_template, templates
+
+
+@dataclass(frozen=True)
+class Template:
+    """A template, in the terms of a reader who chooses one.
+
+    Attributes
+    ----------
+    command : str
+        ``design``, or ``rig`` for several plates.
+    size : tuple of float
+        Width and height of the room for dots, or of what the plates of a rig fill, and its depth, in m.
+    dots : int or None
+        Number of dots, of all plates; None if the search chooses it.
+    camera : tuple of int
+        Width and height of the image in px.
+    distances : tuple of float
+        Of the nearest and the farthest pose, in m.
+    """
+
+    name: str
+    title: str
+    command: str
+    size: tuple[float, ...]
+    dots: int | None
+    camera: tuple[int, int]
+    distances: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Overview(SavableResult):
+    """The shipped templates, by name."""
+
+    templates: tuple[Template, ...] = ()
+    written: tuple[Written, ...] = ()
+
+    def parts(self) -> list[str | Table]:
+        """Return the table of all, and how to use one."""
+        rows = [
+            [
+                each.name,
+                each.title,
+                " x ".join(f"{1e3 * side:.4g}" for side in each.size),
+                str(each.dots or "auto"),
+                "x".join(map(str, each.camera)),
+                "{:.2g} to {:.2g}".format(*each.distances),
+            ]
+            for each in self.templates
+        ]
+        rigs = ", ".join(each.name for each in self.templates if each.command == "rig")
+        return [
+            Table("Templates", ["name", "for", "size mm", "dots", "camera px", "distance m"], rows),
+            "Use: markergen design --template desk-a4 -o marker.pdf. Edit: markergen templates desk-a4 > my.toml",
+            f"Several plates ({rigs}): markergen rig --template cube -o cube.pdf",
+        ]
+
+    def to_json(self) -> bytes:
+        """Return a list of tables with the attributes of `Template`."""
+        return json_bytes([asdict(each) for each in self.templates])
+
+
+def overview(json: object = None) -> Overview:
+    """Return all shipped templates, and write them as JSON.
+
+    Raises
+    ------
+    InputError
+        If the path cannot be written to.
+
+    Examples
+    --------
+    >>> [(each.command, each.dots, each.distances) for each in overview().templates if each.name == "paper-disk"]
+    [('design', 5, (0.6, 1.5))]
+    """
+    targets = Overview.targets(json=json)
+    targets.check([])
+    found = Overview(templates=tuple(map(_template, templates())))
+    return replace(found, written=tuple(found.write(targets)))
+
+
+def _template(name: str) -> Template:
+    values = read_template(name)
+    if "shape" in values:
+        request = rig.request_of("", {"template": name})
+        spec, plates, room = request.spec, len(request.made.faces), np.concatenate([*map(corners, request.made.faces)])
+    else:
+        spec, plates = spec_from_mapping(values, name), 1
+        room = np.concatenate(spec.boundary.outlines())
+    away = poses_from(spec.poses).distance
+    return Template(
+        name,
+        str(values.get("title", "")),
+        "rig" if "shape" in values else "design",
+        tuple(round(float(side), 6) for side in np.ptp(room, axis=0) if side > 1e-9),
+        None if spec.n == AUTO else plates * spec.n,
+        (spec.camera.width, spec.camera.height),
+        (round(float(away.min()), 3), round(float(away.max()), 3)),
+    )

@@ -1,0 +1,88 @@
+"""Every template is ready to use: designed, validated and exported as it is shipped."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import markergen as mg
+from markergen.api.templates import overview
+from markergen.cli import main
+from markergen.model.rig import planned_print
+from markergen.read.templates import templates
+
+FOUND = {template.name: template for template in overview().templates}
+QUICK = "instrument-plate"
+PAGE = (Path(__file__).parents[2] / "docs" / "templates.md").read_text()
+
+
+def designed(name):
+    return mg.rig(template=name) if FOUND[name].command == "rig" else mg.design(template=name)
+
+
+@pytest.mark.parametrize(
+    "name", [each if each == QUICK else pytest.param(each, marks=pytest.mark.long) for each in FOUND]
+)
+def test_it_is_designed_found_and_exported(name, tmp_path):
+    made = designed(name)
+    # What a template warns of, its user would have to mend.
+    accepted = ("weak for", "pixel", "print error") if name in ("robot-flange", "drone-pad") else ()
+    assert not [each for each in made.warnings if not any(words in each for words in accepted)]
+    target = made.rig if FOUND[name].command == "rig" else made.marker
+    views = 3 if name == QUICK else 40
+    seen = mg.validate(target, views=views, runs=1).results["views"]
+    assert seen["wrong"] == 0
+    assert seen["detected"] == views
+    flat, solid = not getattr(target, "height", 0), name != "thermal"  # Light dots are not made as solids.
+    one_page = flat and name not in ("landing-pad", "wall")
+    for suffix in (".pdf",) * flat + (".svg",) * one_page + (".step",) * solid:
+        path = tmp_path / f"made{suffix}"
+        mg.export(target, path)
+        assert mg.verify(target, path).passed, suffix
+
+
+def test_one_page_shows_them_all():
+    for name, template in FOUND.items():
+        assert f"## {name}" in PAGE
+        assert template.title in PAGE
+        assert f"--template {name}" in PAGE
+        assert (Path(__file__).parents[2] / "docs" / "images" / "templates" / f"{name}.svg").exists() or (
+            Path(__file__).parents[2] / "docs" / "images" / "templates" / f"{name}.png"
+        ).exists()
+
+
+def test_they_are_listed_with_sizes_for_people_and_programs(capsys):
+    assert main(["templates", "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [each["name"] for each in told] == list(templates())
+    disk = next(each for each in told if each["name"] == "paper-disk")
+    assert (disk["size"], disk["dots"], disk["camera"], disk["distances"]) == ([0.3, 0.3], 5, [640, 480], [0.6, 1.5])
+    cube = next(each for each in told if each["name"] == "cube")
+    assert (cube["command"], cube["size"], cube["dots"]) == ("rig", [0.08, 0.08, 0.08], 30)
+
+
+def test_a_rig_and_a_plate_are_told_apart():
+    with pytest.raises(mg.InputError, match="use markergen rig --template cube"):
+        mg.design(template="cube")
+    with pytest.raises(mg.InputError, match="use markergen design --template desk-a4"):
+        mg.rig(template="desk-a4")
+    with pytest.raises(mg.InputError, match="a shape or a template"):
+        mg.rig()
+
+
+def test_what_is_given_replaces_what_the_template_says(tmp_path):
+    (tmp_path / "two.toml").write_text(
+        'title = "two"\nshape = "pair"\nplate = "90mm"\nn = 6\ntag = "aruco:DICT_4X4_50"\nrestarts = 1\n'
+        'poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"\n'
+    )
+    made = mg.rig(template=str(tmp_path / "two.toml"), n=4)
+    assert [len(each.marker) for each in made.rig.markers] == [4, 4]
+
+
+def test_the_print_is_that_of_the_design():
+    usual = {"n": 4, "radius": "60mm", "restarts": 1, "poses": "cone:count=4"}
+    marker = mg.design(**usual, noise_model="image", print_sigma="0.5um").marker
+    assert planned_print(marker) == 0.5e-6
+    assert mg.validate(marker, views=0, runs=2).results["budget"]["print_sigma_mm"] == pytest.approx(5e-4)
+    plain = mg.design(**usual).marker
+    assert (planned_print(plain), planned_print(plain, marker)) == (1e-4, 1e-4)
