@@ -583,7 +583,8 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (FABRICATE, EXAMPLE, ["*of diameter* # mm", "by # degrees; `--foot`", "for a disc of # mm |"]),
-        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,", "density of PLA (# kg"]),
+        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,"]),
+        ("docs/simulators.md", STANDARD, ["density of PLA (# kg"]),
         (
             PAPER,
             SETTING,
