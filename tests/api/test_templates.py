@@ -9,7 +9,7 @@ import markergen as mg
 from markergen.api.templates import overview
 from markergen.cli import main
 from markergen.model.rig import planned_print
-from markergen.read.templates import templates
+from markergen.read.templates import read_template, templates
 
 FOUND = {template.name: template for template in overview().templates}
 QUICK = "instrument-plate"
@@ -34,10 +34,11 @@ def test_it_is_designed_found_and_exported(name, tmp_path):
     assert seen["wrong"] == 0
     assert seen["detected"] == views
     flat, solid = not getattr(target, "height", 0), name != "thermal"  # Light dots are not made as solids.
+    process = {"process": values["process"]} if "process" in (values := read_template(name)) else {}
     one_page = flat and name not in ("landing-pad", "wall")
     for suffix in (".pdf",) * flat + (".svg",) * one_page + (".step",) * solid:
         path = tmp_path / f"made{suffix}"
-        mg.export(target, path)
+        mg.export(target, path, **process)
         assert mg.verify(target, path).passed, suffix
 
 
