@@ -29,6 +29,11 @@ ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in ra
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
+IN_ROOMS = Command(
+    "python -m benchmarks.shapes --beside pose rotation translation homography --shapes disk rectangle L flange "
+    "--n 5 10 20 --starts 0",
+    400,
+)
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
@@ -66,6 +71,29 @@ def _counted(room: str, camera: str) -> Number:
     five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
     sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
     return Number(DESIGN, f"| {room}, {camera} | {said} |", DOT_COUNT.line, sources)
+
+
+def _in_room(room: str, n: int) -> Sequence[Number]:
+    """Designs beside regular layouts and above the lower bound; processor times are those of one machine."""
+    rows = [f"{room} {n} {objective} rms" for objective in ("pose", "rotation", "translation", "homography")]
+    place, named = f"| {room}, {n} |", "python -m benchmarks.shapes --beside"
+    return (
+        Number(
+            DESIGN,
+            f"{place} {'#, # % | ' * 4}@ |",
+            named,
+            [(IN_ROOMS, f"{row} # ... # @") for row in rows],
+            lambda *found: [100 * (value - 1) if k % 2 else value for k, value in enumerate(found)],
+        ),
+        Number(
+            DESIGN,
+            f"{place} {'@, @ % | ' * 4}# |",
+            named,
+            [(IN_ROOMS, f"{row} @ ... @ #") for row in rows],
+            lambda *seconds: [sum(seconds)],
+            factor=3.0,
+        ),
+    )
 
 
 def _ranged(row: str) -> Number:
@@ -276,6 +304,7 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
     *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
+    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20) for entry in _in_room(room, n)),
     *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
