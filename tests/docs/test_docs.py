@@ -82,8 +82,8 @@ def test_every_room_on_the_map_is_there():
     assert packages <= set(re.findall(r"`(\w+)`", text))
 
 
-OTHERS = {"--aprilcube", "--packages-select", "--nthreads", "--nworkers"}
-"""Flags of other programs, which pages name."""
+OTHERS = {"--aprilcube", "--beside", "--shapes", "--starts", "--packages-select", "--nthreads", "--nworkers"}
+"""Flags of benchmarks and of other programs, which pages name."""
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
