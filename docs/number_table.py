@@ -31,8 +31,8 @@ SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
 IN_ROOMS = Command(
     "python -m benchmarks.shapes --beside pose rotation translation homography --shapes disk rectangle L flange "
-    "--n 5 10 20 --starts 0",
-    400,
+    "--n 5 10 20 60 --starts 0",
+    900,
 )
 RIVALS = Command(
     "python -m benchmarks.dot_count --rooms disk --cameras paper --views 100 --rivals circles:5x5 circles:7x7 "
@@ -309,7 +309,7 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
     *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
-    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20) for entry in _in_room(room, n)),
+    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20, 60) for entry in _in_room(room, n)),
     Number(
         DESIGN,
         "err by # deg (@ % interval # to #), 9 x 9 circles by # (# to #), so that 100 views do not tell the two apart; "
