@@ -116,14 +116,14 @@ def beside(designs: dict[str, Marker], rivals: Sequence[str], count: int) -> lis
     """Print how designs and rivals fare in the same views; their results, relative to the first design."""
     texts = [*designs, *rivals]
     results, cpu_s = compare_and_time(texts, count, print_sigma=USUAL_PRINT, workers=1, given=designs)
-    print("    beside                       found   RMS deg    95 % interval  ratio    bound  ms a view")
+    print("    beside                       found   RMS deg      95 % interval  ratio    bound  ms a view")
     first = results["contestants"][0]["pattern_bound"]["rotation_deg"]
     for each in results["contestants"]:
         error, ratio = each["rotation_deg"]["rms"], each["ratio"]["rotation_deg"]
         low, high = each["interval"]["rotation_deg"] or (np.nan, np.nan)
         each["bound_ratio"] = (each["pattern_bound"]["rotation_deg"] or np.nan) / first
         print(
-            f"    {each['name']:<28} {each['detected']:3d}/{count} {error or np.nan:9.4f} {low:7.4f}..{high:.4f} "
+            f"    {each['name']:<28} {each['detected']:3d}/{count} {error or np.nan:9.4f} {low:7.4f} to {high:.4f} "
             f"{ratio['rms'] if ratio else np.nan:6.2f} {each['pattern_bound']['rotation_deg'] or np.nan:8.5f} "
             f"{1e3 * cpu_s.get(each['name'], np.nan):10.0f}",
             flush=True,

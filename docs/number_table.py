@@ -31,8 +31,13 @@ SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
 IN_ROOMS = Command(
     "python -m benchmarks.shapes --beside pose rotation translation homography --shapes disk rectangle L flange "
-    "--n 5 10 20 --starts 0",
-    400,
+    "--n 5 10 20 60 --starts 0",
+    900,
+)
+RIVALS = Command(
+    "python -m benchmarks.dot_count --rooms disk --cameras paper --views 100 --rivals circles:5x5 circles:7x7 "
+    "circles:9x9 checkerboard:9x9 charuco:5x5 aruco:DICT_4X4_50 apriltag:36h11 pupil:36h11 stag:HD21",
+    500,
 )
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
@@ -304,7 +309,21 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
     *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
-    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20) for entry in _in_room(room, n)),
+    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20, 60) for entry in _in_room(room, n)),
+    Number(
+        DESIGN,
+        "err by # deg (@ % interval # to #), 9 x 9 circles by # (# to #), so that 100 views do not tell the two apart; "
+        "five dots by #, ArUco 4x4 by #. All that the grey levels tell is # deg for the dots, and # for",
+        "benchmarks.dot_count --rooms disk --cameras paper --views 100 --rivals",
+        [
+            (RIVALS, "auto dots @/100 # # to # 1.00 @"),
+            (RIVALS, "circles:9x9 @/100 # # to #"),
+            (RIVALS, "5 dots @/100 #"),
+            (RIVALS, "aruco:DICT_4X4_50 @/100 #"),
+            (RIVALS, "auto dots @/100 @ @ to @ @ #"),
+            (RIVALS, "charuco:5x5 @/100 @ @ to @ @ #"),
+        ],
+    ),
     *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
@@ -501,6 +520,7 @@ GIVEN: Sequence[Given] = tuple(
                 "is at most # times the least that",
             ],
         ),
+        (DESIGN, MEANING, ["0.0709 deg (# % interval"]),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
             VALIDATE,

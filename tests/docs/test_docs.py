@@ -1,11 +1,13 @@
-"""What is generated is up to date, and every command, flag and link of the README is real."""
+"""What is generated is up to date, and every command and flag of the pages and link of the README is real."""
 
 import re
 import tomllib
 from pathlib import Path
 
+import pytest
 import typer
 
+from docs.blocks import pages
 from docs.generate import page_of_templates, reference, rig_file_schema, schema, spec_file_schema
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
@@ -80,7 +82,16 @@ def test_every_room_on_the_map_is_there():
     assert packages <= set(re.findall(r"`(\w+)`", text))
 
 
-def test_flags_of_the_readme_exist():
+OTHERS = {"--aprilcube", "--packages-select", "--nthreads", "--nworkers"}
+"""Flags of other programs, which pages name outside their commands."""
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_commands_and_flags_of_a_page_exist(page):
+    """Those inside sentences, too, which nobody runs."""
+    text = re.sub(r"`python\s+-m\s[^`]*`", "", page.read_text(encoding="utf-8"))
     known = (ROOT / "docs" / "cli.md").read_text()
-    for flag in re.findall(r"(--[a-z][a-z-]+)", (ROOT / "README.md").read_text()):
-        assert flag in known, flag
+    for flag in set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)) - OTHERS:
+        assert re.search(rf"{flag}(?![\w-])", known), flag
+    names = typer.main.get_command(app).commands
+    assert set(re.findall(r"`markergen ([a-z]+)\b", text)) <= set(names)

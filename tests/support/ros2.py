@@ -99,6 +99,7 @@ def put_in_place(monkeypatch):
     """Make ROS importable for one test."""
     modules = {
         "rclpy": {"init": lambda: None, "spin": lambda node: None, "try_shutdown": lambda: None},
+        "rclpy.executors": {"ExternalShutdownException": SystemExit},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
         "tf2_ros": {"TransformBroadcaster": TransformBroadcaster},
