@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from markergen.api.names import NAMES, names_of
 from markergen.errors import InputError
 from markergen.options import Option, declared
 from markergen.units import parse_length
@@ -88,6 +89,11 @@ def with_options(
     return decorate
 
 
+def completing(name: str) -> Callable[[], list[str]]:
+    """Return what a shell offers as values of an option: its names in `markergen.api.names`."""
+    return lambda: names_of(name)
+
+
 def _parameter(option: Option) -> Parameter:
     info = typer.Option(
         *(option.flags.split() or [option.flag]),
@@ -95,6 +101,7 @@ def _parameter(option: Option) -> Parameter:
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,
+        autocompletion=completing(option.name) if option.name in NAMES else None,
     )
     kind = TYPES[option.kind]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
