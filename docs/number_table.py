@@ -29,6 +29,11 @@ ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in ra
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
+IN_ROOMS = Command(
+    "python -m benchmarks.shapes --beside pose rotation translation homography --shapes disk rectangle L flange "
+    "--n 5 10 20 --starts 0",
+    400,
+)
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
@@ -40,6 +45,7 @@ MISPRINTED = Command(
     "charuco:5x5 checkerboard:9x9 aruco:DICT_4X4_50 apriltag:36h11 --print-sigma 0.1mm --views 100",
     500,
 )
+BY_OTHERS = Command(f"{FIVE.line} && markergen compare marker.json pupil:36h11 stag:HD21 ringgrid:6x8 --views 100", 400)
 FIGURES = {
     CHOOSING: Command("python -m docs.figures choosing -o .", 260),
     ERROR: Command("python -m docs.figures error -o .", 180),
@@ -65,6 +71,29 @@ def _counted(room: str, camera: str) -> Number:
     five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
     sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
     return Number(DESIGN, f"| {room}, {camera} | {said} |", DOT_COUNT.line, sources)
+
+
+def _in_room(room: str, n: int) -> Sequence[Number]:
+    """Designs beside regular layouts and above the lower bound; processor times are those of one machine."""
+    rows = [f"{room} {n} {objective} rms" for objective in ("pose", "rotation", "translation", "homography")]
+    place, named = f"| {room}, {n} |", "python -m benchmarks.shapes --beside"
+    return (
+        Number(
+            DESIGN,
+            f"{place} {'#, # % | ' * 4}@ |",
+            named,
+            [(IN_ROOMS, f"{row} # ... # @") for row in rows],
+            lambda *found: [100 * (value - 1) if k % 2 else value for k, value in enumerate(found)],
+        ),
+        Number(
+            DESIGN,
+            f"{place} {'@, @ % | ' * 4}# |",
+            named,
+            [(IN_ROOMS, f"{row} @ ... @ #") for row in rows],
+            lambda *seconds: [sum(seconds)],
+            factor=3.0,
+        ),
+    )
 
 
 def _ranged(row: str) -> Number:
@@ -121,13 +150,13 @@ def _rival(row: str, label: str, file: str = README) -> Number:
     )
 
 
-def _misprinted(row: str, label: str) -> Number:
-    """Errors and share of views of a contestant whose dots and corners are misprinted."""
+def _beside(row: str, label: str, command: Command) -> Number:
+    """Errors and share of views of a contestant on the page of other tools."""
     return Number(
         COMPARISON,
         f"| {row} | # (# to #) | # | # % |",
-        "markergen compare five.json many.json",
-        [(MISPRINTED, f"{label} # % # #–# #")],
+        command.line.rpartition(" && ")[2],
+        [(command, f"{label} # % # #–# #")],
         lambda found, rms, low, high, median: [rms, low, high, median, found],
     )
 
@@ -275,6 +304,7 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
     *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
+    *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20) for entry in _in_room(room, n)),
     *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
@@ -357,15 +387,19 @@ MEASURED: Sequence[Entry] = (
     _cube("its best face alone, print good to 0.1 mm", "its best face alone, print 0.1 mm", "-"),
     _cube("ArUco tags by cv2.aruco, exact print", "cv2.aruco, all corners, exact"),
     *(
-        _misprinted(row, label)
-        for row, label in (
-            ("65 designed dots, `--n auto`", "many.json"),
-            ("7 x 7 circles", "circles:7x7"),
-            ("checkerboard of 9 x 9", "checkerboard:9x9"),
-            ("5 designed dots", "five.json"),
-            ("ArUco 4x4", "aruco:DICT_4X4_50"),
-            ("AprilTag 36h11", "apriltag:36h11"),
-            ("ChArUco 5x5", "charuco:5x5"),
+        _beside(row, label, command)
+        for command, row, label in (
+            (MISPRINTED, "65 designed dots, `--n auto`", "many.json"),
+            (MISPRINTED, "7 x 7 circles", "circles:7x7"),
+            (MISPRINTED, "checkerboard of 9 x 9", "checkerboard:9x9"),
+            (MISPRINTED, "5 designed dots", "five.json"),
+            (MISPRINTED, "ArUco 4x4", "aruco:DICT_4X4_50"),
+            (MISPRINTED, "AprilTag 36h11", "apriltag:36h11"),
+            (MISPRINTED, "ChArUco 5x5", "charuco:5x5"),
+            (BY_OTHERS, "these five dots", "marker.json"),
+            (BY_OTHERS, "AprilTag 36h11, AprilTag's library", "pupil:36h11"),
+            (BY_OTHERS, "STag HD21", "stag:HD21"),
+            (BY_OTHERS, "ringgrid of 6 x 8", "ringgrid:6x8"),
         )
     ),
     *(
@@ -549,7 +583,8 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (FABRICATE, EXAMPLE, ["*of diameter* # mm", "by # degrees; `--foot`", "for a disc of # mm |"]),
-        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,", "density of PLA (# kg"]),
+        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,"]),
+        ("docs/simulators.md", STANDARD, ["density of PLA (# kg"]),
         (
             PAPER,
             SETTING,
@@ -576,7 +611,11 @@ GIVEN: Sequence[Given] = tuple(
         (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
         (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),
         (CHOOSING, SETTING, ["(here off by # px in fx", "by # px in the principal point)", "made to # mm (`--relief"]),
-        (CHOOSING, DEFAULT, ["are *found*: # px along", "# px at the least.", "glued flat: # mm is the tool"]),
+        (
+            CHOOSING,
+            DEFAULT,
+            ["no longer *found*: take # px along", "# px at the least.", "glued flat: # mm is the tool"],
+        ),
         (
             ERROR,
             SETTING,
@@ -592,7 +631,7 @@ GIVEN: Sequence[Given] = tuple(
         (ERROR, DEFAULT, ["Keep dots at # px"]),
         (ERROR, STANDARD, ["largest at # degrees or so"]),
         (THEORY, SETTING, ["rotation for # px of noise"]),
-        (COMPARISON, SETTING, ["in a circle of # mm", "a print error of # mm of"]),
+        (COMPARISON, SETTING, ["640 x # px are few", "in a circle of # mm", "a print error of # mm of"]),
         (COMPARISON, DEFAULT, ["dots of # px and a ring"]),
         (COMPARISON, MEANING, ["with its # % interval"]),
         (FAQ, EXAMPLE, ["seen at # degrees or more"]),

@@ -14,6 +14,8 @@ LEFT_OUT = {
     "detect.md": 1,  # a live camera
     "paper.md": 1,  # takes half an hour
     "plugins.md": 2,  # packages of others
+    "ros2.md": 1,  # an installation of ROS
+    "simulators.md": 1,  # OpenGL
     "studio.md": 1,  # a server
     "study.md": 1,  # a cluster
 }

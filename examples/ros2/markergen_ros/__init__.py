@@ -1,0 +1,1 @@
+"""Poses of markers and rigs in ROS 2."""
