@@ -9,7 +9,7 @@ import typer
 
 from markergen import __version__
 from markergen.cli import console
-from markergen.cli.options import GroupedCommand, Rows, completing, with_options
+from markergen.cli.options import GroupedCommand, Rows, with_options
 from markergen.cli.studio import studio
 from markergen.options import VIEW
 from markergen.options.calibration import CalibrateKeywords
@@ -473,12 +473,7 @@ def study(
 
 @app.command(cls=GroupedCommand)
 def templates(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME]", help="Print this template, to be edited.", autocompletion=completing("template")
-        ),
-    ] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this template, to be edited.")] = None,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="The list as JSON; - is standard output.")] = None,
 ) -> None:
     """List the ready-made specs with sizes, cameras and distances, or print one.

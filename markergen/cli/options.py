@@ -89,11 +89,6 @@ def with_options(
     return decorate
 
 
-def completing(name: str) -> Callable[[], list[str]]:
-    """Return what a shell offers as values of an option: its names in `markergen.api.names`."""
-    return lambda: names_of(name)
-
-
 def _parameter(option: Option) -> Parameter:
     info = typer.Option(
         *(option.flags.split() or [option.flag]),
@@ -101,7 +96,7 @@ def _parameter(option: Option) -> Parameter:
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,
-        autocompletion=completing(option.name) if option.name in NAMES else None,
+        autocompletion=(lambda: names_of(option.name)) if option.name in NAMES else None,
     )
     kind = TYPES[option.kind]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
