@@ -1,6 +1,6 @@
 """Declared options as those of a command: parsers, types, and help by group."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from markergen.api.names import NAMES, names_of
 from markergen.errors import InputError
 from markergen.options import Option, declared
 from markergen.units import parse_length
@@ -88,43 +89,6 @@ def with_options(
     return decorate
 
 
-def _completion(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return a function that gives a shell the names which a word may become."""
-
-    def begun(incomplete: str) -> list[str]:
-        return [name for name in names() if name.startswith(incomplete)]
-
-    return begun
-
-
-def _objectives() -> Iterable[str]:
-    from markergen.objectives import OBJECTIVES
-
-    return OBJECTIVES.names()
-
-
-def _papers() -> Iterable[str]:
-    from markergen.drawing.paper import PAPERS
-
-    return PAPERS
-
-
-def _processes() -> Iterable[str]:
-    from markergen.model.fabrication import PROCESSES
-
-    return PROCESSES.names()
-
-
-def _templates() -> Iterable[str]:
-    from markergen.read.templates import templates
-
-    return templates()
-
-
-COMPLETED = {"objective": _objectives, "paper": _papers, "process": _processes, "template": _templates}
-"""Names of options that a shell completes."""
-
-
 def _parameter(option: Option) -> Parameter:
     info = typer.Option(
         *(option.flags.split() or [option.flag]),
@@ -132,7 +96,7 @@ def _parameter(option: Option) -> Parameter:
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,
-        autocompletion=_completion(COMPLETED[option.name]) if option.name in COMPLETED else None,
+        autocompletion=(lambda: names_of(option.name)) if option.name in NAMES else None,
     )
     kind = TYPES[option.kind]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])

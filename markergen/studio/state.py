@@ -9,15 +9,11 @@ from typing import Any
 
 from markergen import __version__
 from markergen.api.design import design, request_of
-from markergen.drawing.paper import PAPERS
+from markergen.api.names import NAMES, names_of
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
-from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker
-from markergen.model.poses import POSES
-from markergen.model.spec import NOISE_MODELS, Spec
-from markergen.objectives import OBJECTIVES
-from markergen.objectives.aggregates import AGGREGATES
+from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
@@ -60,16 +56,7 @@ def declared_options() -> dict[str, Any]:
     return {
         "version": __version__,
         "groups": [group for group in groups if group["options"]],
-        "choices": {
-            "objective": OBJECTIVES.names(),
-            "aggregate": AGGREGATES.names(),
-            "coordinates": ["unit", "metric", "pixel", "hartley"],
-            "noise_model": list(NOISE_MODELS),
-            "orientation": ["portrait", "landscape"],
-            "paper": list(PAPERS),
-            "process": PROCESSES.names(),
-            "poses": POSES.names(),
-        },
+        "choices": {name: names_of(name) for name in NAMES if name in known},
         "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
         "templates": [_template(name) for name in templates()],
         "defaults": {name: option.default for name, option in known.items() if option.default is not None},
