@@ -58,7 +58,8 @@ def declared_options() -> dict[str, Any]:
         "groups": [group for group in groups if group["options"]],
         "choices": {name: names_of(name) for name in NAMES if name in known},
         "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
-        "templates": [_template(name) for name in templates()],
+        # Those of rigs are for the command.
+        "templates": [each for each in map(_template, templates()) if "shape" not in each["options"]],
         "defaults": {name: option.default for name, option in known.items() if option.default is not None},
     }
 

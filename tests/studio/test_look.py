@@ -10,7 +10,7 @@ import markergen as mg
 from markergen.cli import main
 from markergen.errors import InputError
 from markergen.studio.look import _SEEN, clean, look, more, sketch
-from markergen.studio.state import declared_options, design_of, marker_of_options, plain, words
+from markergen.studio.state import declared_options, design_of, marker_of_options, plain, spec_of_options, words
 from markergen.validation.bounds import error_budget
 
 POINTS = "0mm,120mm; -110mm,-20mm; 10mm,-100mm; 90mm,30mm; 0mm,0mm"
@@ -144,3 +144,11 @@ def test_what_is_kept_of_other_dots_changes_no_number() -> None:
         np.testing.assert_allclose(after["poses"]["rotation"], alone["poses"]["rotation"], rtol=1e-5)
         np.testing.assert_allclose(after["poses"]["translation"], alone["poses"]["translation"], rtol=1e-5)
         look({**MOVED, "points": moved[0]})
+
+
+def test_every_template_that_is_listed_is_a_state() -> None:
+    listed = declared_options()["templates"]
+    assert {"desk-a4", "thermal"} <= {each["name"] for each in listed}
+    assert not {"cube", "wall"} & {each["name"] for each in listed}
+    for each in listed:
+        assert spec_of_options(each["options"]).camera.width
