@@ -27,11 +27,10 @@ from markergen.read.poses import read_poses
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
 from markergen.studio.no_files import refuse_files, refuse_named_plates
+from markergen.studio.state import RENAMED
 
 DRAWINGS = (".svg", ".dxf", ".geojson")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
-RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
-"""Names in a stored spec of options that are called differently."""
 NOT_OPTIONS = ("title", "substrate", "target", "n")
 
 

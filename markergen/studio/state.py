@@ -26,6 +26,9 @@ Options = Mapping[str, Any]
 ELSEWHERE = (*OUTSIDE_FILES, "ids")
 """Options of a design that are not part of a state: files to write, and families."""
 
+RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
+"""Names in a spec of options that are called differently."""
+
 KEPT = 16
 """Number of designs in memory."""
 
@@ -66,7 +69,8 @@ def declared_options() -> dict[str, Any]:
 
 def _template(name: str) -> dict[str, Any]:
     values = read_template(name)
-    return {"name": name, "title": str(values.pop("title", "")), "options": values}
+    title = str(values.pop("title", ""))
+    return {"name": name, "title": title, "options": {RENAMED.get(key, key): value for key, value in values.items()}}
 
 
 def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
