@@ -93,6 +93,7 @@ class Checkerboard(Printed):
         del camera
         flags = sum(getattr(cv2, f"CALIB_CB_{name}") for name in setting.flags)
         size = (self.lattice.columns - 1, self.lattice.rows - 1)
+        cv2.setRNGSeed(0)  # It draws from OpenCV's own generator, so that the same image had different answers.
         found, corners = cv2.findChessboardCornersSB(enlarged(image, setting.enlarge), size, flags=flags)
         if not found:
             return FiducialDetection(reason="no checkerboard")
