@@ -237,7 +237,7 @@ def test_nobody_is_no_comparison():
 
 
 def test_a_checkerboard_is_found_alike_whatever_has_drawn_from_opencv_before():
-    [board], _ = line_up(["checkerboard:5x5"])
+    (board, *_), _ = line_up(["checkerboard:5x5", "ngon"])
     image, left = see(board, 129), []
     for seed in (1, 2):
         cv2.setRNGSeed(seed)
