@@ -63,7 +63,8 @@ def page_of_templates() -> str:
         size = " x ".join(f"{1e3 * side:.4g}" for side in each.size)
         dots = f"{each.dots} dots" if each.dots else "as many dots as the distances need"
         near, far = (f"{distance:.2g}" for distance in each.distances)
-        output = f"{each.name}.pdf -o {each.name}.step" if each.name in ("relief-print", "cube") else f"{each.name}.pdf"
+        suffixes = {"relief-print": (".3mf", ".step"), "cube": (".pdf", ".step")}.get(each.name, (".pdf",))
+        output = " -o ".join(each.name + suffix for suffix in suffixes)
         parts.append(
             f"## {each.name}\n\n{said}\n\n"
             f'<img src="images/templates/{picture.name}" width="260" alt="{each.title}, as designed">\n\n'
