@@ -121,6 +121,7 @@ def test_a_design_with_objective_and_poses_of_a_package(run, here):
     assert "objective volume after the worst loss of 1 dot" in said
 
 
+@pytest.mark.long
 def test_estimators_in_worker_processes(run, here):
     run("validate plain.json --poses helix:count=12 --runs 20 --views 0 --workers 2 --json two.json")
     run("validate plain.json --poses helix:count=12 --runs 20 --views 0 --workers 1 --json one.json")

@@ -79,6 +79,7 @@ def run(here, *words):
     return table
 
 
+@pytest.mark.long
 def test_in_worker_processes_and_on_a_cluster(here, tmp_path_factory):
     table = run(here, "local")
     cluster = Cluster(tmp_path_factory.mktemp("cluster"), workers=1)
