@@ -24,12 +24,13 @@ from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.coverage_picture import draw_coverage
-from markergen.optimize.design import Design, members
+from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.pad_design import design_pad
 from markergen.optimize.ranges import needs_scales
+from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import Progress, Watch, check_progress, given, signature_of
+from markergen.options import File, Progress, Watch, check_progress, given, read_as, signature_of
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
@@ -43,7 +44,11 @@ log = logging.getLogger(__name__)
 
 
 def design(
-    *, progress: Progress | None = None, watch: Watch | None = None, **options: Unpack[DesignKeywords]
+    *,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+    json: File | None = None,
+    **options: Unpack[DesignKeywords],
 ) -> Design:
     """Find the layout of control points that gives the most accurate pose, and write it to files if asked to.
 
@@ -54,6 +59,8 @@ def design(
     watch : callable, optional
         Called a few times a second with a stage, the best layout so far, an array (n, 2 or 3) in m, and its value,
         while dots of one size are placed. What it or `progress` raises ends the search.
+    json : path, optional
+        File for what the command shows: value, lower bound, criteria, warnings and files.
     **options
         As on the command line, ``markergen design --help``, with underscores. Lengths are in m, or text with a unit;
         ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;
@@ -88,7 +95,8 @@ def design(
         check_trace_path(path)
     for path in request.coverages:
         check_figure(path)
-    check_files([*targets, *request.traces, *request.coverages], request.inputs)
+    results = list(read_as("files", json, "json") or ())
+    check_files([*targets, *request.traces, *request.coverages, *results], request.inputs)
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
     spec, found = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
     if request.choices.sheet.colors.inverted:
@@ -97,7 +105,9 @@ def design(
         log.warning("%s", warning)
     if request.ids:
         found = replace(found, family=members(found.marker, spec_of(found.marker) or spec, request.ids))
-    if progress and (paths or request.traces or request.coverages):
+    if results:
+        found.certify(progress)
+    if progress and (paths or request.traces or request.coverages or results):
         progress("writing", 0, 1)
     written = []
     if paths:
@@ -106,8 +116,9 @@ def design(
         written = write(found.markers, paths, request.choices, request.inputs)
     steps = {path: trace_bytes(found.trace, path.suffix, _label(spec)) for path in request.traces}
     steps |= {path: figure_bytes(lambda: _coverage(found), path) for path in request.coverages}
-    write_all(steps)
-    return replace(found, written=(*written, *map(Written, steps)))
+    found = replace(found, written=(*written, *map(Written, steps)))
+    write_all(steps | {path: found.to_json() for path in results})
+    return replace(found, written=(*found.written, *map(Written, results)))
 
 
 design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]

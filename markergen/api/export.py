@@ -13,7 +13,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import Exporter, ExportOptions, suffix_of
 from markergen.exporters.saving import check_outputs, save, table_for
-from markergen.files import Written
+from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.marker import Marker
@@ -22,9 +22,10 @@ from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
-from markergen.options import MarkerLike, as_list, declared, given, signature_of
+from markergen.options import File, MarkerLike, as_list, declared, given, read_as, signature_of
 from markergen.options.declarations import ExportKeywords
 from markergen.options.shared import PlateKeywords
+from markergen.presentation.results import Files
 from markergen.read.outlines.boundary import read_room
 
 log = logging.getLogger(__name__)
@@ -35,7 +36,10 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
 
 
 def export(
-    marker: "MarkerLike | Rig | Iterable[MarkerLike]", *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
+    marker: "MarkerLike | Rig | Iterable[MarkerLike]",
+    *paths: str | PathLike[str],
+    json: File | None = None,
+    **options: Unpack[ExportKeywords],
 ) -> list[Written]:
     """Write markers, or a rig, at true size: for printing, for manufacturing, or as configuration for detectors.
 
@@ -46,6 +50,8 @@ def export(
     *paths : str or path
         The suffix of each selects its format: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on. All
         files are written, or none.
+    json : path, optional
+        File for the list of what was written.
     **options
         As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. Plate options
         override the marker's.
@@ -83,14 +89,16 @@ def export(
         raise InputError("a rig.json for --net", "markers", "give what markergen rig wrote, or leave out --net")
     table = table_for(what)
     check_outputs(outputs, choices, table=table)
-    check_files(outputs, inputs)
+    results = list(read_as("files", json, "json") or ())
+    check_files([*outputs, *results], inputs)
     markers = [each.marker for each in what.markers] if isinstance(what, Rig) else what
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
     written = save(what, outputs, choices, inputs)
     for warning in _warnings(markers, [table[suffix_of(path, table)] for path in outputs], choices):
         log.warning("%s", warning)
-    return written
+    write_all({path: Files(written).to_json() for path in results})
+    return [*written, *map(Written, results)]
 
 
 export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]

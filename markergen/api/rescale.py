@@ -1,21 +1,20 @@
 """``markergen.rescale``: the marker as printed."""
 
 from collections.abc import Sequence
-from os import PathLike
 from typing import Any, Generic, TypeVar, Unpack, overload
 
-from markergen.api.arguments import path_of
+from markergen.api.arguments import files_among, path_of
 from markergen.errors import InputError, brief
-from markergen.files import check_folder, write_atomic
+from markergen.files import Written, check_outputs, write_all
 from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
 from markergen.model.rescale import Rulers, remeasure, rescale_rig
 from markergen.model.rescale import rescale as by_rulers
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig, rig_to_json
-from markergen.options import MarkerLike, TargetLike, settle, signature_of
+from markergen.options import File, MarkerLike, TargetLike, read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
-from markergen.presentation.results import Result
+from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.read.measured import read_measured
 from markergen.units import parse_length
 
@@ -30,6 +29,8 @@ class Rescaled(Result, Generic[T]):
     marker : Marker or Rig
     notes : tuple of str
         Sentences: the scale error of the print, and how far it moves the dots.
+    written : tuple of Written
+        Files written, if any.
 
     Examples
     --------
@@ -39,13 +40,21 @@ class Rescaled(Result, Generic[T]):
     (0.99, 0.99)
     """
 
-    def __init__(self, marker: T, notes: tuple[str, ...]) -> None:
+    def __init__(self, marker: T, notes: tuple[str, ...], written: tuple[Written, ...] = ()) -> None:
         self.marker: T = marker
-        self.notes = notes
+        self.notes, self.written = notes, written
 
     def parts(self) -> list[str]:
         """See `Result.parts`."""
         return list(self.notes)
+
+    def to_json(self) -> bytes:
+        """Return the scale of the print along x and y, of a rig's markers by name, with notes and files."""
+        made = self.marker
+        scale: Any = made.print_scale if isinstance(made, Marker) else None
+        if isinstance(made, Rig):
+            scale = {each.name: each.marker.print_scale for each in made.markers}
+        return json_bytes(plain({"print_scale": scale, "notes": self.notes, "files": listed(self.written)}))
 
     def __repr__(self) -> str:
         return f"Rescaled({self.marker!r})"
@@ -53,18 +62,18 @@ class Rescaled(Result, Generic[T]):
 
 @overload
 def rescale(
-    marker: MarkerLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+    marker: MarkerLike, output: File | None = None, *, json: File | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled[Marker]: ...
 
 
 @overload
 def rescale(
-    marker: Rig, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+    marker: Rig, output: File | None = None, *, json: File | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled[Rig]: ...
 
 
 def rescale(
-    marker: TargetLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+    marker: TargetLike, output: File | None = None, *, json: File | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled[Any]:
     """Correct a marker for a print that came out at another size, from measurements of its rulers or of its dots.
 
@@ -74,6 +83,8 @@ def rescale(
         As designed, or rescaled before. The markers of a rig are rescaled each about its own origin.
     output : str or path, optional
         The marker.json or rig.json for this print; may be the file that the marker was read from.
+    json : path, optional
+        File for the scale and the notes.
     **options
         As on the command line, ``markergen rescale --help``, with underscores: ``measured_x="198.6mm"``.
 
@@ -103,8 +114,9 @@ def rescale(
     target = None if output is None else path_of(output, "a path to write to")
     if target is not None and target.suffix.lower() != ".json":
         raise InputError("an output that ends in .json", str(target), "a sheet of it is made by markergen export")
-    if target is not None:
-        check_folder(target)
+    results, targets = list(read_as("files", json, "json") or ()), [target] if target else []
+    check_outputs([*targets, *results])
+    check_outputs(results, files_among(marker, asked["measured_points"]))
     before = load_marker_or_rig(marker)
     rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
     found: Rescaled[Any]
@@ -118,8 +130,10 @@ def rescale(
         found = Rescaled(*by_rulers(before, rulers, asked["force"]))
     else:
         found = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
-    if target is not None:
-        write_atomic(target, (rig_to_json if isinstance(before, Rig) else to_json)(found.marker))
+    found.written = tuple(Written(path, found.notes) for path in targets)
+    contents = {path: (rig_to_json if isinstance(before, Rig) else to_json)(found.marker) for path in targets}
+    write_all(contents | {path: found.to_json() for path in results})
+    found.written += tuple(map(Written, results))
     return found
 
 

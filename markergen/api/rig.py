@@ -11,13 +11,14 @@ from markergen.api.export import choices_of
 from markergen.errors import InputError
 from markergen.exporters import RIG_EXPORTERS
 from markergen.exporters.saving import check_outputs, save, with_record
+from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.marker import Marker
 from markergen.model.rig_shapes import RigShape, rig_shape
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_tag
 from markergen.optimize.rig_design import RigDesign, design_rig
-from markergen.options import Progress, check_progress, given, signature_of
+from markergen.options import File, Progress, check_progress, given, read_as, signature_of
 from markergen.options.rig import RigKeywords
 from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping
@@ -30,7 +31,13 @@ SHARED = ("n", "camera", "poses", "print_sigma", "dot", "clearance", "objective"
 """Options of a rig that are also those of a design, with the same meaning."""
 
 
-def rig(shape: str = "", *, progress: Progress | None = None, **options: Unpack[RigKeywords]) -> RigDesign:
+def rig(
+    shape: str = "",
+    *,
+    progress: Progress | None = None,
+    json: File | None = None,
+    **options: Unpack[RigKeywords],
+) -> RigDesign:
     """Design a body with a marker on every face, for the pose from all dots in view.
 
     Each plate's layout minimizes the error of the joint pose T_camera_rig, given the dots of the others in view. Where
@@ -43,6 +50,8 @@ def rig(shape: str = "", *, progress: Progress | None = None, **options: Unpack[
         see docs/rigs.md. Empty takes that of the template.
     progress : callable, optional
         Called with a stage, the amount done, and the total.
+    json : path, optional
+        File for what the command shows: plates, expected errors, warnings and files.
     **options
         As on the command line, ``markergen rig --help``, with underscores: ``edge="80mm"``.
 
@@ -73,12 +82,15 @@ def rig(shape: str = "", *, progress: Progress | None = None, **options: Unpack[
     choices = choices_of(asked)
     paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
     check_outputs(paths, choices, table=RIG_EXPORTERS)
-    check_files(paths, request.inputs)
+    results = list(read_as("files", json, "json") or ())
+    check_files([*paths, *results], request.inputs)
     log.info("designing a rig of %d plates", len(made.faces))
     found = design_rig(made, spec, request.tags, request.known, progress)
     for warning in found.warnings:
         log.warning("%s", warning)
-    return replace(found, written=tuple(save(found.rig, paths, choices, request.inputs))) if paths else found
+    found = replace(found, written=tuple(save(found.rig, paths, choices, request.inputs))) if paths else found
+    write_all({path: found.to_json() for path in results})
+    return replace(found, written=(*found.written, *map(Written, results)))
 
 
 rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]

@@ -8,12 +8,12 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from markergen.api.arguments import path_of
+from markergen.api.arguments import files_among, path_of
 from markergen.errors import InputError
-from markergen.files import Written
-from markergen.options import check_progress, given, signature_of
+from markergen.files import Written, check_outputs, write_all
+from markergen.options import File, check_progress, given, read_as, signature_of
 from markergen.options.study import StudyKeywords
-from markergen.presentation.results import Result
+from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
 from markergen.studies.named import STUDIES
@@ -34,7 +34,7 @@ class Study(Result):
     ----------
     folder : Path
     files : tuple of Path
-        Files written.
+        Files written, besides the results as JSON.
 
     Examples
     --------
@@ -47,6 +47,7 @@ class Study(Result):
 
     def __init__(self, folder: Path, files: tuple[Path, ...]) -> None:
         self.folder, self.files = folder, files
+        self.written = tuple(map(Written, files))
 
     def __iter__(self) -> Iterator[Path]:
         return iter(self.files)
@@ -56,7 +57,11 @@ class Study(Result):
 
     def parts(self) -> list[str]:
         """See `Result.parts`."""
-        return [str(Written(path)) for path in self.files]
+        return list(map(str, self.written))
+
+    def to_json(self) -> bytes:
+        """Return the rows of the default table, see `to_frame`, and the files as JSON text."""
+        return json_bytes(plain({"rows": self._rows(""), "files": listed(self.written)}))
 
     def to_frame(self, table: str = "") -> "DataFrame":
         """Return a table of the study as a DataFrame; by default a sweep's only table, or the paper's claims.
@@ -68,12 +73,15 @@ class Study(Result):
         MissingLibraryError
             If pandas is not installed.
         """
+        return data_frame(self._rows(table))
+
+    def _rows(self, table: str) -> list[dict[str, str | float]]:
         known = {path.stem: path for path in sorted(self.files) if path.suffix == ".csv"}
         name = table or next((each for each in ("table", "claims") if each in known), "")
         if name not in known:
             raise InputError("a table of the study", repr(name), f"known: {', '.join(known)}")
         with known[name].open(newline="") as file:
-            return data_frame([{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)])
+            return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 
 
 def study(
@@ -82,6 +90,7 @@ def study(
     *,
     progress: CellProgress | None = None,
     announce: Callable[[str], None] | None = None,
+    json: File | None = None,
     **options: Unpack[StudyKeywords],
 ) -> Study:
     """Reproduce the paper, or run any grid of designs, and write a folder of tables, figures and a page.
@@ -99,6 +108,8 @@ def study(
         Called with the number of finished cells, their total, and the seconds left.
     announce : callable, optional
         Called once with a sentence about the expected duration, if known in advance.
+    json : path, optional
+        File for the rows of the default table, see `Study.to_frame`.
     **options
         As on the command line, ``markergen study --help``.
 
@@ -120,6 +131,8 @@ def study(
     check_progress(progress)
     asked = given(options, StudyKeywords)
     folder = path_of(output, "a folder to write to")
+    results = list(read_as("files", json, "json") or ())
+    check_outputs(results, [] if isinstance(what, Mapping) else files_among(what))
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
     if isinstance(what, str) and what in STUDIES:
@@ -140,7 +153,10 @@ def study(
     _log.info("studying, in %s", folder)
     files = tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress))
     _log.info("studied: %d files in %s", len(files), folder)
-    return Study(folder, files)
+    found = Study(folder, files)
+    write_all({path: found.to_json() for path in results})
+    found.written += tuple(map(Written, results))
+    return found
 
 
 study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]

@@ -25,6 +25,11 @@ from markergen.options.declarations import (
 from markergen.options.rig import RigKeywords
 from markergen.options.study import StudyKeywords
 
+Json = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON; - is standard output.")
+]
+Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
+
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
@@ -57,7 +62,7 @@ def markergen(
 
 @app.command(cls=GroupedCommand)
 @with_options(DesignKeywords)
-def design(**options: Any) -> None:
+def design(json: Json = None, **options: Any) -> None:
     """Find the best layout of control points, and write the marker; <stem>.json always comes with it.
 
     \b
@@ -70,9 +75,9 @@ def design(**options: Any) -> None:
 
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.progress_bar() as progress:
-        found = find(progress=progress, **options)
+        found = find(progress=progress, json=console.file_of(json), **options)
         found.certify(progress)
-    console.print_parts([*found.parts(), *map(str, found.written)])
+    console.print_found(found, json)
 
 
 def _rig_suffixes() -> list[tuple[str, str]]:
@@ -93,6 +98,7 @@ def rig(
     shape: Annotated[
         list[str] | None, typer.Argument(metavar="[SHAPE]", help="One of those above; or that of the --template.")
     ] = None,
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Design a body with a marker on every face, for one pose from all dots in view; <stem>.json always comes with it.
@@ -108,8 +114,8 @@ def rig(
 
     options.setdefault("output", [Path("rig.json")])
     with console.progress_bar() as progress:
-        found = find(" ".join(shape or ()), progress=progress, **options)
-    console.print_parts([*found.parts(), *map(str, found.written)])
+        found = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
+    console.print_found(found, json)
 
 
 @app.command(cls=GroupedCommand)
@@ -126,13 +132,11 @@ def validate(
             rich_help_panel=VIEW,
         ),
     ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")] = None,
+    report: Report = None,
     pictures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write failed, worst and typical views as PNG.")
     ] = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
-    ] = None,
+    json: Json = None,
     fail_if: Annotated[
         list[str] | None,
         typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
@@ -151,11 +155,10 @@ def validate(
 
     for expression in fail_if or []:
         parse(expression)
-    to_stdout = str(json) == "-"
-    files: dict[str, Any] = {"json": None if to_stdout else json, "report": report, "pictures": pictures}
+    files: dict[str, Any] = {"json": console.file_of(json), "report": report, "pictures": pictures}
     with console.progress_bar() as progress:
         found = prove(marker, camera, progress=progress, **files, **options)
-    console.print_found(found, to_stdout)
+    console.print_found(found, json)
     verdicts = [found.check(expression) for expression in fail_if or []]
     for passed, said in verdicts:
         (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {said}")
@@ -193,6 +196,7 @@ def export(
             "-o", "--output", metavar="PATH", help="Output file; its suffix selects the format; may be repeated."
         ),
     ],
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Write a marker at true size: a sheet to print, a drawing or solid to make, or configuration for detectors.
@@ -208,10 +212,11 @@ def export(
     Options of the plate, from --thickness to --dowel, override marker.json.
     """
     from markergen.api.export import export as write
+    from markergen.presentation.results import Files
 
     with console.busy("writing"):
-        written = write(marker, *output, **options)
-    console.print_parts(map(str, written))
+        written = write(marker, *output, json=console.file_of(json), **options)
+    console.print_found(Files(written), json)
 
 
 @app.command(cls=GroupedCommand)
@@ -265,7 +270,7 @@ def detect(
 
     # While the progress bar is shown, it replaces the stream.
     stdout = sys.stdout
-    to_stdout = str(json) == "-"
+    to_stdout = console.is_stdout(json)
     options.update(json=stdout if to_stdout else json, overlay=overlay, warn=console.note)
     # Lines for people must not mix with data.
     options["tell"] = console.note if to_stdout else console.tell
@@ -294,7 +299,7 @@ def compare(
         list[str],
         typer.Argument(metavar="A B...", help="In the forms above; one alone is compared with nine of them."),
     ],
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Results as JSON; - is standard output.")] = None,
+    json: Json = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
     **options: Any,
 ) -> None:
@@ -307,10 +312,9 @@ def compare(
     """
     from markergen.api.compare import compare as run
 
-    to_stdout = str(json) == "-"
     with console.progress_bar() as progress:
-        found = run(*contestants, json=None if to_stdout else json, plot=plot, progress=progress, **options)
-    console.print_found(found, to_stdout)
+        found = run(*contestants, json=console.file_of(json), plot=plot, progress=progress, **options)
+    console.print_found(found, json)
 
 
 @app.command(cls=GroupedCommand)
@@ -320,9 +324,7 @@ def verify(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
-    ] = None,
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Read files back with independent readers, and compare every dot with marker.json.
@@ -339,9 +341,8 @@ def verify(
     """
     from markergen.api.verify import verify as read_back
 
-    to_stdout = str(json) == "-"
-    found = read_back(marker, *files, json=None if to_stdout else json, **options)
-    console.print_found(found, to_stdout, found.findings())
+    found = read_back(marker, *files, json=console.file_of(json), **options)
+    console.print_found(found, json, found.findings())
     for error in filter(None, (check.error for check in found)):
         console.complain(f"markergen: error: {error}")
     if not found.usable:
@@ -360,6 +361,7 @@ def rescale(
         Path,
         typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
     ],
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Correct a marker for a print that came out at another size, by its rulers or by its dots.
@@ -373,10 +375,8 @@ def rescale(
       markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o corrected.json
     """
     from markergen.api.rescale import rescale as correct
-    from markergen.files import Written
 
-    found = correct(marker, output, **options)
-    console.print_parts([str(Written(output, found.notes))])
+    console.print_found(correct(marker, output, json=console.file_of(json), **options), json, ())
 
 
 @app.command(cls=GroupedCommand)
@@ -405,10 +405,8 @@ def calibrate(
             help="measured.json: the marker or rig as printed; camera.yaml: the camera; may be repeated.",
         ),
     ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")] = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
-    ] = None,
+    report: Report = None,
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Measure a print by ten to forty photographs of it: every dot's x, y and z with their joint covariance, and the
@@ -425,13 +423,12 @@ def calibrate(
     """
     from markergen.api.calibrate import calibrate as measure
 
-    to_stdout = str(json) == "-"
     with console.progress_bar() as progress:
         found = measure(
-            marker, photos, camera, save=output or (), report=report, json=None if to_stdout else json,
+            marker, photos, camera, save=output or (), report=report, json=console.file_of(json),
             progress=progress, **options,
         )  # fmt: skip
-    console.print_found(found, to_stdout)
+    console.print_found(found, json)
 
 
 @app.command(cls=GroupedCommand)
@@ -448,6 +445,7 @@ def study(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for tables, figures and finished cells.")
     ],
+    json: Json = None,
     **options: Any,
 ) -> None:
     """Reproduce the paper, or run any grid of designs, as one tidy table with figures and a page.
@@ -465,17 +463,17 @@ def study(
 
     try:
         with console.cells_progress() as progress:
-            found = run(what, output, progress=progress, announce=console.note, **options)
+            found = run(what, output, progress=progress, announce=console.note, json=console.file_of(json), **options)
     except KeyboardInterrupt:
         console.complain(f"markergen: finished cells remain in {output}; continue with the same command and --resume")
         raise
-    console.print_parts(found.parts())
+    console.print_found(found, json, ())
 
 
 @app.command(cls=GroupedCommand)
 def templates(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this template, to be edited.")] = None,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="The list as JSON; - is standard output.")] = None,
+    json: Json = None,
 ) -> None:
     """List the ready-made specs with sizes, cameras and distances, or print one.
 
@@ -490,8 +488,7 @@ def templates(
     if name:
         print(template_text(name), end="")
         return
-    to_stdout = str(json) == "-"
-    console.print_found(overview(None if to_stdout else json), to_stdout)
+    console.print_found(overview(console.file_of(json)), json)
 
 
 app.command(cls=GroupedCommand)(studio)

@@ -4,19 +4,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import inf, isnan
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from markergen.api.templates import Overview
-    from markergen.calibration.calibration import Calibration
     from markergen.options import Progress
+    from markergen.presentation.results import Result
     from markergen.presentation.tables import Table
-    from markergen.validation.comparison import Comparison
-    from markergen.validation.validation import Validation
-    from markergen.verification.verification import Verification
-
-    Found = Overview | Calibration | Comparison | Validation | Verification
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
@@ -154,19 +149,23 @@ def tell(line: str) -> None:
         print(line)
 
 
-def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
-    """Print a result as JSON, or all or some of its parts; then the files written, unless in JSON."""
-    if as_json:
-        sys.stdout.write(found.to_json().decode())
-    else:
-        print_parts(found.parts() if parts is None else parts)
-    for each in found.written:
-        (note if as_json else tell)(str(each))
+def is_stdout(json: Path | None) -> bool:
+    """Return whether ``--json`` asks for results on standard output."""
+    return str(json) == "-"
 
 
-def print_parts(parts: Iterable["str | Table"]) -> None:
-    """Print sentences and tables; the width of a terminal applies to tables."""
+def file_of(json: Path | None) -> Path | None:
+    """Return the file that ``--json`` names, if any."""
+    return None if is_stdout(json) else json
+
+
+def print_found(found: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None) -> None:
+    """Print all or some parts of a result and the files written; or JSON, if standard output is wanted for that."""
     from markergen.presentation.tables import print_parts
 
-    if not Silence.on:
-        print_parts(parts, sys.stdout)
+    if is_stdout(json):
+        sys.stdout.write(found.to_json().decode())
+    elif not Silence.on:
+        print_parts(found.parts() if parts is None else parts, sys.stdout)
+    for each in found.written:
+        (note if is_stdout(json) else tell)(str(each))

@@ -187,9 +187,11 @@ def detect_files(
     inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []
     target, stream = (Path(json), None) if isinstance(json, str | Path) else (None, json)
+    targets = [target] if target else []
+    check_outputs(targets, inputs)
     if overlay:
         make_folder(Path(overlay))
-    check_outputs([*([target] if target else []), *drawings], inputs)
+    check_outputs([*targets, *drawings], inputs)
     for folder in filter(Path.is_dir, map(Path, as_list(images))):
         if videos := sum(each.suffix.lower() in SUFFIXES for each in folder.iterdir()):
             warn(f"{folder}: {videos} video{'s are' if videos > 1 else ' is'} left out: give one at a time")

@@ -2,25 +2,22 @@
 
 import logging
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.feature import DOT_PIXELS
 from markergen.model.goal import NGON, parse_goal
-from markergen.model.marker import Marker, build_marker
+from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
-from markergen.model.poses import PoseDistribution
-from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.sight import coverage
 from markergen.model.spec import USUAL_PRINT, Spec
 from markergen.model.substrate_checks import check_holes
@@ -49,9 +46,10 @@ from markergen.optimize.ranges import needs_scales
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
+from markergen.optimize.to_marker import dress, number
 from markergen.optimize.trace import Recorder, Step, Watcher, trace_of
 from markergen.options import Progress, Watch
-from markergen.presentation.results import Result
+from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -118,6 +116,8 @@ class Design(Result):
     trace: tuple[Step, ...] = ()
     family: tuple[Marker, ...] = ()
     written: tuple[Written, ...] = field(default=(), compare=False)
+    _certificates: list[Certificate] = field(default_factory=list, compare=False)
+    """The certificate, once it is known; shared by copies."""
 
     @property
     def markers(self) -> tuple[Marker, ...]:
@@ -139,13 +139,32 @@ class Design(Result):
 
     def certify(self, progress: Progress | None = None) -> Certificate:
         """Compute `certificate`, which may take as long as the search."""
-        if "_certificate" not in self.__dict__:
+        if not self._certificates:
             region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance, self.spec.gap)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
             objective = objective_of(self.spec, self.setting, ngon)
-            found = certify(objective, region, points if self.spec.relief else points[:, :2], progress)
-            self.__dict__["_certificate"] = found
-        return self.__dict__["_certificate"]
+            self._certificates.append(
+                certify(objective, region, points if self.spec.relief else points[:, :2], progress)
+            )
+        return self._certificates[0]
+
+    def to_json(self) -> bytes:
+        """Return value, lower bound (null if none is known), dots, criteria, warnings and files as JSON text."""
+        stored, bound = self.marker.provenance, self.certificate
+        results = {
+            "objective": stored["spec"]["objective"],
+            "value": self.value,
+            "unit": OBJECTIVES[parse_goal(self.spec.objective).lead].unit,
+            "lower_bound": None if bound.reason else bound.lower_bound,
+            "dots": {"n": len(self.marker), "diameter_m": self.dots.diameter, "clearance_m": self.dots.clearance},
+            "label_safety_px": self.labels.least if self.labels else None,
+            "poses": stored["poses"],
+            "noise": self.setting.noise_words,
+            "criteria": self.criteria,
+            "warnings": self.warnings,
+            "files": listed(self.written),
+        }
+        return json_bytes(plain(results))
 
     def __str__(self) -> str:
         return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
@@ -407,91 +426,3 @@ def _effort(seconds: float) -> str:
 
 def _safe(points: Array, spec: Spec, setting: Setting) -> bool:
     return layout_safety(points, setting, keyed=False).least >= spec.asymmetric
-
-
-def number(points: Array) -> Array:
-    """Sort control points (n, 2 or 3) for labeling: counterclockwise from straight up, those at the center last."""
-    radius = np.hypot(points[:, 0], points[:, 1])
-    central = radius < 1e-3 * radius.max()
-    angle = np.mod(np.arctan2(points[:, 1], points[:, 0]) - np.pi / 2 + 1e-6, 2 * np.pi)
-    return points[np.lexsort((radius, np.where(central, 7.0, angle)))]
-
-
-def dress(
-    points: Array,
-    dots: DotSize,
-    spec: Spec,
-    setting: Setting,
-    table: dict[str, Criteria],
-    labels: LabelSafety | None = None,
-) -> Marker:
-    """Make a marker from a layout (n, 2 or 3), with its provenance.
-
-    Dot 0 is the key ring and the others are disks; all are disks where the layout alone identifies them.
-    """
-    # A tenth of a nanometer is far below any manufacturing tolerance, and the file stays readable.
-    rounded = np.round(points, 10) + 0.0
-    return replace(
-        build_marker(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
-        keep_outs=spec.keep_outs,
-        tag=spec.placed_tag,
-        substrate=spec.substrate,
-        provenance={
-            **provenance_of(spec, setting, dots.reason, table),
-            **({"labels": labels.sentence} if labels else {}),
-            # If absent, criteria are for noise of 1 px.
-            **({"noise": setting.noise_words} if setting.noise else {}),
-        },
-    )
-
-
-def provenance_of(spec: Spec, setting: Setting, dots: str, table: Mapping[str, Criteria]) -> dict[str, Any]:
-    """How a marker was designed: the spec, the poses of the setting, what explains its dots, and its criteria."""
-    import scipy
-
-    stored = _stored(spec, setting.poses).as_dict()
-    return {
-        "spec": stored,
-        "spec_hash": spec.hash,
-        "seed": spec.seed,
-        "versions": {"markergen": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
-        "camera": stored["camera"],
-        "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
-        "dots": dots,
-        "criteria": {
-            # JSON has no infinity, which is the homography error of some random layouts.
-            name: {key: float(f"{value:.8g}") for key, value in row.items() if np.isfinite(value)}
-            for name, row in table.items()
-        },
-    }
-
-
-def _stored(spec: Spec, seen: PoseDistribution) -> Spec:
-    """Spec as stored in marker.json: of a file with too many poses, only those that the marker was designed for."""
-    too_many = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT
-    return replace(spec, poses=seen) if too_many and isinstance(seen, RecordedPoses) else spec
-
-
-def members(marker: Marker, spec: Spec, ids: Sequence[int]) -> tuple[Marker, ...]:
-    """Markers of the same layout with the given tag ids, each as if it had been designed separately.
-
-    Parameters
-    ----------
-    marker : Marker
-        Marker designed from `spec`; the id of its tag does not matter.
-
-    Raises
-    ------
-    InputError
-        If it has no tag, or an id is not in the tag's family.
-    """
-    if marker.tag is None:
-        raise InputError("a tag to tell the markers of a family apart", "none", "add --tag aruco:DICT_4X4_50, say")
-    made = []
-    for number in ids:
-        tag = replace(marker.tag, id=number)
-        own = replace(spec, tag=str(tag))
-        stored = {**marker.provenance["spec"], "tag": str(tag)}
-        provenance = {**marker.provenance, "spec": stored, "spec_hash": own.hash}
-        made.append(replace(marker, tag=tag, provenance=provenance))
-    return tuple(made)

@@ -22,11 +22,12 @@ from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.certificate import Certificate
-from markergen.optimize.design import Design, number, provenance_of
+from markergen.optimize.design import Design
 from markergen.optimize.dot_size import DotSize
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import check
 from markergen.optimize.ranges import Scale, aggregated, dot_information, nested, values_of
+from markergen.optimize.to_marker import number, provenance_of
 from markergen.options import Progress
 from markergen.presentation.tables import Table, percent
 from markergen.presentation.tables import number as written

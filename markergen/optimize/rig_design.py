@@ -20,7 +20,6 @@ from markergen.model.rig import Rig
 from markergen.model.rig_shapes import RigShape
 from markergen.model.spec import Spec
 from markergen.objectives.criteria import Criteria, criteria
-from markergen.optimize.design import dress, number
 from markergen.optimize.dot_size import (
     PERCENTILE,
     PIXELS,
@@ -33,8 +32,9 @@ from markergen.optimize.dot_size import (
 from markergen.optimize.label_ambiguity import layout_safety
 from markergen.optimize.problem import check, check_objective, check_parts
 from markergen.optimize.rig_layouts import APART_PX, RigLayouts, Seen, best_views, seen_plates
+from markergen.optimize.to_marker import dress, number
 from markergen.options import Progress
-from markergen.presentation.results import Result
+from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -100,6 +100,26 @@ class RigDesign(Result):
         """See `Result.parts`: summary and table of expected errors."""
         return [self.summary, self._table, f"found in {self.seconds:.1f} s"]
 
+    def to_json(self) -> bytes:
+        """Return plates, expected errors over the poses that see one, warnings and files as JSON text."""
+        stored = self.rig.provenance
+        results = {
+            "shape": stored["shape"],
+            "objective": stored["objective"],
+            "plates": [{"name": each.name, "dots": len(each.marker)} for each in self.rig.markers],
+            "poses": {"name": self.poses.name, "count": len(self.poses), "blind": int((self.in_view[0] == 0).sum())},
+            "in_view": {"plates": self.in_view[0].mean(), "dots": self.in_view[1].mean()},
+            "noise": stored["noise"],
+            "expected": {
+                key: {"rotation_deg": {"median": turn, "rms": turns}, "translation_m": {"median": shift, "rms": shifts}}
+                for key, (turn, turns, shift, shifts) in zip(("joint", "single"), self._expected, strict=True)
+            },
+            "label_safety_px": self.safety,
+            "warnings": self.warnings,
+            "files": listed(self.written),
+        }
+        return json_bytes(plain(results))
+
     @property
     def summary(self) -> str:
         """Plates, dots and what the poses see of them, in a few lines."""
@@ -118,13 +138,17 @@ class RigDesign(Result):
         )
 
     @property
+    def _expected(self) -> Array:
+        """Median and RMS of rotation in degrees and of translation in m, of the joint and the best single pose."""
+        both = np.stack([self.joint, self.single])[:, :, self.in_view[0] > 0]
+        return np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
+
+    @property
     def _table(self) -> Table:
-        seen = self.in_view[0] > 0
-        rows = []
-        for name, errors in (("joint pose", self.joint), ("best single plate", self.single)):
-            turn, shift = errors[0][seen], errors[1][seen] * 1e3
-            values = [np.median(turn), np.sqrt(np.mean(turn**2)), np.median(shift), np.sqrt(np.mean(shift**2))]
-            rows.append([name, *(f"{value:.3g}" for value in values)])
+        rows = [
+            [name, *(f"{value:.3g}" for value in values * [1, 1, 1e3, 1e3])]
+            for name, values in zip(("joint pose", "best single plate"), self._expected, strict=True)
+        ]
         header = ["", "rotation deg, median", "RMS", "translation mm, median", "RMS"]
         return Table(f"Expected error for {self.rig.provenance['noise']}", header, rows)
 

@@ -22,14 +22,25 @@ _CHECKS = {"plot": check_figure, "report": check_page}
 
 
 class Result(ABC):
-    """Result of a function of the library: sentences and tables.
+    """Result of a function of the library: sentences and tables, and the same for programs as JSON.
 
     ``str()`` gives the output of the command of the same name, ``repr()`` a line or two; a notebook shows tables.
+
+    Attributes
+    ----------
+    written : tuple of Written
+        Files that were requested together with the result.
     """
+
+    written: tuple[Written, ...] = ()
 
     @abstractmethod
     def parts(self) -> Sequence[str | Table]:
         """Return sentences and tables in display order."""
+
+    @abstractmethod
+    def to_json(self) -> bytes:
+        """Return the results as JSON text."""
 
     def __str__(self) -> str:
         return parts_as_text(self.parts())
@@ -82,12 +93,9 @@ class SavableResult(Result):
     ----------
     KINDS : mapping
         Kind of content by suffix.
-    written : tuple of Written
-        Files that were requested together with the result.
     """
 
     KINDS: ClassVar[Mapping[str, str]] = {".json": "json"}
-    written: tuple[Written, ...] = ()
 
     @classmethod
     def targets(cls, paths: object = (), pictures: object = None, **named: object) -> Targets:
@@ -119,9 +127,29 @@ class SavableResult(Result):
             raise ValueError(f"no result is written as {kind}")
         return self.to_json()
 
-    @abstractmethod
+
+class Files(Result):
+    """Files that were written, and nothing else to say."""
+
+    def __init__(self, written: Sequence[Written]) -> None:
+        self.written = tuple(written)
+
+    def parts(self) -> list[str]:
+        """See `Result.parts`."""
+        return []
+
     def to_json(self) -> bytes:
-        """Return the results as JSON text."""
+        """Return the files as `listed` has them."""
+        return json_bytes(listed(self.written))
+
+
+def listed(written: Sequence[Written]) -> list[dict[str, Any]]:
+    """Return files with their notes as JSON values.
+
+    >>> listed([Written(Path("marker.pdf"), ("print at 100 %",))])
+    [{'path': 'marker.pdf', 'notes': ['print at 100 %']}]
+    """
+    return [{"path": str(each.path), "notes": list(each.notes)} for each in written]
 
 
 def json_bytes(value: Any) -> bytes:

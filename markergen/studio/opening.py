@@ -31,6 +31,7 @@ from markergen.studio.state import RENAMED
 
 DRAWINGS = (".svg", ".dxf", ".geojson")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
+MEASURED = "measured on a print; shown as designed, markergen validate tells what the print is worth"
 NOT_OPTIONS = ("title", "substrate", "target", "n")
 
 
@@ -60,7 +61,8 @@ def opened(name: str, data: bytes, unit: str | None = None, layer: str | None = 
     dict
         ``title``, and one of ``options`` (of a marker.json, with ``marker``, its content, or of a spec), ``rig``,
         ``boundary`` (of a drawing, for the options boundary and keep_out; with ``center``, the place in the drawing in
-        m that became its origin), ``camera`` (with ``camera_covariance``, or None), ``poses`` and ``points``.
+        m that became its origin), ``camera`` (with ``camera_covariance``, or None), ``poses`` and ``points``. A
+        ``note`` says what is shown otherwise than the file has it.
 
     Raises
     ------
@@ -115,7 +117,8 @@ def _json(path: Path, content: object) -> dict[str, Any]:
     if isinstance(content, Mapping) and "control_points" in content:
         found = load_marker_or_rig(path)
         assert isinstance(found, Marker)
-        return {"options": options_of(found), "marker": json.loads(to_json(found))}
+        measured = {"note": MEASURED} if found.as_designed is not found else {}
+        return {"options": options_of(found), "marker": json.loads(to_json(found)), **measured}
     if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
         return _camera(path)
     if isinstance(content, list):
@@ -140,7 +143,7 @@ def options_of(marker: Marker) -> dict[str, Any] | None:
     else:
         values = {"boundary": marker.boundary.as_dict(), "keep_outs": [each.as_dict() for each in marker.keep_outs]}
         values |= {"tag": str(marker.tag), "tag_side": marker.tag.side} if marker.tag else {}
-        values |= {"substrate": marker.substrate.as_dict(), "relief": marker.height}
+        values |= {"substrate": marker.substrate.as_dict(), "relief": marker.as_designed.height}
     options = {
         RENAMED.get(key, key): value
         for key, value in values.items()
@@ -150,7 +153,8 @@ def options_of(marker: Marker) -> dict[str, Any] | None:
     if room.get("kind") == "circle" and not any(room.get("center", (0, 0))):
         options["radius"] = options.pop("boundary")["radius"]
     options |= _plate(values.get("substrate", {}))
-    points = marker.xyz if marker.height else marker.xyz[:, :2]
+    designed = marker.as_designed
+    points = designed.xyz if designed.height else designed.xyz[:, :2]
     return {**options, "dot": marker.dot_diameter, "points": points.tolist()}
 
 

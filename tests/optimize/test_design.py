@@ -11,9 +11,10 @@ from markergen.model.marker_json import from_json, to_json
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.design import design, members, number, upright
+from markergen.optimize.design import design, upright
 from markergen.optimize.dot_size import choose_dots, wanted_diameter
 from markergen.optimize.problem import FeasibleRegion, breach
+from markergen.optimize.to_marker import members, number
 
 FEW = "cone:distance=0.6..1.5m,tilt=0..60,count=20"
 

@@ -55,6 +55,14 @@ def test_a_marker_of_unknown_origin_is_opened_too(pentagon):
     assert (options["radius"], options["dot"]) == (pentagon.boundary.radius, pentagon.dot_diameter)
 
 
+def test_a_marker_that_was_measured_is_opened_as_designed_and_says_so(pentagon):
+    printed = mg.rescale(pentagon, measured_x="198mm", measured_y="198mm").marker
+    found = opened("measured.json", to_json(printed))
+    assert np.allclose(found["options"]["points"], pentagon.xyz[:, :2], atol=1e-12)
+    assert "measured on a print" in found["note"]
+    assert "note" not in opened("marker.json", to_json(pentagon))
+
+
 def test_every_kind_of_file_is_known():
     assert opened("spec.toml", b'title = "Mine"\nn = 6\nkeep_outs = ["circle:3mm@40mm,0mm"]\n') == {
         "title": "Mine",

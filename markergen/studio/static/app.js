@@ -369,7 +369,7 @@ async function take(files) {
       const kind = answer.options === null && answer.marker ? "marker" : Object.keys(opened).find((name) => answer[name]);
       if (kind === "marker") await stand({ marker: answer.marker }, answer.title);
       else await opened[kind](answer);
-      if (kind !== "options") said(`${file.name}: ${answer.title || kind}`);
+      if (answer.note || kind !== "options") said(`${file.name}: ${answer.note || answer.title || kind}`);
     } catch (error) {
       told(error instanceof Refused ? new Refused({ ...error.found, line: `${file.name}: ${error.message}` }) : error);
     }
@@ -519,6 +519,7 @@ async function begin() {
   options = state || opening?.options || {};
   await become(options, false);
   if (linked && !state) said("The address holds no design; this is a new one.", true);
+  if (opening?.note && !linked) said(`${opening.title}: ${opening.note}`);
   if (opening && !linked && !opening.options) {
     if (opening.rig) await stand({ rig: opening.rig }, opening.title);
     else if (opening.marker) await stand({ marker: opening.marker }, opening.title);
