@@ -1,6 +1,6 @@
 """How accurate detection is, and how often it is wrong, on rendered views; every view has a seed of its own.
 
-    python -m benchmarks.detection_quality [centers] [labels] [finds] [coverage] [small] [--share 0.03]
+    python -m benchmarks.detection_quality [centers] [labels] [finds] [coverage] [small] [blurred] [--share 0.03]
                                            [--json F] [--against F] [--keep FOLDER]
 
 centers:  errors of labeled dots and markers found, in clean, ordinary, steep, occluded and small views
@@ -8,6 +8,7 @@ labels:   wrong labelings in 5,000 views of many kinds and layouts, and why mark
 finds:    markers found in 1,000 images without one
 coverage: true poses within the 95 % region of the covariance, clean and in damaged images, 300 each
 small:    markers and dots found by the dots' diameter in the image
+blurred:  markers found by blur and by the dots' diameter in the image
 
 A share of 0.03 takes about a minute; all of it some twenty minutes.
 """
@@ -40,6 +41,7 @@ from markergen.render.scenery import BACKGROUNDS
 CHI2_95_OF_6 = 12.5916
 KINDS = ("ordinary", "steep", "occluded", "small", "noisy", "clutter", "strangers", "damaged")
 EMPTY = ("photo", "clutter", "noise", "dots", "checkerboard", "text", "strangers", "gradient")
+BLURS_PX, BLURRED_PX = (0.7, 1.0, 1.5, 2.0, 2.5, 3.0), (6, 8, 10, 12, 14, 16)
 DIAMETERS_PX = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0)
 
 
@@ -223,8 +225,23 @@ def small(share: float, keep: Path | None) -> dict[str, Rows]:
     return {"small dots": rows}
 
 
+def blurred(share: float, keep: Path | None) -> dict[str, Rows]:
+    marker, rows = scenes.random_marker(12, True, seed=3, diameter=0.016), Rows()
+    for blur in BLURS_PX:
+        for size in BLURRED_PX:
+            distance, verdicts = CAMERA.fx * marker.dot_diameter / size, []
+            for k in range(max(round(50 * share), 1)):
+                rng = np.random.default_rng([6, int(10 * blur), size, k])
+                placed = scenes.pose(CAMERA, rng, (distance, distance), (0, 30))
+                scene = scenes.view(marker, CAMERA, placed, rng, Optics(blur_px=blur))
+                verdicts.append(see(scene, keep, f"blurred-{blur}-{size}-{k}")[0])
+            rows.setdefault(f"blur {blur} px", {})[f"{size} px"] = summary(verdicts)["found %"]
+    return {"found % by blur and diameter": rows}
+
+
 PARTS: dict[str, Callable[[float, Path | None], dict[str, Rows]]] = {
     "centers": centers, "labels": labels, "finds": finds, "coverage": coverage, "small": small,
+    "blurred": blurred,
 }  # fmt: skip
 
 

@@ -42,6 +42,7 @@ RIVALS = Command(
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
+BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
 MISPRINTED = Command(
@@ -338,6 +339,21 @@ MEASURED: Sequence[Entry] = (
         "the median error of a center is # px at 3 px and # px at 7 px",
         SMALL.line,
         [(SMALL, "3.0 px, ring 50 @ @ #"), (SMALL, "7.0 px, ring 50 @ @ #")],
+    ),
+    *(
+        Number(
+            DETECT,
+            f"| {blur} px | # | # | # | # | # | # |",
+            BLURRED.line,
+            [(BLURRED, f"blur {blur} px # # # # # #")],
+        )
+        for blur in ("0.7", "1.0", "1.5", "2.0", "2.5", "3.0")
+    ),
+    Number(
+        DETECT,
+        "therefore takes # px instead of",
+        "markergen design --image-noise blur_px=2",
+        [(_design("--image-noise blur_px=2", 4), "its image is at least # px across")],
     ),
     _speed("marker with key ring, of 5 dots", "markergen, ring"),
     _speed("the same, near the pose of the frame before", "markergen, ring, tracking"),

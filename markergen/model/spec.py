@@ -17,6 +17,9 @@ from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
 from markergen.model.target import parse_target
 
+USUAL_BLUR_PX = 0.7
+"""Blur of an image in focus, px, at which the sizes that detection wants were measured."""
+
 PIXEL_VARIANCE = 1 / 12
 """Variance of a uniform unit interval: added to the blur by the area of a pixel (px^2), to the noise by rounding."""
 
@@ -40,7 +43,7 @@ class ImageNoise:
         If blur or noise is negative or not finite, or the contrast is not above 0 and at most 255.
     """
 
-    blur_px: float = 0.7
+    blur_px: float = USUAL_BLUR_PX
     noise_grey: float = 2.0
     contrast: float = 195.0
 
@@ -64,6 +67,20 @@ class ImageNoise:
         """Ratio of the contrast to the noise, rounding included."""
         return self.contrast / hypot(self.noise_grey, sqrt(PIXEL_VARIANCE))
 
+    @property
+    def size_factor(self) -> float:
+        """How much larger dots have to be to be found than at the usual blur: 1 + 0.72 (blur - 0.7 px), or 1.
+
+        All markers were found from 6, 8, 8, 12, 14 and 16 px on at a blur of 0.7, 1, 1.5, 2, 2.5 and 3 px, by
+        ``python -m benchmarks.detection_quality blurred``.
+        """
+        return max(1.0, 1 + 0.72 * (self.blur_px - USUAL_BLUR_PX))
+
+    @property
+    def gap_factor(self) -> float:
+        """How much farther apart images of dots have to be than at the usual blur; a gap is filled by its own blur."""
+        return max(1.0, self.blur_px / USUAL_BLUR_PX)
+
     def as_dict(self) -> dict[str, float]:
         """Return plain JSON values."""
         return asdict(self)
@@ -71,6 +88,8 @@ class ImageNoise:
     def __str__(self) -> str:
         return f"blur {self.blur_px:g} px, noise {self.noise_grey:g} and contrast {self.contrast:g} grey levels"
 
+
+USUAL_IMAGE = ImageNoise()
 
 NOISE_MODELS = ("point", "image")
 
@@ -162,7 +181,7 @@ class Spec:
     seed: int = 0
     restarts: int = 0
     noise_model: str = ""
-    image_noise: ImageNoise = ImageNoise()
+    image_noise: ImageNoise = USUAL_IMAGE
     survive: int = 0
     keep_outs: tuple[Boundary, ...] = ()
     print_sigma: float = UNSET
@@ -327,7 +346,7 @@ class Spec:
         # Specs from before there was a noise model keep their hash.
         if self.noise_model == "point":
             del values["noise_model"]
-        if self.image_noise == ImageNoise():
+        if self.image_noise == USUAL_IMAGE:
             del values["image_noise"]
         if not self.survive:
             del values["survive"]

@@ -257,13 +257,14 @@ class Design(Result):
                 "c(A) in Hartley's coordinates does not depend on size: the layout is degenerate, for study only"
             )
         across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses, mean=True)
-        least = max(point.feature.least_pixels for point in self.marker.control_points)
+        image = self.spec.image_noise
+        least = max(point.feature.least_pixels for point in self.marker.control_points) * image.size_factor
         if not self.dots.diameter:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
         elif across < least:
-            ring = " for the key ring" if least > DOT_PIXELS else ""
+            ring = " for the key ring" if least > DOT_PIXELS * image.size_factor else ""
             found.append(
-                f"dots of {across:.1f} px are hardly detected, which takes {least:g} px{ring}: use fewer, more room, "
+                f"dots of {across:.1f} px are hardly detected, which takes {least:.2g} px{ring}: use fewer, more room, "
                 "or a better camera"
             )
         if self.setting.poses.doubt:
@@ -273,7 +274,7 @@ class Design(Result):
         if self.dots.warning:
             found.append(self.dots.warning)
         found += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]
-        return (*found, *crowded(self.marker.xyz, self.dots.diameter, self.setting.camera, self.setting.poses))
+        return (*found, *crowded(self.marker.xyz, self.dots.diameter, self.setting.camera, self.setting.poses, image))
 
     def _idle_keep_outs(self) -> list[str]:
         """Warnings about keep-outs outside the boundary."""

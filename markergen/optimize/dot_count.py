@@ -27,7 +27,7 @@ from markergen.model.camera import Camera
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.goal import parse_goal
 from markergen.model.poses import PoseDistribution
-from markergen.model.spec import MOST_LOSSES, MOST_POINTS, ImageNoise, Spec
+from markergen.model.spec import MOST_LOSSES, MOST_POINTS, USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import either
 from markergen.objectives.observation import DotNoise
@@ -118,7 +118,11 @@ def image_slopes(points: Array, camera: Camera, poses: PoseDistribution) -> Arra
 
 
 def least_sizes(
-    boundary: Boundary, camera: Camera, poses: PoseDistribution, share: float = SHARE
+    boundary: Boundary,
+    camera: Camera,
+    poses: PoseDistribution,
+    image: ImageNoise = USUAL_IMAGE,
+    share: float = SHARE,
 ) -> tuple[float, float]:
     """Diameter and gap of dots in m, whole tenths of a mm, that are large enough anywhere in 95 % of the poses.
 
@@ -129,7 +133,7 @@ def least_sizes(
     area = np.sqrt(np.abs(np.linalg.det(slopes)))
     narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
     found = []
-    for pixels, scale in ((RELIABLE_PIXELS, area), (GAP_PIXELS, narrow)):
+    for pixels, scale in ((RELIABLE_PIXELS * image.size_factor, area), (GAP_PIXELS * image.gap_factor, narrow)):
         worst = np.sort(scale.min(axis=1))[int((1 - share) * len(poses) + 1e-9)]
         if not worst:
             raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
@@ -195,7 +199,8 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
         progress("refinement", 1, 1)
     settled = replace(spec, n=chosen.n, dot=chosen.diameter, gap=chosen.gap)
     asked = spec.dot == chosen.diameter
-    large = "as asked" if asked else f"{RELIABLE_PIXELS:g} px or more in {100 * SHARE:g} % of the poses"
+    pixels = RELIABLE_PIXELS * spec.image_noise.size_factor
+    large = "as asked" if asked else f"{pixels:.3g} px or more in {100 * SHARE:g} % of the poses"
     reason = f"{format_length(chosen.diameter)}, {large}; with a print good to {format_length(spec.print_sigma)}, "
     reason += f"{chosen.n} are the fewest whose predicted error is within {100 * (NEAR_BEST - 1):.0f} % of the least, "
     return Choice(settled, f"{reason}that of {least.n}{common(spec)}")
@@ -298,7 +303,7 @@ class Forecaster:
     ) -> None:
         self.spec, self.sources, self.room = spec, sources, room_of(spec)
         self.setting = Setting(spec.boundary, spec.camera, fewer(judged or seen, count))
-        self.least, gap = least_sizes(spec.boundary, spec.camera, seen)
+        self.least, gap = least_sizes(spec.boundary, spec.camera, seen, spec.image_noise)
         self.gap = spec.gap or gap
         self.most = max(n for n in range(5, MOST_POINTS + 1) if comb(n, spec.survive) <= MOST_LOSSES)
         if not issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective):

@@ -17,7 +17,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.poses import PoseDistribution
-from markergen.model.spec import Spec
+from markergen.model.spec import USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, pack
@@ -98,13 +98,22 @@ def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None =
     return size
 
 
-def wanted_diameter(camera: Camera, poses: PoseDistribution) -> float:
-    """Diameter in m, a whole mm, whose image is 8 px along its short axis in 94 % of the poses.
+def wanted_pixels(image: ImageNoise) -> float:
+    """Extent in px that dots should have along their short axis: 8 px at the usual blur.
+
+    >>> wanted_pixels(ImageNoise()), wanted_pixels(ImageNoise(blur_px=2.0))
+    (8.0, 15.5)
+    """
+    return round(PIXELS * image.size_factor, 1)
+
+
+def wanted_diameter(camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE) -> float:
+    """Diameter in m, a whole mm, whose image is `wanted_pixels` along its short axis in 94 % of the poses.
 
     d = 8 px z / (f cos tilt) at the marker's origin, f the geometric mean of the focal lengths.
     """
     focal = np.sqrt(camera.fx * camera.fy)
-    diameters = PIXELS * poses.translation[:, 2] / (focal * poses.cos_tilt)
+    diameters = wanted_pixels(image) * poses.translation[:, 2] / (focal * poses.cos_tilt)
     return float(np.ceil(np.percentile(diameters, PERCENTILE) * 1e3 - 1e-6) / 1e3)
 
 
@@ -129,22 +138,26 @@ def largest_that_leaves_room(spec: Spec) -> float:
     return diameter
 
 
-def smallest_detectable(camera: Camera, poses: PoseDistribution) -> float:
-    """Diameter in m, a whole tenth of a mm, whose image is 4 px wide and 6 px long or more in 94 % of the poses."""
+def smallest_detectable(camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE) -> float:
+    """Diameter in m, a whole tenth of a mm, whose image is 4 px wide and 6 px long or more in 94 % of the poses.
+
+    That is at the usual blur; in a blurred image it is larger by `ImageNoise.size_factor`.
+    """
     focal = np.sqrt(camera.fx * camera.fy)
     depth = poses.translation[:, 2]
-    needed = np.maximum(FEWEST_PIXELS * depth / poses.cos_tilt, FEWEST_PIXELS_LONG * depth) / focal
+    needed = np.maximum(FEWEST_PIXELS * depth / poses.cos_tilt, FEWEST_PIXELS_LONG * depth) / focal * image.size_factor
     return float(np.ceil(np.percentile(needed, PERCENTILE) * 1e4 - 1e-6) / 1e4)
 
 
 def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
-    wanted, diameter = wanted_diameter(spec.camera, poses), largest_that_leaves_room(spec)
+    wanted, diameter = wanted_diameter(spec.camera, poses, spec.image_noise), largest_that_leaves_room(spec)
+    pixels = f"{wanted_pixels(spec.image_noise):g} px"
     if wanted <= diameter:
-        reason = f"{format_length(wanted)}: its image is at least {PIXELS:g} px across in {PERCENTILE:g} % of the poses"
+        reason = f"{format_length(wanted)}: its image is at least {pixels} across in {PERCENTILE:g} % of the poses"
         return DotSize(wanted, clearance_of(spec, wanted), reason)
     reason = (
         f"{format_length(diameter)}, {100 * ROOM:g} % of the largest at which {spec.n} dots fit; "
-        f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {pixels_in_words(diameter, spec, poses)}"
+        f"{pixels} would need {format_length(wanted)}, this leaves {pixels_in_words(diameter, spec, poses)}"
     )
     return DotSize(diameter, clearance_of(spec, diameter), reason)
 
@@ -164,7 +177,9 @@ def pixels_in_words(diameter: float, spec: Spec, poses: PoseDistribution) -> str
     return f"{pixels_across(diameter, spec.camera, poses):.1f} px"
 
 
-def crowded(points: Array, diameter: float, camera: Camera, poses: PoseDistribution) -> list[str]:
+def crowded(
+    points: Array, diameter: float, camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE
+) -> list[str]:
     """Warnings about dots whose images run into each other in more than 5 % of the poses.
 
     Between two dots of diameter d at a distance L, images s px apart leave a gap of s (1 - d / L).
@@ -175,14 +190,13 @@ def crowded(points: Array, diameter: float, camera: Camera, poses: PoseDistribut
     gaps = np.linalg.norm(pixels[:, one] - pixels[:, other], axis=-1) * (1 - diameter / apart)
     least = np.nan_to_num(gaps).min(axis=1)
     narrow = float(np.sort(least)[int(CROWDED * len(poses))])
-    if not diameter or narrow >= BLOT_PX:
+    blot, safe = (gap * image.gap_factor for gap in (BLOT_PX, SAFE_GAP_PX))
+    if not diameter or narrow >= blot:
         return []
-    wanted = np.ceil(1e4 * (apart.min() - diameter) * SAFE_GAP_PX / max(narrow, 1e-9)) / 1e4
+    wanted = np.ceil(1e4 * (apart.min() - diameter) * safe / max(narrow, 1e-9)) / 1e4
     remedy = f"use --gap {1e3 * wanted:g}mm" if wanted < diameter else "use fewer or smaller dots"
-    share = np.count_nonzero(least < BLOT_PX) / len(poses)
-    return [
-        f"dots look less than {BLOT_PX:g} px apart in {share:.0%} of the poses, where images run together: {remedy}"
-    ]
+    share = np.count_nonzero(least < blot) / len(poses)
+    return [f"dots look less than {blot:.2g} px apart in {share:.0%} of the poses, where images run together: {remedy}"]
 
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
@@ -212,7 +226,7 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
     # Of several criteria, the first one decides: a regular polygon to refer to need not fit at every diameter.
     spec = replace(spec, objective=parse_goal(spec.objective).lead)
     room = largest_that_leaves_room(spec)
-    detectable = smallest_detectable(spec.camera, poses)
+    detectable = smallest_detectable(spec.camera, poses, spec.image_noise)
     least = min(detectable, room)
     predicted = _Prediction(spec, Setting(spec.boundary, spec.camera, poses), progress)
     candidates = [least, room]
@@ -303,8 +317,9 @@ def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: 
         most = f"{100 * ROOM:g} % of the largest at which {spec.n} dots fit"
         return f"{size}, {most}, with a predicted error of {error}{short}"
     if diameter <= detectable:
+        wide, long = (pixels * spec.image_noise.size_factor for pixels in (FEWEST_PIXELS, FEWEST_PIXELS_LONG))
         return (
-            f"{size}, the smallest whose image is {FEWEST_PIXELS:g} px wide and {FEWEST_PIXELS_LONG:g} px long in "
+            f"{size}, the smallest whose image is {wide:.3g} px wide and {long:.3g} px long in "
             f"{PERCENTILE:g} % of the poses; the predicted error of {error} would be less with smaller ones"
         )
     return (

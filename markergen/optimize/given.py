@@ -33,7 +33,7 @@ class Fault:
 def size_given(spec: Spec, poses: PoseDistribution) -> DotSize:
     """Size the dots of a spec with points: as asked, or large enough for the camera as far as they fit."""
     asked = spec.dot if isinstance(spec.dot, float) else None
-    wanted = wanted_diameter(spec.camera, poses) if asked is None else asked
+    wanted = wanted_diameter(spec.camera, poses, spec.image_noise) if asked is None else asked
     diameter = wanted if asked is not None else max(STEP, min(wanted, _largest(spec)))
     said = "as asked" if asked is not None else "for the camera" if diameter == wanted else "the largest that fits"
     words = f"{format_length(diameter)}, {said}, {pixels_in_words(diameter, spec, poses)}"

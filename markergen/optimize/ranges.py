@@ -240,7 +240,7 @@ def _forecast(spec: Spec, poses: PoseDistribution, counts: Sequence[int], larges
     """Forecast of one of the numbers of dots, the first for which there is room, of diameters in m up to `largest`."""
     forecaster = Forecaster(spec, poses, sources_of(spec))
     forecaster.most = max(counts)
-    least, gap = least_sizes(spec.boundary, spec.camera, poses, share=1.0)
+    least, gap = least_sizes(spec.boundary, spec.camera, poses, spec.image_noise, share=1.0)
     forecaster.gap = max(gap, spec.gap)
     for factor in (LARGER, 1.0):
         forecaster.least = ceil(factor * least * 1e4 - 1e-6) / 1e4

@@ -22,12 +22,12 @@ from markergen.model.spec import Spec
 from markergen.objectives.criteria import Criteria, criteria
 from markergen.optimize.dot_size import (
     PERCENTILE,
-    PIXELS,
     ROOM,
     DotSize,
     choose_dots,
     largest_that_leaves_room,
     wanted_diameter,
+    wanted_pixels,
 )
 from markergen.optimize.label_ambiguity import layout_safety
 from markergen.optimize.problem import check, check_objective, check_parts
@@ -258,7 +258,7 @@ def _sized(
         own.append(replace(spec, boundary=shape.faces[k].boundary, poses=recorded, **tag))  # type: ignore[arg-type]
     needs: dict[Any, float] = {}
     for each, plate, views in zip(own, plates, best, strict=True):
-        need = wanted_diameter(spec.camera, plate.poses.taken(views, 0))
+        need = wanted_diameter(spec.camera, plate.poses.taken(views, 0), spec.image_noise)
         needs[each.boundary] = max(needs.get(each.boundary, 0.0), need)
     sizes: dict[Any, DotSize] = {}
     for k, each in enumerate(own):
@@ -283,11 +283,12 @@ def _dots(spec: Spec, wanted: float, poses: PoseDistribution, progress: Progress
     if not diameter:
         raise InputError("room for dots of 0.1 mm and more", f"{spec.n} dots in a {spec.boundary}", "use fewer")
     best = f"in {PERCENTILE:g} % of the poses in which a plate is the one seen best"
-    reason = f"{format_length(diameter)}: {PIXELS:g} px across {best}"
+    pixels = f"{wanted_pixels(spec.image_noise):g} px across {best}"
+    reason = f"{format_length(diameter)}: {pixels}"
     if wanted > room:
         reason = (
             f"{format_length(diameter)}, {100 * CROWDED:g} % of the largest at which {spec.n} dots fit; "
-            f"{PIXELS:g} px across {best} would need {format_length(wanted)}"
+            f"{pixels} would need {format_length(wanted)}"
         )
     clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
     return DotSize(diameter, clearance, reason)

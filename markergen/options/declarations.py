@@ -150,8 +150,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Settings,
         Option(
             VIEW,
-            "Image quality that --noise-model image and --dot auto count on: standard deviations of the blur, px, "
-            "and of the noise, grey levels, and these between dot and ground.",
+            "Image quality that --noise-model image and the size of the dots count on: standard deviations of the "
+            "blur, px, and of the noise, grey levels, and these between dot and ground.",
             otherwise="blur_px=0.7,noise_grey=2,contrast=195",
             metavar="NAME=VALUE,...",
         ),

@@ -3,6 +3,7 @@ import re
 import numpy as np
 import pytest
 
+from markergen.detect.detector import Detector
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.dot_crlb import center_covariance
@@ -23,7 +24,10 @@ from markergen.optimize.dot_size import (
     largest_that_leaves_room,
     pixels_across,
     smallest_detectable,
+    wanted_pixels,
 )
+from markergen.read.poses import poses_from
+from markergen.render import Optics, render_view
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +185,30 @@ def test_dots_that_run_together_in_images_are_told_with_the_gap_that_serves():
             assert "100%" in said[0]
             assert "--gap 1.9mm" in said[0]
     assert crowded(points, 0.0, camera, poses) == []
+
+
+def test_dots_for_a_blurred_image_are_larger_and_found_where_the_usual_ones_are_not():
+    image, text = ImageNoise(blur_px=2.0), "cone:distance=1.2..1.4,tilt=0..20,count=8"
+    poses = poses_from(text)
+    found = {}
+    for each in (ImageNoise(), image):
+        marker = design(Spec(n=5, poses=text, image_noise=each, restarts=1)).marker
+        assert pixels_across(marker.dot_diameter, PAPER_CAMERA, poses) >= wanted_pixels(each)
+        see, rng = Detector(marker, PAPER_CAMERA), np.random.default_rng(0)
+        shots = [
+            render_view(marker, PAPER_CAMERA, *pose, Optics(blur_px=2.0), rng)
+            for pose in zip(poses.rotation, poses.translation, strict=True)
+        ]
+        found[each] = sum(see(shot)[0].ok for shot in shots)
+    assert found[image] == len(poses)
+    assert found[ImageNoise()] < len(poses) / 2
+
+
+def test_a_blur_fills_gaps_between_dots():
+    poses = PoseDistribution("frontal", np.diag([1.0, -1, -1])[None], np.array([[0.0, 0, 1.0]]))
+    camera, diameter, gap = Camera(640, 480, 800, 800, 320, 240), 0.02, 0.003
+    points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+    assert crowded(points, diameter, camera, poses) == []
+    [said] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
+    assert "less than 3 px apart in 100% of the poses" in said
+    assert "--gap 4.7mm" in said
