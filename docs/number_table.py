@@ -340,14 +340,11 @@ MEASURED: Sequence[Entry] = (
         SMALL.line,
         [(SMALL, "3.0 px, ring 50 @ @ #"), (SMALL, "7.0 px, ring 50 @ @ #")],
     ),
-    *(
-        Number(
-            DETECT,
-            f"| {blur} px | # | # | # | # | # | # |",
-            BLURRED.line,
-            [(BLURRED, f"blur {blur} px # # # # # #")],
-        )
-        for blur in ("0.7", "1.0", "1.5", "2.0", "2.5", "3.0")
+    Number(
+        DETECT,
+        f"| blur | # px | # px | # px | # px | # px | # px | {'|---' * 7}| {'| # px | # | # | # | # | # | # | ' * 6}",
+        BLURRED.line,
+        [(BLURRED, f"found % by blur and diameter {'# px ' * 6} {'blur # px # # # # # # ' * 6}")],
     ),
     Number(
         DETECT,
@@ -568,7 +565,12 @@ GIVEN: Sequence[Given] = tuple(
         (
             DETECT,
             DEFAULT,
-            ["gives no frame for # s", "(along each axis; that of the design, or # mm)", "`design` takes # px along"],
+            [
+                "gives no frame for # s",
+                "(along each axis; that of the design, or # mm)",
+                "`design` takes # px along",
+                "blur_px=#` therefore",
+            ],
         ),
         (
             DETECT,
