@@ -8,8 +8,9 @@ Promised is the RMS rotation error of image and print over the poses that are re
 Views are found through the whole detection, with dots misprinted anew in each.
 
 With --rivals, tags and boards are compared with both as by `markergen compare`, in other views with the same print.
-They fill the circle around the room, its holes and corners as well. The last line counts those that are found in 99 %
-of the views, and among them those that err less than the marker of `--n auto`, or could by the photometric bound.
+They are as large as the room's outline allows, whatever is kept out inside. The last line counts those that are found
+in 99 % of the views, and among them those that err less than the marker of `--n auto`, or could by the photometric
+bound.
 """
 
 import os

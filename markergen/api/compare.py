@@ -28,7 +28,7 @@ def compare(
     progress: Progress | None = None,
     **options: Unpack[CompareKeywords],
 ) -> Comparison:
-    """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
+    """Compare markers with each other and with square tags and boards: same room, poses, optics and noise.
 
     Parameters
     ----------

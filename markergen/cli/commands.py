@@ -303,7 +303,7 @@ def compare(
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
     **options: Any,
 ) -> None:
-    """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
+    """Compare markers with each other and with square tags and boards: same room, poses, optics and noise.
 
     \b
     Example:

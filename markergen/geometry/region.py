@@ -20,6 +20,10 @@ Box = tuple[float, float, float, float]
 """Left, lower, right and upper end."""
 
 
+_CENTERS = 12
+"""Number of centers along each side of the grids on which rectangles grow."""
+
+
 class Region:
     """Immutable part of the plane, possibly empty.
 
@@ -270,6 +274,31 @@ class Region:
 
         line = shapely.get_coordinates(shapely.maximum_inscribed_circle(self._shape, tolerance=tolerance))
         return float(line[0, 0]), float(line[0, 1])
+
+    def largest_rectangle(self, width: float, height: float) -> float:
+        """Find the scale of the largest rectangle inside whose sides have this ratio, low by a percent at most.
+
+        It may be turned by multiples of 7.5 degrees. For each angle, rectangles grow about a grid of centers until they
+        touch the edge, and then about finer grids around the best of them.
+        """
+        best, half = 0.0, np.array([width, height]) / 2
+        for angle in np.arange(0, np.pi, np.pi / 24):
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            turned = self.mapped(lambda points, turn=turn: points @ turn)  # type: ignore[misc]
+            low, high = np.array(turned.box).reshape(2, 2)
+            middle, reach, most = (low + high) / 2, (high - low) / 2, float(((high - low) / (2 * half)).min())
+            for _ in range(4):
+                steps = np.linspace(-1, 1, _CENTERS)
+                centers = middle + reach * np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+                fits, fails = np.zeros(len(centers)), np.full(len(centers), most)
+                for _ in range(12):
+                    tried = (fits + fails) / 2
+                    corners = tried[:, None] * half
+                    inside = turned.surrounds_boxes(np.concatenate([centers - corners, centers + corners], axis=-1))
+                    fits, fails = np.where(inside, tried, fits), np.where(inside, fails, tried)
+                middle, reach = centers[fits.argmax()], reach * 2 / (_CENTERS - 1)
+                best = max(best, float(fits.max()))
+        return best
 
     def _polygons(self) -> list[Any]:
         import shapely

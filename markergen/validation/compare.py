@@ -51,11 +51,11 @@ def compare_and_time(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
-    Each is as large as the same circle allows, surrounded by white. For every tag and board, the settings of its
-    detector with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from the
-    same Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance for
-    each of its points, which is used as a weight. Where the detector cannot tell a pattern from itself turned, the pose
-    nearest to the true one counts.
+    Each is as large as the room of the first marker allows, surrounded by white. For every tag and board, the settings
+    of its detector with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from
+    the same Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance
+    for each of its points, which is used as a weight. Where the detector cannot tell a pattern from itself turned, the
+    pose nearest to the true one counts.
 
     Parameters
     ----------

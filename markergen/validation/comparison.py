@@ -156,7 +156,7 @@ def heading(results: Mapping[str, Any]) -> str:
     camera, poses, optics = results["camera"], results["poses"], results["optics"]
     return (
         f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
-        f"in a circle of radius {1e3 * results['radius']:g} mm\n"
+        f"in a {results['room']}\n"
         f"camera {camera['width']}x{camera['height']}, focal length {camera['fx']:g} px, "
         f"blur {optics['blur_px']:g} px, noise {optics['noise_grey']:g} grey levels, "
         f"levels {optics['dark']:g} to {optics['light']:g}"

@@ -84,6 +84,7 @@ def comparison_results(
         "camera": camera.as_dict(),
         "poses": {"name": series.poses.name, "count": len(series.poses), "dropped": series.poses.dropped},
         "radius": radius,
+        "room": str(setting.boundary),
         "optics": dict(vars(series.optics)),
         "print_sigma_mm": 1e3 * series.print_sigma,
         "seed": series.seed,

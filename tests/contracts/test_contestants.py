@@ -8,6 +8,7 @@ import pytest
 
 from markergen.maths.projection import project
 from markergen.maths.rotation import turn_z
+from markergen.model.boundary import polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
 from markergen.objectives import Setting
@@ -104,6 +105,20 @@ def test_it_fills_the_circle_and_has_ink_in_it(name, contestant):
     if name not in ("ngon", "square", "random"):
         areas = [np.sum(o[:, 0] * np.roll(o[:, 1], -1) - o[:, 1] * np.roll(o[:, 0], -1)) for o in patches[-1].outlines]
         assert contestant.ink(0.15) == pytest.approx(abs(sum(areas)) / 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_it_fits_on_a_plate_that_is_no_disk(name):
+    plate = polygon_from([np.array([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]])])
+    found = KINDS[name](EXAMPLES[name], Arena(Setting(plate, PAPER_CAMERA, POSES)))
+    if found.absent:
+        pytest.skip(found.absent)
+    patches = found.patches(PAPER_CAMERA, (POSES.rotation[0], POSES.translation[0]), exact(found))
+    ink = np.concatenate([outline for patch in patches if patch.reflectance == 0 for outline in patch.outlines])
+    # It may lie across the plate, and somewhere else on it.
+    sides = np.sort(np.ptp(ink[:, :2], axis=0))
+    assert np.all(sides <= [0.1, 0.2])
+    assert sides[0] > 0.05
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

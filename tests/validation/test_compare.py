@@ -254,7 +254,7 @@ def test_tables_name_everyone_and_everything(results):
     for _, header, rows, _ in comparison_tables(found):
         assert [row[0] for row in rows] == ["marker.json", *PEERS]
         assert {len(row) for row in rows} == {len(header)}
-    assert "20 views of each from 400 poses (paper), in a circle of radius 150 mm" in heading(found)
+    assert "20 views of each from 400 poses (paper), in a disk of radius 150 mm" in heading(found)
     lines = sentences(found)
     assert len(lines) == 5
     for entry, line in zip(found["contestants"], lines, strict=False):

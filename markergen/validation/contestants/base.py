@@ -3,11 +3,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -213,10 +215,21 @@ class Arena:
     first: Marker | None = None
     seed: int = 0
 
+    def scale(self, width: float, height: float, reach: float = 0.0) -> float:
+        """Largest scale at which a pattern of this width and height fits in the room, wherever and however turned.
+
+        In a disk it is limited by `reach`, the distance of its farthest point from its middle; by default, that of a
+        corner.
+        """
+        room = self.setting.boundary
+        if isinstance(room, Circle):
+            return room.radius / (reach or hypot(width, height) / 2)
+        return room.region.largest_rectangle(width, height)
+
     @property
-    def radius(self) -> float:
-        """Radius in m of the circle that every contestant fills."""
-        return self.setting.boundary.radius
+    def square(self) -> float:
+        """Radius in m of the circle around the largest square in the room."""
+        return self.scale(sqrt(2), sqrt(2), 1.0)
 
 
 @dataclass(frozen=True)

@@ -90,9 +90,10 @@ def _board(text: str, arena: Arena) -> ChArUco:
     named = [part for part in parts if not part.replace(".", "", 1).isdecimal()]
     shares = [part for part in parts if part not in named]
     family = f"aruco:{named[0]}" if named else _family(columns * rows // 2)
-    square = 2 * arena.radius / hypot(columns, rows)
+    square = arena.scale(columns, rows)
     share = share_of(shares[0] if shares else "", "a tag's share of its square", SHARES[-1], 0.3, 0.8)
-    return ChArUco(text, Board(family, columns, rows, square, share), arena.radius, tuned=not shares)
+    board = Board(family, columns, rows, square, share)
+    return ChArUco(text, board, square * hypot(columns, rows) / 2, tuned=not shares)
 
 
 def _family(tags: int) -> str:

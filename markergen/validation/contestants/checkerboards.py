@@ -104,7 +104,8 @@ def _board(text: str, arena: Arena) -> Checkerboard:
     columns, rows, rest = grid_size(text, FORM, "checkerboard:9x9")
     if rest or min(columns, rows) < 4:
         raise InputError(f"{FORM}, 4x4 squares or more", repr(text), "write for example checkerboard:9x9")
-    return Checkerboard(text, Lattice(columns, rows, 2 * arena.radius / hypot(columns, rows)), arena.radius)
+    side = arena.scale(columns, rows)
+    return Checkerboard(text, Lattice(columns, rows, side), side * hypot(columns, rows) / 2)
 
 
 KINDS.register("checkerboard")(Kind(_board, "checkerboard:CxR", "checkerboard of C x R squares", "OpenCV"))

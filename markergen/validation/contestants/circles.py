@@ -162,8 +162,10 @@ def _grid(text: str, arena: Arena) -> CircleGrid:
     unit = unit_grid(columns, rows, asymmetric)
     # Distance of the nearest neighbors in units of the grid; the outermost rims lie on the circle.
     nearest = np.sqrt(2) if asymmetric else 1.0
-    pitch = arena.radius / (np.linalg.norm(unit, axis=-1).max() + share * nearest / 2)
-    return CircleGrid(text, columns, rows, asymmetric, float(pitch), float(share * nearest * pitch), arena.radius)
+    reach = float(np.linalg.norm(unit, axis=-1).max() + share * nearest / 2)
+    width, height = (np.ptp(unit, axis=0) + share * nearest).tolist()
+    pitch = arena.scale(width, height, reach)
+    return CircleGrid(text, columns, rows, asymmetric, pitch, float(share * nearest * pitch), pitch * reach)
 
 
 KINDS.register("circles")(Kind(_grid, "circles:CxR[:SHARE]", "symmetric grid of circles", "OpenCV"))

@@ -35,7 +35,7 @@ class EdgeTag(SquareTag):
 
 
 def _tag(text: str, arena: Arena) -> EdgeTag:
-    return EdgeTag(text, tag_in(text.partition(":")[2], arena.radius), arena.radius)
+    return EdgeTag(text, tag_in(text.partition(":")[2], arena.square), arena.square)
 
 
 KINDS.register("edges")(

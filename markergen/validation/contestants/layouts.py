@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from markergen.detect import detect
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
+from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, build_marker, light_marker
 from markergen.model.spec import Spec
@@ -75,7 +76,7 @@ def _layout(text: str, arena: Arena) -> DotMarker:
     name = kind if kind == "square" else f"{kind}:{n}"
     sizes = [(first.dot_diameter, first.clearance)] if first else []
     dots = choose_dots(spec, setting.poses)
-    for diameter, clearance in [*sizes, (dots.diameter, dots.clearance), _on_a_ring(n, arena.radius)]:
+    for diameter, clearance in [*sizes, (dots.diameter, dots.clearance), _on_a_ring(n, setting.boundary)]:
         region = FeasibleRegion(setting.boundary, diameter, clearance)
         layouts = comparison_layouts(region, n, arena.seed).get(kind)
         if layouts is not None:
@@ -84,11 +85,14 @@ def _layout(text: str, arena: Arena) -> DotMarker:
     raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
 
 
-def _on_a_ring(n: int, radius: float) -> tuple[float, float]:
+def _on_a_ring(n: int, boundary: Boundary) -> tuple[float, float]:
     """Diameter and clearance in m of n dots on the inset rim, `ROOM` of the largest that keep their distance.
 
-    Neighbors at 2 (r - d/2 - c) sin(pi/n) are d + c apart, with c the default share of d.
+    Neighbors at 2 (r - d/2 - c) sin(pi/n) are d + c apart, with c the default share of d, and r the radius of the
+    largest circle in the room.
     """
+    center = boundary.region.largest_circle(1e-4 * boundary.radius)
+    radius = float(boundary.depth(np.array(center)))
     sine = sin(pi / n)
     largest = 2 * radius * sine / (1 + CLEARANCE + (1 + 2 * CLEARANCE) * sine)
     diameter = float(np.floor(ROOM * largest * 1e4) / 1e4)

@@ -94,10 +94,10 @@ def _tag(text: str, arena: Arena) -> PupilTag:
     family = text.split(":")[1] if ":" in text else ""
     if family not in FAMILIES:
         raise InputError(f"a family that pupil-apriltags has: {', '.join(FAMILIES)}", repr(text), "write pupil:36h11")
-    tag = tag_in(f"apriltag{text.removeprefix('pupil')}", arena.radius)
+    tag = tag_in(f"apriltag{text.removeprefix('pupil')}", arena.square)
     import pupil_apriltags  # noqa: F401  # without it the contestant is absent
 
-    return PupilTag(text, tag, arena.radius)
+    return PupilTag(text, tag, arena.square)
 
 
 KINDS.register("pupil")(

@@ -181,7 +181,9 @@ def _grid(text: str, arena: Arena) -> RingGrid:
         raise InputError(f"{FORM}, of 3x3 to 20x40 rings", repr(text), "write for example ringgrid:4x5")
     _, places, _ = _drawn(columns, rows, share)
     reach = float(np.linalg.norm(places, axis=-1).max()) + share * np.sqrt(3) / 2
-    return RingGrid(text, columns, rows, share, arena.radius / reach, arena.radius)
+    width, height = (np.ptp(places, axis=0) + share * np.sqrt(3)).tolist()
+    pitch = arena.scale(width, height, reach)
+    return RingGrid(text, columns, rows, share, pitch, pitch * reach)
 
 
 KINDS.register("ringgrid")(Kind(_grid, "ringgrid:CxR[:SHARE]", "coded rings", "its own library", requires="ringgrid"))

@@ -143,7 +143,7 @@ def _stag(text: str, arena: Arena) -> STag:
         raise InputError(f"{FORM}, an id of 0 to {len(WORDS) - 1}", repr(text), "write for example stag:HD21:0")
     import stag  # noqa: F401  # without it the contestant is absent
 
-    return STag(text, int(number), sqrt(2) * arena.radius / (1 + 2 * QUIET), arena.radius)
+    return STag(text, int(number), sqrt(2) * arena.square / (1 + 2 * QUIET), arena.square)
 
 
 KINDS.register("stag")(Kind(_stag, FORM, "STag", "its own library", requires="stag-python"))

@@ -70,7 +70,7 @@ def tag_in(text: str, radius: float) -> Tag:
 
 
 def _tag(text: str, arena: Arena) -> SquareTag:
-    return SquareTag(text, tag_in(text, arena.radius), arena.radius)
+    return SquareTag(text, tag_in(text, arena.square), arena.square)
 
 
 KINDS.register("aruco")(Kind(_tag, "aruco:DICT[:ID]", "ArUco tag", "OpenCV"))
