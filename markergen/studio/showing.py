@@ -155,7 +155,7 @@ def exported(request: Mapping[str, Any]) -> File:
 
 
 def _is_record(file: Written) -> bool:
-    return file.path.name == f"marker{RECORD}"
+    return file.path.suffix == RECORD
 
 
 def _zipped(name: str, files: list[File]) -> File:

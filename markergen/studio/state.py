@@ -23,8 +23,8 @@ from markergen.studio.no_files import refuse_files
 
 Options = Mapping[str, Any]
 
-ELSEWHERE = (*OUTSIDE_FILES, "ids")
-"""Options of a design that are not part of a state: files to write, and families."""
+ELSEWHERE = OUTSIDE_FILES
+"""Options of a design that are not part of a state: files to write."""
 
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a spec of options that are called differently."""

@@ -124,7 +124,7 @@ def test_a_page_can_show_all_options() -> None:
     found = json.loads(json.dumps(declared_options()))
     names = {option["name"] for group in found["groups"] for option in group["options"]}
     assert {"n", "points", "radius", "camera", "paper", "mount"} <= names
-    assert not names & {"output", "template", "ids"}
+    assert not names & {"output", "template"}
     assert {"pose", "condition"} <= {*found["choices"]["objective"]}
     assert {".pdf", ".step"} <= {each["suffix"] for each in found["formats"]}
 

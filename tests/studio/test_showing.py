@@ -99,6 +99,15 @@ def test_a_format_that_is_none_is_refused(studio, options, suffix):
     assert "suffix" in studio.post("export", {"options": options, "suffix": suffix}).json["line"]
 
 
+def test_a_family_is_packed_or_on_one_sheet(studio, options):
+    asked = {**options, "tag": "aruco:DICT_4X4_50", "tag_size": "20mm", "ids": "0,3"}
+    packed = studio.post("export", {"options": asked, "suffix": ".json"})
+    with zipfile.ZipFile(io.BytesIO(packed.data)) as archive:
+        tags = {name: str(load_marker(json.loads(archive.read(name))).tag) for name in archive.namelist()}
+    assert tags == {f"marker-{k}.json": f"aruco:DICT_4X4_50:{k}" for k in (0, 3)}
+    assert studio.post("export", {"options": asked, "suffix": ".svg"}).data.count(b"<svg") == 1
+
+
 def test_dots_have_to_be_there(studio):
     assert (
         "expected dots to export, found none" in studio.post("export", {"options": {}, "suffix": ".pdf"}).json["line"]
