@@ -214,7 +214,7 @@ def common(spec: Spec) -> str:
 
 
 def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, sources: ErrorSources) -> str:
-    """Predicted rotation error of a flat marker from all sources, and what more dots would bring, in a sentence.
+    """Predicted errors of dots and of a flat marker's rotation, and what more dots would bring, in a sentence.
 
     Parameters
     ----------
@@ -230,7 +230,9 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         found = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
         return f"{np.sqrt(np.mean(found**2)):.3g} deg"
 
-    said = f"with a print good to {format_length(sources.print_sigma)}"
+    spread = np.trace(dot_covariances(points, diameter, setting, spec.image_noise), axis1=-2, axis2=-1)
+    said = f"dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px; "
+    said += f"with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
     said += f", expect {degrees(points, diameter)} RMS in all"
     try:
