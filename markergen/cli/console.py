@@ -159,6 +159,11 @@ def file_of(json: Path | None) -> Path | None:
     return None if is_stdout(json) else json
 
 
+def is_shown(json: Path | None) -> bool:
+    """Return whether anything of a result is printed, as JSON or for people."""
+    return is_stdout(json) or not Silence.on
+
+
 def print_found(found: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None) -> None:
     """Print all or some parts of a result and the files written; or JSON, if standard output is wanted for that."""
     from markergen.presentation.tables import print_parts
