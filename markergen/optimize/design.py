@@ -28,7 +28,7 @@ from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
-from markergen.optimize.dot_size import DotSize, choose_dots, crowded, pixels_across
+from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, pixels_across
 from markergen.optimize.given import refuse_faults, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
@@ -324,7 +324,9 @@ class Design(Result):
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and make it a marker.
 
-    Equal specs give equal markers, traced and watched or not. For `progress` and `watch` see `markergen.options`.
+    If nothing is said about dots and gaps, and images of the dots would run together, the layout is sought once more
+    with a gap that keeps them apart, which is then in the spec. Equal specs give equal markers, traced and watched or
+    not. For `progress` and `watch` see `markergen.options`.
 
     Raises
     ------
@@ -332,6 +334,22 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
         homography, or no layout was found with the demanded label safety.
     """
+    found = _design(spec, progress, traced, watch)
+    if spec.dot is not None or spec.gap or spec.points or not found.dots.diameter:
+        return found
+    setting, image = found.setting, spec.image_noise
+    close = crowding(found.marker.xyz, found.dots.diameter, setting.camera, setting.poses, image)
+    if close is None or close.gap >= found.dots.diameter:
+        return found
+    try:
+        apart = _design(replace(found.spec, gap=close.gap), progress, traced, watch)
+    except InputError as error:
+        log.info("no gap of %s: %s", format_length(close.gap), error)
+        return found
+    return replace(apart, seconds=found.seconds + apart.seconds)
+
+
+def _design(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | None) -> Design:
     begin = perf_counter()
     choice = settled(spec, progress)
     spec = choice.spec if choice else spec

@@ -93,6 +93,8 @@ def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None =
         size = DotSize(
             spec.dot, clearance, f"{format_length(spec.dot)}, as asked, {pixels_in_words(spec.dot, spec, poses)}"
         )
+    if spec.gap:
+        size = replace(size, reason=f"{size.reason}, {format_length(spec.gap)} or more apart")
     if size.diameter > 0 or size.clearance > 0:
         _refuse_what_does_not_fit(spec, size)
     return size
@@ -177,10 +179,19 @@ def pixels_in_words(diameter: float, spec: Spec, poses: PoseDistribution) -> str
     return f"{pixels_across(diameter, spec.camera, poses):.1f} px"
 
 
-def crowded(
+@dataclass(frozen=True)
+class Crowding:
+    """Share of the poses in which images of dots stand less than `least_px` apart, and a gap in m that serves."""
+
+    share: float
+    least_px: float
+    gap: float
+
+
+def crowding(
     points: Array, diameter: float, camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE
-) -> list[str]:
-    """Warnings about dots whose images run into each other in more than 5 % of the poses.
+) -> Crowding | None:
+    """Find out whether images of dots run into each other in more than 5 % of the poses; None if not.
 
     Between two dots of diameter d at a distance L, images s px apart leave a gap of s (1 - d / L).
     """
@@ -192,11 +203,21 @@ def crowded(
     narrow = float(np.sort(least)[int(CROWDED * len(poses))])
     blot, safe = (gap * image.gap_factor for gap in (BLOT_PX, SAFE_GAP_PX))
     if not diameter or narrow >= blot:
+        return None
+    wanted = float(np.ceil(1e4 * (apart.min() - diameter) * safe / max(narrow, 1e-9)) / 1e4)
+    return Crowding(np.count_nonzero(least < blot) / len(poses), blot, wanted)
+
+
+def crowded(
+    points: Array, diameter: float, camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE
+) -> list[str]:
+    """Warnings about `crowding`."""
+    found = crowding(points, diameter, camera, poses, image)
+    if found is None:
         return []
-    wanted = np.ceil(1e4 * (apart.min() - diameter) * safe / max(narrow, 1e-9)) / 1e4
-    remedy = f"use --gap {1e3 * wanted:g}mm" if wanted < diameter else "use fewer or smaller dots"
-    share = np.count_nonzero(least < blot) / len(poses)
-    return [f"dots look less than {blot:.2g} px apart in {share:.0%} of the poses, where images run together: {remedy}"]
+    remedy = f"use --gap {1e3 * found.gap:g}mm" if found.gap < diameter else "use fewer or smaller dots"
+    said = f"dots look less than {found.least_px:.2g} px apart in {found.share:.0%} of the poses"
+    return [f"{said}, where images run together: {remedy}"]
 
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:

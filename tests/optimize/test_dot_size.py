@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -212,3 +213,16 @@ def test_a_blur_fills_gaps_between_dots():
     [said] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
     assert "less than 3 px apart in 100% of the poses" in said
     assert "--gap 4.7mm" in said
+
+
+def test_a_design_of_which_nothing_else_is_said_keeps_images_of_dots_apart():
+    spec = Spec(n=12, boundary=Circle(0.08), poses="cone:distance=0.8..1.2,tilt=0..60,count=30", restarts=1)
+    found = design(spec)
+    assert found.spec.gap > 0
+    assert not [said for said in found.warnings if "apart" in said]
+    assert f"{found.spec.gap * 1e3:g} mm or more apart" in found.summary
+    assert design(found.spec).marker == found.marker
+    # What is asked for is done, with a warning.
+    asked = design(replace(spec, dot=choose_dots(spec, poses_from(spec.poses)).diameter))
+    assert asked.spec.gap == 0
+    assert any("use --gap" in said for said in asked.warnings)
