@@ -58,6 +58,18 @@ TYPES: dict[str, Any] = {
 """Type given to typer for each kind of value."""
 
 
+GUESSES = {
+    **dict.fromkeys(("--size", "--width"), ("--boundary", "the room is --radius 150mm or --boundary rect:200mmx100mm")),
+    "--diameter": ("--dot", "--dot 20mm is the diameter of a dot, --radius 150mm half that of the room"),
+    **dict.fromkeys(("--dots", "--count", "--num", "--number"), ("--n", "write --n 8")),
+    **dict.fromkeys(("--out", "--file", "--format"), ("--output", "write -o marker.pdf; its suffix is the format")),
+    **dict.fromkeys(("--unit", "--units"), ("--radius", "lengths carry their unit: 150mm, 0.15, 6in")),
+    **dict.fromkeys(("--dictionary", "--dict", "--family"), ("--tag", "write --tag aruco:DICT_4X4_50:7")),
+    "--calibration": ("--camera", "write --camera camera.yaml"),
+}
+"""What users of other tools type: the option that has to exist for an answer, and the answer."""
+
+
 def with_options(
     table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -104,6 +116,16 @@ def _parameter(option: Option) -> Parameter:
 
 class GroupedCommand(TyperCommand):
     """A command whose help lists its options by their declared groups, then its own options."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the words; where one is the option of another tool, say what stands for it here."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter.__base__ as error:  # type: ignore[misc]
+            flag, answer = GUESSES.get(getattr(error, "option_name", ""), ("", ""))
+            if any(flag in each.opts for each in self.get_params(ctx)):
+                error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
+            raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then each group of options."""

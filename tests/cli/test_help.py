@@ -4,8 +4,11 @@ import ast
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from markergen.cli import main
+from markergen.cli.commands import app
+from markergen.cli.options import GUESSES
 
 SOURCE = Path(__file__).parents[2] / "markergen" / "cli" / "commands.py"
 COMMANDS = ("design", "validate", "export", "detect", "compare", "verify", "rescale", "study", "templates")
@@ -35,3 +38,27 @@ def test_help_comes_in_groups(capsys):
 def test_every_command_has_an_example(name, capsys):
     assert main([name, "--help"]) == 0
     assert f"  markergen {name} " in capsys.readouterr().out.replace("Usage: ", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("design --size 200mm", "No such option: --size; the room is --radius 150mm or --boundary rect:200mmx100mm"),
+        ("design --dots 8", "write --n 8"),
+        ("export m.json --format pdf", "its suffix is the format"),
+        ("detect x.png --calibration c.yaml", "write --camera camera.yaml"),
+    ],
+)
+def test_names_of_other_tools_are_answered(words, said, capsys):
+    assert main(words.split()) == 2
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert complaint.count("\n") == 1
+
+
+def test_answers_name_options_that_exist():
+    known = {flag for command in get_command(app).commands.values() for each in command.params for flag in each.opts}
+    for guess, (flag, answer) in GUESSES.items():
+        assert guess not in known
+        assert flag in known
+        assert {word for word in answer.split() if word.startswith("--")} <= known
