@@ -44,6 +44,7 @@ from markergen.objectives.base import TraceObjective
 from markergen.objectives.composed import ComposedObjective
 from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -112,12 +113,15 @@ class Certificate:
         No layout of n dots in the room has a smaller value; 0 if none is known.
     reason : str
         Why none is known, otherwise empty.
+    apart : float
+        Smallest gap in m that the dots were to keep; 0 if only their clearance.
     """
 
     n: int
     value: float
     lower_bound: float = 0.0
     reason: str = ""
+    apart: float = 0.0
 
     @property
     def gap(self) -> float:
@@ -131,7 +135,8 @@ class Certificate:
             return f"no lower bound: {self.reason}"
         # Rounded up.
         percent = np.ceil(1000 * self.gap) / 10
-        return f"no {self.n} dots in this room can be more than {percent:.1f} % better"
+        apart = f", {format_length(self.apart)} or more apart," if self.apart else ""
+        return f"no {self.n} dots in this room{apart} can be more than {percent:.1f} % better"
 
 
 def certify(
@@ -157,7 +162,8 @@ def certify(
     for degree in DEGREES:
         program = _Program(_Fields(objective, region, degree), region, points, value)
         if program.accurate:
-            return Certificate(n, value, value / np.sqrt(program.solve(progress)))
+            apart = region.gap if region.gap > region.clearance else 0.0
+            return Certificate(n, value, value / np.sqrt(program.solve(progress)), apart=apart)
     return Certificate(n, value, reason="some pose is too close to the marker, or its lens model ends there")
 
 
