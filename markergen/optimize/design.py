@@ -335,6 +335,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         homography, or no layout was found with the demanded label safety.
     """
     found = _design(spec, progress, traced, watch)
+    spec = found.spec
     if spec.dot is not None or spec.gap or spec.points or not found.dots.diameter:
         return found
     setting, image = found.setting, spec.image_noise
@@ -342,7 +343,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
     if close is None or close.gap >= found.dots.diameter:
         return found
     try:
-        apart = _design(replace(found.spec, gap=close.gap), progress, traced, watch)
+        apart = _design(replace(spec, gap=close.gap), progress, traced, watch)
     except InputError as error:
         log.info("no gap of %s: %s", format_length(close.gap), error)
         return found
