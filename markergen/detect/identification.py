@@ -28,7 +28,7 @@ from markergen.detect.labeling_hypotheses import (
     none,
 )
 from markergen.detect.pose_hypotheses import DotLayout
-from markergen.detect.rival_labelings import rival_labelings
+from markergen.detect.rival_labelings import FEW_DOTS, rival_labelings
 from markergen.detect.seen_models import Model, Poses
 from markergen.model.camera import Camera
 from markergen.model.feature import DOT_PIXELS
@@ -68,7 +68,7 @@ A mirrored marker that is nearly symmetric misses by as little as 0.027 of the r
 
 UNIQUE_RATIO, UNIQUE_PX = 2.0, 0.5
 """Margin to any other labeling of the same blobs: it must be worse by this factor, and by this many px for the marker
-and for each dot that it misses."""
+and for each dot that it misses, of many dots for each such share of them: see `_margin`."""
 
 MISSING_PX, WRONG_KIND_PX = 1.0, 3.0
 """Penalties added to the misfit when labelings are compared: for a dot that should be visible and is missing, and for a
@@ -252,7 +252,7 @@ def confirm(
     # nothing is sure about kinds: one of the dots may be a ring that was read as a disk.
     key = best.blobs[layout.rings]
     ringed = not len(key) or bool(ellipses.ring[key[key >= 0]].any())
-    lack = int(UNIQUE_RATIO * max(misfit, 0.0) + UNIQUE_PX * (1 + best.missing[0]))
+    lack = int(_margin(best, max(misfit, 0.0)))
     rivals = rival_labelings(best.candidates, lack, ellipses, layout, px, ringed)
     if len(rivals):
         pool = joined(judged.candidates, rivals)
@@ -262,12 +262,7 @@ def confirm(
 
 
 def _judged(
-    candidates: Labelings,
-    ellipses: Ellipses,
-    view: View,
-    rough: Array | None,
-    ringed: bool = True,
-    kinds: bool = True,
+    candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True, kinds: bool = True
 ) -> Search:
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
@@ -324,19 +319,15 @@ def _answered(judged: Search, ellipses: Ellipses, tag: Tag | None = None) -> Sea
     count = judged.candidates.count - judged.missing
     best = judged.take(np.lexsort((judged.candidates.misfit, -count))[:1])
     seen, misfit = int(best.candidates.count[0]), best.candidates.misfit[0]
-    said = f"found {_dots(len(ellipses))}, but not in the marker's layout"
     if seen < best.missing[0]:
-        expected = seen + best.missing[0]
-        return replace(
-            judged, reason=f"{said}: at most {seen} of {expected} dots that should be seen are where they should be"
-        )
-    if best.bound[0] < 0 and view.calibrated:
-        return replace(judged, reason=f"{said}: most of the {seen} that are where dots should be are not round")
-    if best.bound[0] < 0:
-        few = f"{seen} of {len(layout)} dots"
-        return replace(judged, reason=f"{said}: without a camera, {few} fit too loosely to tell their labels")
-    fit = f"{seen} of {len(layout)} dots to {misfit:.2g} px, {best.bound[0]:.2g} px allowed"
-    return replace(judged, reason=f"{said}: the best labeling fits {fit}")
+        why = f"at most {seen} of {seen + best.missing[0]} dots that should be seen are where they should be"
+    elif best.bound[0] < 0 and view.calibrated:
+        why = f"most of the {seen} that are where dots should be are not round"
+    elif best.bound[0] < 0:
+        why = f"without a camera, {seen} of {len(layout)} dots fit too loosely to tell their labels"
+    else:
+        why = f"the best labeling fits {seen} of {len(layout)} dots to {misfit:.2g} px, {best.bound[0]:.2g} px allowed"
+    return replace(judged, reason=f"found {_dots(len(ellipses))}, but not in the marker's layout: {why}")
 
 
 def ambiguity(chosen: Search) -> str:
@@ -368,11 +359,20 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     more = MISSING_PX * np.maximum(fewer, others.missing - chosen.missing[0])
     strange = WRONG_KIND_PX * (others.strange - chosen.strange[0])
     excess = others.candidates.misfit + more + strange
-    allowed = UNIQUE_RATIO * chosen.candidates.misfit[0] + UNIQUE_PX * (1 + chosen.missing[0])
+    allowed = _margin(chosen, chosen.candidates.misfit[0])
     # A tag in the right place weighs more than any dot.
     told = others.tags >= chosen.tags[0]
     rivals = np.flatnonzero(shared & told & (excess < allowed))
     return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
+
+
+def _margin(chosen: Search, misfit: float) -> float:
+    """Return the misfit in px, penalties included, below which another labeling contends with the best one.
+
+    A missing dot is one of `FEW_DOTS` checks at most: of 150 dots, it hardly weakens what the others tell.
+    """
+    missing = chosen.missing[0] * min(1.0, FEW_DOTS / chosen.candidates.count[0])
+    return float(UNIQUE_RATIO * misfit + UNIQUE_PX * (1 + missing))
 
 
 def _alike(count: int, best: Indices, labelings: Indices) -> NDArray[np.bool_]:

@@ -214,7 +214,7 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
     if isinstance(target, Rig):
         line += f" on {len(set(target.owner[detection.ids].tolist()))} of {len(target.markers)} markers"
     if detection.pose is None:
-        return f"{line}, homography only"
+        return f"{line}, homography only, no pose without a camera"
     pose = detection.pose
     toward = -pose.rotation.T @ pose.translation
     distance = float(np.linalg.norm(toward))

@@ -2,7 +2,8 @@
 
 The blobs of a labeling are where its dots are, so a rival amounts to a mapping of the marker's plane onto itself that
 takes dots to other dots: for few dots any affine mapping near a rotation, since their outlines tell the tilt only
-roughly; for many a rotation. Rivals that label nearly all of the blobs are found from a few of them.
+roughly; for many a rotation, by pairs of dots or about the middle of all. Rivals that label nearly all of the blobs are
+found from a few of them.
 """
 
 import math
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from markergen.detect.blobs import Ellipses
 from markergen.detect.labeling_hypotheses import GUESS_PX, LEAST_DOTS, Labelings, assign, fit_labelings, joined
-from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.pose_hypotheses import MANY_DOTS, DotLayout
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -29,6 +30,9 @@ STRETCH, STRETCH_PX = 0.2, 1.0
 
 MAX_FOREIGN = 16
 """Maximum number of mappings with which rivals are looked for that label other blobs, too."""
+
+PROBED = 10
+"""Number of dots of many, roughly, whose places tell at once that a mapping leaves out too many."""
 
 _CHUNK = 1_000_000
 
@@ -55,9 +59,22 @@ def rival_labelings(
     own, least = ellipses.take(index), max(LEAST_DOTS, len(used) - lack)
     short = px * np.sqrt(np.linalg.eigvalsh(own.shape)[:, 0])
     limit = STRETCH + STRETCH_PX / float(np.median(short))
-    linear, origin, target = (_affine if len(layout) <= FEW_DOTS else _rigid)(layout, used, lack, limit)
+    # px to m at each dot.
+    reach = layout.reach * layout.radii[used] + GUESS_PX * layout.radii[used] / short
+    if len(layout) <= FEW_DOTS:
+        linear, origin, target = _affine(layout, used, lack, limit)
+    else:
+        linear, origin, target = _rigid(layout, used, lack, limit, float(reach.max()))
     strange = rings_tell & own.strange(layout.rings)
-    nearest = _nearest(linear, origin, target, layout, used, short, strange)
+    # Of a part of a regular grid, a rival may be shifted by a row.
+    foreign = len(used) < len(layout) and len(ellipses) > len(used)
+    wanted = min(least, len(used) / 2) if foreign else least
+    if len(layout) > FEW_DOTS:
+        probed = np.arange(0, len(layout), max(1, len(layout) // PROBED))
+        met = (_nearest(linear, origin, target, probed, layout, used, reach, strange) >= 0).sum(axis=-1)
+        possible = len(probed) - met <= len(layout) - wanted
+        linear, origin, target = linear[possible], origin[possible], target[possible]
+    nearest = _nearest(linear, origin, target, np.arange(len(layout)), layout, used, reach, strange)
     count = (nearest >= 0).sum(axis=-1)
     turn = np.arctan2(linear[:, 1, 0] - linear[:, 0, 1], linear[:, 0, 0] + linear[:, 1, 1])
     itself = ((nearest < 0) | (used[nearest] == np.arange(len(layout)))).all(axis=-1)
@@ -72,9 +89,8 @@ def rival_labelings(
         rivals = replace(rivals, blobs=np.where(rivals.blobs >= 0, index[rivals.blobs], -1))
     else:
         rivals = chosen.take(kept)
-    if len(used) == len(layout) or len(ellipses) == len(used):
+    if not foreign:
         return rivals
-    # Of a part of a regular grid, a rival may be shifted by a row.
     some = np.flatnonzero((2 * count >= len(used)) & ~itself)
     some = some[np.argsort(-count[some], kind="stable")][:MAX_FOREIGN]
     model = chosen.model.turned(turn[some], origin[some], target[some])
@@ -89,24 +105,23 @@ def _nearest(
     linear: Array,
     origin: Array,
     target: Array,
+    taken: Indices,
     layout: DotLayout,
     used: Indices,
-    short: Array,
+    reach: Array,
     strange: NDArray[np.bool_],
 ) -> Indices:
-    """Return which labeled dot (K, n) of `used` is where a mapping takes each dot, -1 for none."""
-    n, count = len(layout), len(linear)
-    # px to m at each dot.
-    reach = layout.reach * layout.radii[used] + GUESS_PX * layout.radii[used] / short
+    """Return which labeled dot (K, m) of `used` is where a mapping takes each of m dots `taken`, -1 for none."""
+    n, count = len(taken), len(linear)
     nearest = np.full((count, n), -1)
     chunk = max(1, _CHUNK // (n * len(used)))
     for start in range(0, count, chunk):
         part = slice(start, start + chunk)
-        offset = layout.points[:, :2] - origin[part, None]
+        offset = layout.points[taken, :2] - origin[part, None]
         place = offset @ linear[part].swapaxes(-1, -2) + target[part, None]
         dx, dy = (place[:, :, None, i] - layout.points[used, i] for i in (0, 1))
         square = (dx * dx + dy * dy) / reach**2
-        square[:, strange] = np.inf
+        square[:, strange[taken]] = np.inf
         closest = square.argmin(axis=-1)
         least = np.take_along_axis(square, closest[..., None], axis=-1)[..., 0]
         closest[least > 1] = -1
@@ -150,7 +165,7 @@ def _affine_mappings(layout: DotLayout, labeled: bytes, lack: int) -> tuple[Arra
     return linear[k, q], least, most, points[layout.corners[0][q]], points[base[k, 0]]
 
 
-def _rigid(layout: DotLayout, used: Indices, lack: int, limit: float) -> tuple[Array, Array, Array]:
+def _rigid(layout: DotLayout, used: Indices, lack: int, limit: float, reach: float) -> tuple[Array, Array, Array]:
     """Return rotations (K, 2, 2), origin, and target (K, 2) that take any pair of dots to a pair of labeled ones."""
     points, pairs = layout.points[:, :2], layout.pairs
     step = points[pairs[:, 1]] - points[pairs[:, 0]]
@@ -165,6 +180,22 @@ def _rigid(layout: DotLayout, used: Indices, lack: int, limit: float) -> tuple[A
     k, q = np.nonzero(np.abs(np.log(length[chosen, None] / length)) < limit)
     angle = np.arctan2(step[:, 1], step[:, 0])
     angle = angle[chosen[k]] - angle[q]
-    linear = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
     middle = points[pairs].mean(axis=1)
-    return linear, middle[q], middle[chosen[k]]
+    origin, target = middle[q], middle[chosen[k]]
+    if len(layout) > MANY_DOTS:
+        # Their pairs are those of neighbors, which tell a turn too roughly for dots on the other side.
+        turn = _turns_in_place(points, used, lack, reach)
+        center = np.broadcast_to(points.mean(axis=0), (len(turn), 2))
+        angle, origin, target = np.append(angle, turn), np.vstack([origin, center]), np.vstack([target, center])
+    linear = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
+    return linear, origin, target
+
+
+def _turns_in_place(points: Array, used: Indices, lack: int, reach: float) -> Array:
+    """Return rotations (K,) about the middle of all dots that take any dot near one of the outermost labeled ones."""
+    offset = points - points.mean(axis=0)
+    distance, phase = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+    # One of these must remain, whatever a rival lacks.
+    base = used[np.argsort(-distance[used], kind="stable")][: lack + 1]
+    k, q = np.nonzero(np.abs(distance[base, None] - distance) < reach)
+    return np.asarray(phase[base[k]] - phase[q])

@@ -275,8 +275,8 @@ def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[s
     marker, notes = figure.marker, []
     if not all(line.closed for line in cut):
         notes.append(
-            "The line along the boundary has gaps in the quiet zones of dots; with cut:NAME in --colors it is whole, "
-            "for a cutter."
+            "The line along the boundary pauses in the quiet zones of dots; for a cutter, --colors black,cut:NAME "
+            "draws it whole."
         )
     notes += holes_beyond(marker)
     shown = {line.name.rpartition("-")[0] for line in free}

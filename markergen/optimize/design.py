@@ -130,7 +130,7 @@ class Design(Result):
         tables = [criteria_table(self.criteria, len(self.marker), words)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), words))
-        return [self.summary, self._bound, *tables, *filter(None, [self.outlook]), _effort(self.seconds)]
+        return [self.summary, *filter(None, [self.outlook]), self._bound, *tables, _effort(self.seconds)]
 
     @property
     def certificate(self) -> Certificate:

@@ -233,13 +233,13 @@ def _reshaped(shape: tuple[int, ...]) -> str:
 def find_images(patterns: Sequence[str | Path]) -> list[Path]:
     """Expand files, folders and globs to image paths, in this order and without repetition.
 
-    A folder or a glob stands for its image files, sorted by name, without hidden ones. A file's path is returned even
-    if it does not exist; reading it will report that.
+    A folder or a glob stands for its image files, sorted by name, without hidden ones. The path of an image
+    that does not exist is returned, too; reading it will report that.
 
     Raises
     ------
     InputError
-        If a folder or a glob has no image, a folder cannot be read, or nothing is given.
+        If a folder or a glob has no image, a folder does not exist or cannot be read, or nothing is given.
     """
     if not patterns:
         raise InputError("one or more images", "none", "name image files or a folder")
@@ -257,8 +257,10 @@ def _matches(pattern: str) -> list[Path]:
             candidates = list(path.iterdir())
         elif glob.has_magic(pattern) and not path.exists():
             candidates = [Path(name) for name in glob.glob(pattern, recursive=True)]  # noqa: PTH207
-        else:
+        elif path.suffix or exists(path):
             return [path]
+        else:
+            raise InputError(f"an image or a folder of images at {pattern}", "nothing", "check the path")
         images = sorted(
             each
             for each in candidates

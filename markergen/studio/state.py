@@ -61,16 +61,17 @@ def declared_options() -> dict[str, Any]:
         "groups": [group for group in groups if group["options"]],
         "choices": {name: names_of(name) for name in NAMES if name in known},
         "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
-        # Those of rigs are for the command.
-        "templates": [each for each in map(_template, templates()) if "shape" not in each["options"]],
+        "templates": list(map(_template, templates())),
         "defaults": {name: option.default for name, option in known.items() if option.default is not None},
     }
 
 
 def _template(name: str) -> dict[str, Any]:
     values = read_template(name)
-    title = str(values.pop("title", ""))
-    return {"name": name, "title": title, "options": {RENAMED.get(key, key): value for key, value in values.items()}}
+    title, shape = str(values.pop("title", "")), values.pop("shape", None)
+    # Options of a design, or of the rig with a shape.
+    options = {RENAMED.get(key, key): value for key, value in values.items()}
+    return {"name": name, "title": title, "shape": shape, "options": options}
 
 
 def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:

@@ -244,7 +244,7 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
     """Comment on skipped estimators, label margins, and the calibration of the covariance."""
     found = []
     if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
-        found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
+        found.append("DLT and IPPE assume a plane and step aside, for the dots are not in one; LM begins from SQPnP.")
     found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {
         angle: row

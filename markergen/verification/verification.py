@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _CAPTION = (
     "The largest distance of a dot from marker.json, by the best turn and shift. Along x and y: what 1 mm of the "
-    "marker is in the file; at 99.9 % a ruler of 200 mm measures 199.8 mm."
+    "marker is in the file; at 99.9 % a ruler of 100 mm measures 99.9 mm."
 )
 
 _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")

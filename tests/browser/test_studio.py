@@ -419,6 +419,15 @@ def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
     assert studio.dots() == 5
 
 
+def test_a_rig_of_a_template_is_designed_and_stands(studio):
+    studio.page.select_option("#template", "cube")
+    studio.page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')", timeout=120_000)
+    assert "cube: 5 plates" in studio.said()
+    assert "Expect " in studio.page.locator("#body-note").inner_text()
+    studio.page.click("#back")
+    assert studio.dots() == 5
+
+
 def test_a_rig_on_the_command_line_stands_with_its_errors(opened, tmp_path):
     mg.rig("pair", n=4, plate="100mm", restarts=1).rig.save(tmp_path / "rig.json")
     with (

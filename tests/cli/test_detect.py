@@ -111,7 +111,7 @@ def test_a_broken_photo_is_status_2_and_the_others_are_done(here, capsys, tmp_pa
 
 def test_without_a_camera(here, capsys):
     assert main(["detect", "good/130.png", "--marker", "marker.json"]) == 0
-    assert "homography only" in capsys.readouterr().out
+    assert "homography only, no pose without a camera" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,9 @@ import pytest
 from plain_blobs import plain_blobs
 
 from markergen.detect.blobs import undo_lens
-from markergen.detect.identification import REFUSED_PX, ROUGH_PX, View, ambiguity, confirm, search
+from markergen.detect.identification import REFUSED_PX, ROUGH_PX, View, ambiguity, confirm, given, search
 from markergen.detect.pose_hypotheses import layout_of
+from markergen.detect.seen_models import Poses
 from markergen.model.camera import PAPER_CAMERA
 
 DIRECTIONS = np.exp(1j * (0.3 + 2 * np.pi * np.arange(3) / 3))
@@ -288,3 +289,22 @@ def test_a_search_that_ends_early_among_regular_spots_says_so(ngon):
     )
     found = search(undo_lens(blobs, PAPER_CAMERA), View(layout_of(ngon(12, rings=())), PAPER_CAMERA))
     assert "full search" in found.reason
+
+
+def test_rings_that_are_turned_as_a_whole_are_rivals(make, sight):
+    """Three rings of many dots, each turned by about 62 deg, fit again; pairs of neighbors do not tell which turn."""
+    rng = np.random.default_rng(5)
+    counts, radii, turn = (29, 35, 41), (0.09, 0.11, 0.13), np.deg2rad(62)
+    angles = [2 * np.pi * np.arange(count) / count for count in counts]
+    points = np.concatenate([r * np.exp(1j * a) for r, a in zip(radii, angles, strict=True)])
+    points += 0.0015 * rng.normal(size=(len(points), 2)) @ [1, 1j]
+    marker = make(np.column_stack([points.real, points.imag]), rings=(), diameter=0.008)
+    view = sight(marker, 12)
+    ellipses, seen = undo_lens(view.blobs, PAPER_CAMERA), View(layout_of(marker), PAPER_CAMERA)
+    blob = np.empty(len(points), dtype=int)
+    blob[view.dot] = np.arange(len(points))
+    moved = np.abs(points[:, None] * np.exp(1j * turn) - points).argmin(axis=1)
+    assert len(set(moved)) == len(points)
+    model = Poses(view.rotation[None], view.translation[None])
+    wrong = given(blob[moved], model.turned(np.array([turn]), np.zeros((1, 2)), np.zeros((1, 2))), seen)
+    np.testing.assert_array_equal(confirm(wrong, ellipses).blobs, blob)

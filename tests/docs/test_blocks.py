@@ -16,6 +16,7 @@ LEFT_OUT = {
     "plugins.md": 2,  # packages of others
     "ros2.md": 1,  # an installation of ROS
     "simulators.md": 1,  # OpenGL
+    "start.md": 1,  # the installation
     "studio.md": 1,  # a server
     "study.md": 1,  # a cluster
 }

@@ -360,7 +360,7 @@ def test_find_images(folder, patterns, names):
     assert [str(path) for path in find_images(patterns)] == names
 
 
-@pytest.mark.parametrize("patterns", [[], ["empty"], ["*.bmp"], ["b.png", "nowhere/*"], ["x\0*"]])
+@pytest.mark.parametrize("patterns", [[], ["empty"], ["*.bmp"], ["b.png", "nowhere/*"], ["nowhere"], ["x\0*"]])
 def test_nothing_to_find(folder, patterns):
     with pytest.raises(InputError) as caught:
         find_images(patterns)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import markergen as mg
+from markergen.api.rig import request_of
 from markergen.cli import main
 from markergen.errors import InputError
+from markergen.options.rig import RigKeywords
 from markergen.studio.look import _SEEN, clean, look, more, sketch
 from markergen.studio.state import declared_options, design_of, marker_of_options, plain, spec_of_options, words
 from markergen.validation.bounds import error_budget
@@ -149,6 +151,9 @@ def test_what_is_kept_of_other_dots_changes_no_number() -> None:
 def test_every_template_that_is_listed_is_a_state() -> None:
     listed = declared_options()["templates"]
     assert {"desk-a4", "thermal"} <= {each["name"] for each in listed}
-    assert not {"cube", "wall"} & {each["name"] for each in listed}
+    assert {each["name"]: each["shape"] for each in listed if each["shape"]} == {"cube": "cube", "wall": "wall 3x2"}
     for each in listed:
-        assert spec_of_options(each["options"]).camera.width
+        if each["shape"]:
+            assert request_of(each["shape"], plain(each["options"], RigKeywords)).spec.camera.width
+        else:
+            assert spec_of_options(each["options"]).camera.width

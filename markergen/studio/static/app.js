@@ -408,6 +408,12 @@ async function copy(what) {
 
 /* --- begin --------------------------------------------------------------------------------------------------------- */
 
+async function build(shape, sized) {
+  if (search) return;
+  const end = await searching("rig", { shape, options: sized });
+  if (end) await stand({ rig: end.rig }, end.summary?.split("\n")[0] || shape);
+}
+
 const typing = ({ target }) => /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName) && target.type !== "checkbox";
 
 function listen() {
@@ -445,16 +451,14 @@ function listen() {
   by("form").addEventListener("submit", (event) => event.preventDefault());
   by("template").addEventListener("change", () => {
     const chosen = known.templates.find((each) => each.name === by("template").value);
-    if (chosen) become(chosen.options);
     by("template").value = "";
+    if (chosen?.shape) build(chosen.shape, chosen.options);
+    else if (chosen) become(chosen.options);
   });
-  by("rig").addEventListener("submit", async (event) => {
+  by("rig").addEventListener("submit", (event) => {
     event.preventDefault();
-    if (search) return;
     const shape = by("shape").value.trim() || "cube", edge = by("edge").value.trim();
-    const sized = shape.startsWith("wall") || shape.startsWith("pair") ? {} : { edge };
-    const end = await searching("rig", { shape, options: edge ? sized : {} });
-    if (end) await stand({ rig: end.rig }, end.summary?.split("\n")[0] || shape);
+    build(shape, edge && !shape.startsWith("wall") && !shape.startsWith("pair") ? { edge } : {});
   });
   for (const name of ["dragenter", "dragover"]) {
     document.addEventListener(name, (event) => {
