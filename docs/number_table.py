@@ -486,7 +486,7 @@ EXAMPLE = "an example of what to type, or of a size"
 GIVEN: Sequence[Given] = tuple(
     Given(file, place, reason)
     for file, reason, places in (
-        (CALIBRATE, DEFAULT, ["was read, # mm unless given", "count as # % (`--scale-sigma`)"]),
+        (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
         (
             CALIBRATE,

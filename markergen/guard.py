@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import islice
 from pathlib import Path
 from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -119,6 +120,9 @@ MOST_TRIANGLES = 1_500_000
 BEGINNING = 120.0
 """Maximum startup time of a child process, in seconds: a CAD kernel may load from a cold disk."""
 
+_NEIGHBORS = 1000
+"""Maximum number of names that are compared with one that does not exist."""
+
 
 # --- Bytes ------------------------------------------------------------------------------------------------------------
 
@@ -152,7 +156,7 @@ def read(source: object, kind: str) -> Content:
         try:
             data = read_start(Path(source), limits.largest + 1, limits.pipes)
         except (OSError, ValueError) as error:  # ValueError: a path with a null character.
-            raise InputError(f"{wanted} at {name}", reason_of(error), "check the path") from None
+            raise InputError(f"{wanted} at {name}", reason_of(error), _near(Path(source))) from None
     else:
         name = name_of(source)
         try:
@@ -212,6 +216,18 @@ def name_of(file: object) -> str:
     """Return the name of an open file for messages."""
     name = getattr(file, "name", None)
     return place_of(name) if isinstance(name, str) else "the open file"
+
+
+def _near(path: Path) -> str:
+    """Return what to do about a path that cannot be read: one beside it with nearly its name, if there is one."""
+    from difflib import get_close_matches
+
+    try:
+        names = [] if path.exists() else [each.name for each in islice(path.parent.iterdir(), _NEIGHBORS)]
+    except (OSError, ValueError):
+        names = []
+    found = get_close_matches(path.name, names, 1)
+    return f"check the path; there is {path.with_name(found[0])}" if found else "check the path"
 
 
 def reason_of(error: Exception) -> str:

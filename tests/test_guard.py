@@ -87,6 +87,14 @@ def test_what_is_no_file_is_refused_in_one_line(tmp_path, monkeypatch):
         text_of(Content("a", b"\xff"))
 
 
+def test_a_file_of_nearly_the_name_is_named(tmp_path):
+    (tmp_path / "camera.yaml").write_text("K: 1")
+    with pytest.raises(InputError, match=r"check the path; there is .*camera\.yaml$"):
+        read(tmp_path / "camra.yaml", "camera")
+    with pytest.raises(InputError, match=r"check the path$"):
+        read(tmp_path / "nowhere" / "camera.yaml", "camera")
+
+
 @pytest.fixture
 def ask(tmp_path):
     """What a function of a parser replies in a child process."""

@@ -123,6 +123,7 @@ def calibrate(
         tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
         planned_print(*designs) if settled["print_sigma"] is None else settled["print_sigma"],
         settled["scale_sigma"],
+        settled["ruler_sigma"],
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
@@ -166,10 +167,15 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
     if not spread > 0:
         raise InputError("a standard deviation above 0", text, "a steel ruler is read to 0.2 mm or so")
     if not abs(measured / nominal - 1) < 0.05:
+        points = designs[number - 1].control_points
+        edges = sum(points[ids.index(int(each))].feature.diameter / 2 for each in (first, second))
+        outer = abs((measured - edges) / nominal - 1) < 0.05
         raise InputError(
             f"a length within 5 % of the design's {format_length(nominal)} between dots {first} and {second}",
             format_length(measured),
-            "check the dots' numbers and the unit",
+            f"from center to center it is {format_length(edges)} less than over the outer edges"
+            if outer
+            else "check the dots' numbers and the unit",
         )
     return Length(before + ids.index(int(first)), before + ids.index(int(second)), measured, spread)
 

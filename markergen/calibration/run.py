@@ -26,7 +26,7 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.rescale import photographed
+from markergen.model.rescale import by_rulers, photographed, scale_sigmas
 from markergen.model.rig import Rig, RigMarker
 from markergen.objectives.base import Setting
 from markergen.options import Progress
@@ -63,6 +63,8 @@ class Known:
         Standard deviation in m of a printed dot that nothing measures, along each axis.
     scale_sigma : float
         Standard deviation of the print's scale along x and y, as a share, while nothing measures it.
+    ruler_sigma : float
+        Standard deviation in m of the lengths of a print's rulers.
     poses : str, PoseDistribution or None
         Working volume; None is that of the design.
     """
@@ -73,6 +75,7 @@ class Known:
     lengths: tuple[Length, ...] = ()
     print_sigma: float = 1e-4
     scale_sigma: float = 0.0
+    ruler_sigma: float = 2e-4
     poses: str | PoseDistribution | None = None
 
 
@@ -138,9 +141,10 @@ def calibrate(
     InputError
         If no photograph can be used, or they do not determine what is asked for.
     """
-    # A print that was calibrated before is measured anew, from its design.
+    # A print that was calibrated before is measured anew.
     given = [each.marker for each in target.markers] if isinstance(target, Rig) else target
-    designs = [marker.as_designed if marker.joint_covariance else marker for marker in given]
+    designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in given]
+    known = replace(known, lengths=(*known.lengths, *_told_by_rulers(designs, known)))
     sightings, camera = find_dots(
         designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
     )
@@ -240,7 +244,9 @@ def _result(
         # With one pose for all markers of a photograph, the dots are known better.
         told = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
         photos = len(sightings.photos)
-        markers = tuple(_measured(designs, k, chosen, adjustment, photos, *told) for k in range(len(designs)))
+        # A rig grows as a whole, of which its markers' dots cannot tell.
+        left = [0.0 if relation else _scale_left(each, adjustment.network, k, known) for k, each in enumerate(designs)]
+        markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *told) for k in range(len(designs)))
     if relation is not None:
         notes += relation.sentences[1:]
         relation = replace(
@@ -259,7 +265,7 @@ def _result(
         cleaned.used,
         cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
-        _scale_source(designs[adjustment.network.marker[0]], adjustment.network, known.scale_sigma),
+        _scale_source(designs[adjustment.network.marker[0]], adjustment.network, known),
         tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
         cross,
         halves,
@@ -315,10 +321,11 @@ def _measured(
     chosen: NDArray[np.intp],
     adjustment: Adjustment,
     photos: int,
+    left: float,
     places: Array,
     covariance: Array,
 ) -> Marker:
-    """Return a marker with the dots that were adjusted where they are in the print."""
+    """Return a marker with its adjusted dots where they are in the print; `left` is what is unknown of its scale."""
     own = adjustment.network.marker == which
     if own.sum() < 2:
         return designs[which]
@@ -331,7 +338,10 @@ def _measured(
         "rms_px": adjustment.rms,
         "variance_factor": adjustment.variance_factor,
     }
-    return photographed(designs[which], ids, places[own], covariance[np.ix_(rows, rows)], record)
+    grown = left * (places[own] - places[own].mean(axis=0)).ravel()
+    return photographed(
+        designs[which], ids, places[own], covariance[np.ix_(rows, rows)] + np.outer(grown, grown), record
+    )
 
 
 def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[ExpectedError, ExpectedError]:
@@ -370,17 +380,40 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
 
 
 def _scaled(design: Marker, network: Network, known: Known, places: Array, measured: bool) -> Array:
-    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both together.
-
-    Photographs measure the ratio of the two, and leave their mean, unless a length or dots measured by hand fix it.
-    """
-    columns = np.zeros((len(places), 3, 2))
-    rescaled = design.print_scale != (1.0, 1.0) or network.prior is not None
-    if measured and not rescaled and not network.scale_known(int(network.marker[0])):
-        columns[:, :, 0] = known.scale_sigma / np.sqrt(2) * places
-    elif not measured and not rescaled and known.free:
-        columns[:, 0, 0], columns[:, 1, 1] = known.scale_sigma * places[:, :2].T
+    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both."""
+    columns, first = np.zeros((len(places), 3, 2)), int(network.marker[0])
+    if measured:
+        columns[:, :, 0] = _scale_left(design, network, first, known) * (places - places.mean(axis=0))
+    elif known.free and network.prior is None:
+        shares = scale_sigmas(design, known.scale_sigma, known.ruler_sigma)
+        columns[:, 0, 0], columns[:, 1, 1] = (np.array(shares) * places[:, :2]).T
     return columns.reshape(-1, 2)
+
+
+def _scale_left(design: Marker, network: Network, marker: int, known: Known) -> float:
+    """Standard deviation of a marker's scale that photographs leave; none if lengths or dots measured by hand fix it.
+
+    They measure the ratio of the scales along x and y, not the mean.
+    """
+    if network.scale_known(marker):
+        return 0.0
+    return float(np.hypot(*scale_sigmas(design, known.scale_sigma, known.ruler_sigma))) / 2
+
+
+def _told_by_rulers(designs: Sequence[Marker], known: Known) -> list[Length]:
+    """Return what a print's rulers tell of distances along x and y, where lengths between dots are given as well."""
+    found, first = list[Length](), 0
+    for design in designs:
+        own = range(first, first + len(design))
+        first += len(design)
+        shares = scale_sigmas(design, 0.0, known.ruler_sigma)
+        if not any(each.first in own for each in known.lengths):
+            continue
+        for along, share in zip(design.xyz[:, :2].T, shares, strict=True):
+            pair = int(np.argmin(along)), int(np.argmax(along))
+            length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
+            found += [Length(own[pair[0]], own[pair[1]], length, share * length)] if share else []
+    return found
 
 
 def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
@@ -397,16 +430,21 @@ def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustme
     return poses.rotation, poses.translation
 
 
-def _scale_source(design: Marker, network: Network, sigma: float) -> str:
+def _scale_source(design: Marker, network: Network, known: Known) -> str:
     if not network.free:
         return "The scale is that of the design."
+    left = np.hypot(*scale_sigmas(design, known.scale_sigma, known.ruler_sigma)) / 2
+    ruled = any(scale_sigmas(design, 0.0, known.ruler_sigma))
     if network.lengths:
-        return f"The scale is that of the measured length{'s' * (len(network.lengths) > 1)}."
+        share = sum((each.length / each.sigma) ** 2 for each in network.lengths) ** -0.5
+        said = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
+        said += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %"
+        return f"{said}." if share < left else f"{said}: no better than a print is expected to be, {100 * left:.2g} %."
     if network.scale_known(int(network.marker[0])):
         return "The scale is that of the dots measured by hand."
-    if design.print_scale != (1.0, 1.0):
-        return "The scale is that of the rulers that markergen rescale was told."
+    if ruled or design.print_scale != (1.0, 1.0):
+        return f"The scale is that of the rulers that markergen rescale was told, known to {100 * left:.2g} %."
     return (
-        "The scale is that of the design: translations keep the scale error of the print, "
-        f"{100 * sigma:.2g} % expected. Give --measured, the distance between two dots, to find it."
+        f"The scale is that of the design, expected to be right to {100 * left:.2g} %, and distances are no better: "
+        "measure the rulers (markergen rescale), or the distance between two dots (--measured)."
     )

@@ -371,9 +371,9 @@ def rescale(
 
     \b
     Example:
-      markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json
-      markergen rescale marker.json --measured-points dots.csv -o corrected.json
-      markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o corrected.json
+      markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o printed.json
+      markergen rescale marker.json --measured-points dots.csv -o printed.json
+      markergen rescale rig.json --measured-x 99.4mm --also "+z=99.7mm" -o printed.json
     """
     from markergen.api.rescale import rescale as correct
 

@@ -192,7 +192,7 @@ def _estimated(
     flat = nearly_flat(points)
     if kernel.library() is not None:
         axes, place = 3 if points[:, 2].any() else 2, np.zeros((len(points), 3, 3))
-        place[:, :axes, :axes] = errors.place_blocks(len(points), axes)
+        place[:, :axes, :axes] = errors.place_blocks(points, axes)
         settings = TOLERANCE, COARSE, SEARCHED, ROUGH_SIGMA
         solved = kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
         if errors.joint_places is not None and len(solved[2]):

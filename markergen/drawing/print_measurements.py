@@ -144,7 +144,7 @@ def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
     return (
         "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
         "both rulers and run, for instance:",
-        f"markergen rescale marker.json{options} -o corrected.json",
+        f"markergen rescale marker.json{options} -o printed.json",
     )
 
 

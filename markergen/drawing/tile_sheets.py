@@ -415,7 +415,7 @@ def _words(figure: Figure, tiles: Tiling, first: int) -> list[str]:
         steps.append(
             f"Measure across the seams, before the glue is dry: {'; '.join(lengths)}. Move the tiles until this is so "
             "within 0.2 mm. Or measure the dots as they are and use them: markergen rescale marker.json "
-            "--measured-points dots.csv -o corrected.json"
+            "--measured-points dots.csv -o printed.json"
         )
     return steps
 

@@ -25,6 +25,10 @@ from markergen.model.spec import check_scale
 
 Array = NDArray[np.float64]
 
+_DOMINANT = 4.0
+"""Variance of the scale of points measured together, in that of their other motions, above which it is all of theirs,
+and not the points' own."""
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
@@ -87,27 +91,44 @@ class ErrorSources:
             joint_places=None if joint is None else joint[chosen][:, :, chosen],
         )
 
-    def place_blocks(self, n: int, axes: int) -> Array:
-        """Covariances (n, axes, axes) in m^2 of the positions of n points: as measured, else from print_sigma.
+    def place_blocks(self, points: Array, axes: int) -> Array:
+        """Covariances (n, axes, axes) in m^2 of the places of points (n, 2 or 3): as measured, else from print_sigma.
 
-        Heights are measured only together with all other places.
+        Of points measured together whose scale is known poorly, its error counts no more than any other of their
+        motions: it is another distance in every image, for which no weights compensate. Heights are measured only
+        together with all other places.
         """
+        n = len(points)
         blocks = np.broadcast_to(self.print_sigma**2 * np.eye(axes), (n, axes, axes)).copy()
-        known = self._measured(n)
+        known = np.flatnonzero(self._measured(n))
         if self.place_covariance is not None:
             blocks[known, :2, :2] = self.place_covariance[known]
-        if self.joint_places is not None:
-            index = np.flatnonzero(known)
-            blocks[index] = self.joint_places[index, :axes, index, :axes]
+        if self.joint_places is not None and len(known):
+            rows = np.arange(len(known))
+            joint = self.joint_places[known][:, :, known]
+            own = joint[rows, :, rows].copy()
+            grown = np.zeros((len(known), 3))
+            grown[:, : points.shape[1]] = points[known] - points[known].mean(axis=0)
+            grown /= max(float(np.linalg.norm(grown)), np.finfo(float).tiny)
+            along = np.einsum("minj,nj->mi", joint, grown)
+            variances, growth = own.diagonal(axis1=1, axis2=2), float(np.sum(along * grown))
+            usual = (variances.sum() - growth) / max(np.count_nonzero(variances) - 1, 1)
+            if growth > _DOMINANT * usual:
+                mixed = along[:, :, None] * grown[:, None]
+                own += (growth + usual) * grown[:, :, None] * grown[:, None] - mixed - mixed.swapaxes(1, 2)
+            blocks[known] = own[:, :axes, :axes]
         return blocks
 
     def whole(self, n: int, axes: int) -> Array:
-        """Joint covariance (axes n, axes n) in m^2 of the positions of n points."""
+        """Joint covariance (axes n, axes n) in m^2 of the places of n points, some of them measured together."""
+        known, index = self._measured(n), np.arange(n)
         whole = np.zeros((n, axes, n, axes))
+        whole[index, :, index, :] = self.print_sigma**2 * np.eye(axes)
+        if self.place_covariance is not None:
+            whole[index[known], :2, index[known], :2] = self.place_covariance[known]
         if self.joint_places is not None:
-            whole[:] = np.nan_to_num(self.joint_places[:, :axes, :, :axes])
-        index = np.arange(n)
-        whole[index, :, index, :] = self.place_blocks(n, axes)
+            whole[known] = 0.0
+            whole += np.nan_to_num(self.joint_places[:, :axes, :, :axes])
         return whole.reshape(axes * n, axes * n)
 
     def _measured(self, n: int) -> NDArray[np.bool_]:
@@ -124,15 +145,6 @@ class ErrorSources:
         moved: Array = self.scale_sigma * points[:, :2, None] * np.eye(2)
         moved[self._measured(len(points))] = 0.0
         return moved
-
-    @property
-    def largest_place_sigma(self) -> float:
-        """Largest standard deviation in m of any point's position along any direction."""
-        places = self.place_covariance if self.joint_places is None else self.joint_places
-        if places is None:
-            return self.print_sigma
-        blocks = self.place_blocks(len(places), 2)
-        return float(np.sqrt(max(np.linalg.eigvalsh(blocks).max(initial=0.0), 0.0)))
 
 
 def _no_covariance(found: str) -> InputError:
@@ -266,7 +278,7 @@ def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: E
     if sources.place_covariance is None and sources.joint_places is None:
         displaced = sources.print_sigma * displaced
         return displaced @ displaced.swapaxes(-1, -2)
-    return displaced @ sources.place_blocks(len(points), axes) @ displaced.swapaxes(-1, -2)
+    return displaced @ sources.place_blocks(points, axes) @ displaced.swapaxes(-1, -2)
 
 
 def together_covariance(gain: Array, jacobian: Array, rotation: Array, sources: ErrorSources) -> Array:

@@ -116,12 +116,15 @@ class PoseDistribution:
         kept = np.flatnonzero(codes == SEEN)
         if not kept.size:
             counts = Counter(codes.tolist())
+            # A bare number is in meters.
+            huge = bool((np.linalg.norm(points, axis=-1).max() > 2 * self.distance).all()) and len(self) > 0
+            smaller = "give lengths with their unit, such as 80mm, or use" if huge else "use"
             reasons = ", ".join(f"{counts[code]} {words}" for code, words in REASONS.items() if counts[code])
             raise InputError(
                 "a pose that sees the whole marker",
                 f"none of {len(self)} ({self.name}) for {boundary}: {reasons}",
                 self._doubts(points, camera, 0.0)
-                or "use a smaller marker, poses farther away, or a camera with a wider view",
+                or f"{smaller} a smaller marker, poses farther away, or a camera with a wider view",
             )
         share = kept.size / len(self)
         doubt = self._doubts(points, camera, share) if share < 1 / 2 else self.doubt

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 MOST_OFF = 0.05
 """Relative error of a length above which something else was probably measured."""
 
+LONGEST = 3.0
+"""Length that may be measured on a sheet, in diameters of the circle around the marker."""
+
 WIDEST = 0.5
 """Range of scales that marker.json supports: from this to its inverse."""
 
@@ -86,14 +89,22 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         for name, length in measured.items()
         if length is not None
     }
+    most = max(LONGEST * 2 * marker.boundary.radius, RULERS_MM[0] / 1e3)
+    for name, length in lengths.items():
+        if length > most * (1 + 1e-9):
+            raise InputError(
+                f"a length along {name} that is on the sheet, at most {format_length(float(f'{most:.2g}'))}",
+                format_length(length),
+                "give it with its unit, such as 149.7mm: a bare number is in meters",
+            )
     ratios = {name: measured[name] / lengths[name] for name in lengths}
     if not ratios:
         raise InputError("a measured length", "none", "give --measured-x, --measured-y or --measured-points")
     scale = ratios.get("x", ratios.get("y", 1.0)), ratios.get("y", ratios.get("x", 1.0))
-    nominal = marker.as_designed
+    changed = _scaled(marker.as_designed, scale)
     points = tuple(
-        replace(p, x=p.x * scale[0], y=p.y * scale[1], measured=before.measured)
-        for p, before in zip(nominal.control_points, marker.control_points, strict=True)
+        replace(p, measured=before.measured)
+        for p, before in zip(changed.control_points, marker.control_points, strict=True)
     )
     record = {
         "measured_x": rulers.x, "measured_y": rulers.y,
@@ -117,8 +128,7 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
     if marker.print_scale != (1.0, 1.0):
         x, y = (100 * value for value in marker.print_scale)
         said.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
-    changed = replace(nominal, control_points=points, print_scale=scale)
-    return _recorded(changed, "rulers", record), tuple(said)
+    return _recorded(replace(changed, control_points=points), "rulers", record), tuple(said)
 
 
 def _reach(markers: Sequence[Marker]) -> list[str]:
@@ -267,6 +277,35 @@ def photographed(
     joint = JointCovariance(tuple(ids), "xyz", tuple(map(tuple, ((covariance + covariance.T) / 2).tolist())))
     points = tuple(moved(point) for point in marker.control_points)
     return _recorded(replace(marker, control_points=points, joint_covariance=joint), "photographs", record)
+
+
+def scale_sigmas(marker: Marker, unmeasured: float, ruler_sigma: float) -> tuple[float, float]:
+    """Return the standard deviations, as shares, of a print's scale along x and y.
+
+    Parameters
+    ----------
+    unmeasured : float
+        That of an axis whose ruler was not measured.
+    ruler_sigma : float, m
+        That of the length of a ruler, which `rescale` was told.
+    """
+    told = marker.provenance.get("print")
+    record = told.get("rulers") if isinstance(told, Mapping) else None
+    rulers = record if isinstance(record, Mapping) else {}
+    lengths = [rulers.get(f"nominal_{name}") if rulers.get(f"measured_{name}") else None for name in "xy"]
+    # Provenance is what a file says.
+    x, y = (ruler_sigma / each if isinstance(each, float) and each > 0 else unmeasured for each in lengths)
+    return x, y
+
+
+def by_rulers(marker: Marker) -> Marker:
+    """Return a marker as its rulers alone tell, without what was measured of its dots."""
+    return _scaled(marker.as_designed, marker.print_scale)
+
+
+def _scaled(nominal: Marker, scale: tuple[float, float]) -> Marker:
+    points = tuple(replace(p, x=p.x * scale[0], y=p.y * scale[1]) for p in nominal.control_points)
+    return replace(nominal, control_points=points, print_scale=scale)
 
 
 def _nominal(name: str, measured: float, given: float | None, stated: float | None, force: bool) -> float:

@@ -214,7 +214,7 @@ def common(spec: Spec) -> str:
 
 
 def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, sources: ErrorSources) -> str:
-    """Predicted errors of dots and of a flat marker's rotation, and what more dots would bring, in a sentence.
+    """Predicted errors of dots and of a flat marker's rotation, and what more dots would bring, in a few lines.
 
     Parameters
     ----------
@@ -231,10 +231,9 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         return f"{np.sqrt(np.mean(found**2)):.3g} deg"
 
     spread = np.trace(dot_covariances(points, diameter, setting, spec.image_noise), axis1=-2, axis2=-1)
-    said = f"dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px; "
-    said += f"with a print good to {format_length(sources.print_sigma)}"
+    said = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
-    said += f", expect {degrees(points, diameter)} RMS in all"
+    said += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px"
     try:
         forecaster = at_a_glance(spec, setting.poses, sources)
         known = forecaster.by_count(most=1)
@@ -249,8 +248,8 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     half = next((each for each in more.values() if each.value <= now / 2), None)
     if half and half.n < best.n:
         size = format_length(half.diameter)
-        said += f"; {half.n} dots of {size}: half the error, {degrees(half.points, half.diameter)}"
-    return f"{said}; about {best.n} (--n auto): {degrees(best.points, best.diameter)}"
+        said += f"\nhalf the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}"
+    return f"{said}\nabout the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
 
 
 def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "Forecaster":

@@ -38,7 +38,13 @@ class CalibrateKeywords(TypedDict, total=False):
         ),
     ]
     ruler_sigma: Annotated[
-        Length, Option(ERRORS, "Standard deviation of measured lengths that state none of their own.", "0.2mm")
+        Length,
+        Option(
+            ERRORS,
+            "Standard deviation of measured lengths that state none of their own, and of the rulers that markergen "
+            "rescale was told.",
+            "0.2mm",
+        ),
     ]
     camera_covariance: Calibrated
     print_sigma: Printed
@@ -46,7 +52,7 @@ class CalibrateKeywords(TypedDict, total=False):
         float,
         Option(
             ERRORS,
-            "Standard deviation of the print's scale along x and y while nothing measures it, for the expected error: "
+            "Standard deviation of the print's scale along x and y while nothing measures it, part of the covariances: "
             "0.002 is 0.2 %.",
             0.002,
             metavar="SHARE",

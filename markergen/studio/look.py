@@ -308,7 +308,7 @@ def more(options: Any) -> dict[str, Any]:
             "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),
             "more_dots": _more_dots(found),
             "beside": _beside(found, design),
-            "advice": [*filter(None, [design.outlook]), *design.warnings],
+            "advice": [*design.outlook.splitlines(), *design.warnings],
         }
     )
 

@@ -162,11 +162,16 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     frontal = " Seen frontally, a small tilt hardly changes the image." if middle(turned["tilt"]) < 10 else ""
     rate = f" ({percent(turned['flip_rate'])} there)" if turned["flip_rate"] > LEAST_SAID else ""
     with_flips = f"RMS, including flips{rate}"
+    views = found.get("views") or {}
+    # What is claimed is no plan where the views of the same run contradict it.
+    begin, end = (
+        ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
+    )
     if _place(turned) == _place(moved):
-        plan = f"Plan with {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(turned)}.{frontal}"
+        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(turned)}.{frontal}{end}"
     else:
         places = f"{deg} deg (at {_place(turned)}) and {mm} mm (at {_place(moved)})"
-        plan = f"Plan with {places} {with_flips}: the hardest cases.{frontal}"
+        plan = f"{begin} {places} {with_flips}: the hardest cases.{frontal}{end}"
     if turned["failure_rate"]:
         plan += f" {percent(turned['failure_rate'])} of the estimates fail there, and are not included."
     said = [

@@ -33,14 +33,14 @@ def displacement(
         return (offset.reshape(*prints, -1) @ root.T).reshape(offset.shape) + scaled
     if places.place_covariance is None:
         return errors.print_sigma * offset + scaled
-    values, vectors = np.linalg.eigh(places.place_blocks(len(marker), axes))
+    values, vectors = np.linalg.eigh(places.place_blocks(marker.xyz, axes))
     roots: Array = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(-1, -2)
     return np.asarray((roots @ offset[..., None])[..., 0]) + scaled
 
 
 def misprinted(marker: Marker, errors: ErrorSources, rng: np.random.Generator) -> Marker:
     """Return the marker as printed, or itself if there are no errors."""
-    if not (errors.scale_sigma or errors.of(marker).largest_place_sigma):
+    if not (errors.scale_sigma or errors.print_sigma or marker.places_measured):
         return marker
     return displaced(marker, displacement(marker, errors, rng))
 

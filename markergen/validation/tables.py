@@ -40,7 +40,10 @@ REMEDIES = {
         "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
         "really are"
     ),
-    "measured": "measure it again, with more photographs from other directions, or make the marker larger",
+    "measured": (
+        "measure it again, for rotations with more photographs from other directions, for distances with more lengths "
+        "(markergen calibrate --measured), or make the marker larger"
+    ),
     "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
 }
 """How to reduce the error of each source."""
@@ -244,7 +247,9 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
     """Comment on skipped estimators, label margins, and the calibration of the covariance."""
     found = []
     if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
-        found.append("DLT and IPPE assume a plane and step aside, for the dots are not in one; LM begins from SQPnP.")
+        measured = (results.get("budget") or {}).get("print_measured")
+        why = "the heights of the dots were measured" if measured else "the dots are not in one"
+        found.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
     found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {
         angle: row
@@ -307,7 +312,7 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
     if first and exact:
         said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
     if outlook := budget.get("outlook"):
-        said.append(f"{outlook[0].upper()}{outlook[1:]}.")
+        said.append(f"{outlook[0].upper()}{outlook[1:]}.".replace("\n", "; "))
     return said
 
 

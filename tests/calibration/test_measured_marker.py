@@ -48,7 +48,7 @@ def test_dots_that_no_photograph_measured_keep_their_places(measured):
     designed = measured.as_designed
     part = photographed(designed, order, measured.xyz[list(order)], joint, {})
     np.testing.assert_array_equal(part.xyz[[0, 3, 5]], designed.xyz[[0, 3, 5]])
-    blocks = PAPER.of(part).place_blocks(6, 3)
+    blocks = PAPER.of(part).place_blocks(part.xyz, 3)
     np.testing.assert_allclose(blocks[4], joint[:3, :3])
     np.testing.assert_allclose(blocks[3], 1e-8 * np.eye(3))
     whole = PAPER.of(part, np.array([1, 3, 4])).whole(3, 3)
@@ -116,6 +116,41 @@ def test_a_common_error_is_not_averaged_away(measured):
     assert np.sqrt(budget.print[0, 3, 3]) == pytest.approx(1e-4, rel=1e-3)
 
 
+def grown(measured, share):
+    """The same measured marker, with a standard deviation of its scale."""
+    away = share * (measured.xyz - measured.xyz.mean(axis=0)).ravel()
+    covariance = measured.joint_covariance.array + np.outer(away, away)
+    return photographed(measured.as_designed, range(6), measured.xyz, covariance, {})
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_an_unknown_scale_makes_distances_unsure_and_changes_no_pose(measured, compiled, monkeypatch):
+    if compiled and kernel.library() is None:
+        pytest.skip(kernel.missing())
+    if not compiled:
+        monkeypatch.setattr(kernel, "library", lambda: None)
+    rng, unsure = np.random.default_rng(4), grown(measured, 0.01)
+    rotation, translation = hand_held(1, rng, (30, 31))
+    pixels = CAMERA.project(measured.xyz, rotation, translation)[0] + rng.normal(0, 0.1, (6, 2))
+    given = measured.xyz, pixels, np.broadcast_to(0.01 * np.eye(2), (6, 2, 2)), CAMERA
+    sure, found = (estimate_pose(*given, PAPER.of(each)) for each in (measured, unsure))
+    apart = [logarithm(found.rotation @ sure.rotation.T), found.translation - sure.translation]
+    sigma = np.sqrt(np.diag(sure.budget.total))
+    assert (np.abs(np.concatenate(apart)) < 0.1 * sigma).all()
+    turn, away = (np.sqrt(np.trace(found.budget.print[part, part])) for part in (slice(3), slice(3, 6)))
+    assert away == pytest.approx(0.01 * np.linalg.norm(found.translation), rel=0.05)
+    assert turn < 1.1 * np.sqrt(np.trace(sure.budget.print[:3, :3]))
+
+
+def test_the_scale_is_no_error_of_single_dots_but_one_of_all(measured):
+    sure, unsure = (PAPER.of(each) for each in (measured, grown(measured, 0.01)))
+    away = (measured.xyz - measured.xyz.mean(axis=0)).ravel()
+    added = unsure.whole(6, 3) - sure.whole(6, 3)
+    np.testing.assert_allclose(added, 1e-4 * np.outer(away, away), atol=1e-12)
+    own, all_of_it = unsure.place_blocks(measured.xyz, 3), 1e-4 * np.mean(away**2)
+    assert np.abs(own - sure.place_blocks(measured.xyz, 3)).max() < 0.01 * all_of_it
+
+
 def test_a_bent_print_is_found_as_the_flat_marker_that_it_is(measured):
     """Its labels, homography and second pose are those of a flat marker; its pose uses the heights."""
     bent = displaced(measured, np.column_stack([np.zeros((6, 2)), 1e-3 * (measured.xyz[:, 0] / 0.11) ** 2]))
@@ -154,7 +189,7 @@ def test_a_validation_says_that_the_print_was_measured(measured):
     found = validate(measured, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
     assert found.budget["print_measured"]
     assert "a print as it was measured" in str(found)
-    assert "measure it again" in str(found)
+    assert "measure it again, for rotations with more photographs" in str(found)
     assert "0.1 mm" not in str(found)
     designed = validate(measured.as_designed, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
     assert "a print good to 0.1 mm" in str(designed)

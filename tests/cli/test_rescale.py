@@ -16,28 +16,27 @@ def here(make_ngon, tmp_path, monkeypatch):
 
 def test_by_rulers(here, capsys):
     assert (
-        main(["rescale", "marker.json", "--measured-x", "198.6mm", "--measured-y", "199.1mm", "-o", "corrected.json"])
+        main(["rescale", "marker.json", "--measured-x", "198.6mm", "--measured-y", "199.1mm", "-o", "printed.json"])
         == 0
     )
     said = capsys.readouterr().out
-    assert said.startswith("wrote corrected.json")
+    assert said.startswith("wrote printed.json")
     assert "99.3 %" in said
     assert "taken for --nominal-x 200mm and --nominal-y 200mm" in said
-    assert read_marker(here / "corrected.json").print_scale == pytest.approx((0.993, 0.9955))
+    assert read_marker(here / "printed.json").print_scale == pytest.approx((0.993, 0.9955))
     # The same file may be the output.
     assert (
-        main(["rescale", "corrected.json", "--measured-y", "99.5mm", "--nominal-y", "100mm", "-o", "corrected.json"])
-        == 0
+        main(["rescale", "printed.json", "--measured-y", "99.5mm", "--nominal-y", "100mm", "-o", "printed.json"]) == 0
     )
     assert "takes the place" in capsys.readouterr().out
-    assert read_marker(here / "corrected.json").print_scale == pytest.approx((0.995, 0.995))
+    assert read_marker(here / "printed.json").print_scale == pytest.approx((0.995, 0.995))
 
 
 def test_by_dots(here, capsys):
-    assert main(["rescale", "marker.json", "--measured-points", "dots.csv", "-o", "corrected.json"]) == 0
+    assert main(["rescale", "marker.json", "--measured-points", "dots.csv", "-o", "printed.json"]) == 0
     said = capsys.readouterr().out
     assert "Dot 4 was not measured" in said
-    found = read_marker(here / "corrected.json")
+    found = read_marker(here / "printed.json")
     assert found.control_points[0].covariance == pytest.approx((4e-10, 0, 4e-10), abs=1e-20)
     assert found.control_points[4].covariance is None
     assert found.provenance["print"]["points"]["ids"] == [0, 1, 2, 3]

@@ -48,7 +48,7 @@ def test_no_pair_no_length():
 def test_the_command_states_the_length_of_every_ruler():
     assert remedy_words((200, 150))[1] == (
         "markergen rescale marker.json --measured-x 198.6mm --nominal-x 200mm --measured-y 149.3mm --nominal-y 150mm "
-        "-o corrected.json"
+        "-o printed.json"
     )
     assert "measured-y" not in remedy_words((150, 0))[1]
 

@@ -241,6 +241,11 @@ def test_reasons_are_counted():
         looking(np.zeros((0, 3, 3)), np.zeros((0, 3))).seen_whole(Circle(0.15), PAPER_CAMERA)
 
 
+def test_a_marker_larger_than_its_distance_is_probably_a_length_without_a_unit():
+    with pytest.raises(InputError, match="give lengths with their unit, such as 80mm, or use a smaller marker"):
+        looking([FRONTAL], [[0, 0, 1]]).seen_whole(Circle(80.0), PAPER_CAMERA)
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.3), st.sampled_from(["none", "radtan", "equidistant"]))
 def test_what_is_kept_is_seen_at_a_thousand_points_and_what_is_dropped_is_not(seed, radius, model):

@@ -89,6 +89,11 @@ def test_lengths_that_cannot_be(pentagon, rulers, said):
     assert said in str(error.value)
 
 
+def test_a_length_without_its_unit_is_not_on_the_sheet(pentagon):
+    with pytest.raises(InputError, match=r"on the sheet, at most .*found 150 m; give it with its unit"):
+        rescale(pentagon, Rulers(149.7, None, 150.0))
+
+
 def test_five_percent_and_more_with_force(pentagon):
     assert rescale(pentagon, Rulers(0.18, 0.2, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
     with pytest.raises(InputError):

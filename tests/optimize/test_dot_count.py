@@ -1,5 +1,6 @@
 """Forecasts of layouts, the number of dots chosen by them, and what more dots would bring."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -120,8 +121,8 @@ def test_the_fewest_dots_near_the_least_error_are_chosen_in_a_small_room():
 
 def test_more_dots_are_promised_with_their_error_or_not_at_all(setting):
     five = outlook(regular_polygon(5, 0.1284), 0.036, Spec(), setting, ErrorSources())
-    assert "expect 0.234 deg RMS in all; " in five
-    assert " dots of 18.2 mm: half the error" in five
+    assert "expect 0.234 deg RMS in all, with a print good to 0.1 mm and an exact calibration; dots are" in five
+    assert re.search(r"\nhalf the error: \d+ dots of 18.2 mm, 0.1\d* deg\n", five)
     assert "(--n auto)" in five
     # Where the scale of the print errs most, more dots do not help.
     scaled = outlook(regular_polygon(5, 0.1284), 0.036, Spec(), setting, ErrorSources(1e-5, scale_sigma=0.05))

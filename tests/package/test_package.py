@@ -139,7 +139,7 @@ def test_requirements_agree_with_each_other(bare, tmp_path):
         "validate marker.json --runs 5 --views 2 --json v.json --report v.html",
         "compare marker.json square aruco:DICT_4X4_50:7 --views 2 --plot compare.svg",
         "verify marker.json m.pdf m.svg m.png m.dxf m.opencv.yaml",
-        "rescale marker.json --measured-x 198.6mm -o corrected.json",
+        "rescale marker.json --measured-x 198.6mm -o printed.json",
         "study sweep.toml -o sweep",
     ],
 )  # fmt: skip

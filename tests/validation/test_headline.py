@@ -82,6 +82,8 @@ def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
     said = headline.sentences({**found, "views": views})
     line = f"The views of this run gave {each['rms']:.2g} deg over all poses where {each['expected']:.2g} was expected"
     assert any(sentence.startswith(line) for sentence in said)
+    assert said[0].startswith("Expect ")
+    assert said[0].endswith("say otherwise.")
     assert not any("agree:" in sentence for sentence in said)
     results = json.loads(json.dumps(plain({"headline": {**found, "views": views}})))
     assert not fail_if.check("headline.views.disagreements > 0", results)[0]

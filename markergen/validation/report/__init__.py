@@ -70,7 +70,9 @@ def html_report(
                 "How it was measured",
                 Section(
                     terms=method.MARKER,
-                    parts=[("To repeat it", Section(text=overview.command(subject)))],
+                    parts=[
+                        ("To repeat it, with your files for names in capitals", Section(text=overview.command(subject)))
+                    ],
                     book=("what is measured, and how", "validate.md"),
                 ),
             ),

@@ -252,11 +252,14 @@ def size_advice(subject: Subject) -> Section:
 
 
 def command(subject: Subject) -> str:
-    """Command that reproduces these results."""
+    """Command that reproduces these results, with MARKER.json and, if it is not that of the design, CAMERA.yaml."""
     results, seen = subject.results, subject.views
     budget = results.get("budget") or {}
+    designed = subject.marker.provenance.get("camera") == subject.setting.camera.as_dict()
+    calibrated = bool((budget.get("rotation_deg") or {}).get("camera"))
     sigma = budget.get("print_sigma_mm")
     options = {
+        "--camera": None if designed else "CAMERA.yaml",
         "--poses": subject.setting.poses.name,
         "--runs": results.get("runs"),
         "--noise": results.get("noise_px"),
@@ -266,11 +269,11 @@ def command(subject: Subject) -> str:
         "--hide": seen.get("hidden", 0),
         "--refine": seen.get("refine", "none"),
         "--print-sigma": None if sigma is None else f"{sigma:g}mm",
-        "--camera-covariance": "FILE" if (budget.get("rotation_deg") or {}).get("camera") else None,
+        "--camera-covariance": "COVARIANCE" if designed and calibrated else None,
         "--seed": results.get("seed"),
     }
     defaults = {"--optics": "", "--background": "plain", "--hide": 0, "--refine": "none"}
-    parts = ["markergen", "validate", "marker.json"]
+    parts = ["markergen", "validate", "MARKER.json"]
     for option, value in options.items():
         if value is not None and value != defaults.get(option):
             parts += [option, f"{value:g}" if isinstance(value, float) else str(value)]
@@ -278,7 +281,7 @@ def command(subject: Subject) -> str:
         parts.append("--trials-for-all")
     if seen.get("stress"):
         parts.append("--stress")
-    return shlex.join([*parts, "--json", "results.json", "--report", "report.html"])
+    return shlex.join([*parts, "--report", "report.html"])
 
 
 def in_words(parts: Mapping[str, float]) -> str:

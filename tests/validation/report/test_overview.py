@@ -42,9 +42,13 @@ def test_shares_in_words():
 
 def test_command_makes_the_results_again(subject, results):
     assert overview.command(subject) == (
-        "markergen validate marker.json --poses paper --runs 3 --noise 0.2 --views 160 --print-sigma 0.1mm "
-        "--camera-covariance FILE --seed 0 --json results.json --report report.html"
+        "markergen validate MARKER.json --camera CAMERA.yaml --poses paper --runs 3 --noise 0.2 --views 160 "
+        "--print-sigma 0.1mm --seed 0 --report report.html"
     )
+    designed = {**subject.marker.provenance, "camera": subject.setting.camera.as_dict()}
+    own = overview.command(replace(subject, marker=replace(subject.marker, provenance=designed)))
+    assert "--camera CAMERA.yaml" not in own
+    assert "--camera-covariance COVARIANCE" in own
     views = {
         **results["views"], "hidden": 1, "refine": "photometric", "background": "clutter", "stress": {"x": {}},
         "optics": {**results["views"]["optics"], "blur_px": 1.5},

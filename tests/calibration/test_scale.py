@@ -1,0 +1,90 @@
+"""What is known of a print's scale: by nothing, its rulers, lengths between dots, or both; photographs add nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from benchmarks.calibration_sets import CAMERA
+from markergen.calibration import run
+from markergen.calibration.network import Length
+from markergen.errors import InputError
+from markergen.model.rescale import Rulers, by_rulers, rescale, scale_sigmas
+
+RULER, WIDE = 2e-4, 0.2
+"""Standard deviation of a length and the length of the rulers, m."""
+
+
+def share(marker):
+    """Standard deviation of a measured marker's scale, by the covariance of its dots."""
+    away = (marker.xyz - marker.xyz.mean(axis=0)).ravel()
+    return np.sqrt(away @ marker.joint_covariance.array @ away) / (away @ away)
+
+
+@pytest.fixture(scope="module")
+def design(make_ngon):
+    return make_ngon(6, 0.1, 0.02)
+
+
+def known(*lengths):
+    return run.Known(CAMERA, scale_sigma=0.002, lengths=lengths)
+
+
+def length(design, measured=1.0):
+    across = float(np.linalg.norm(design.xyz[0] - design.xyz[3]))
+    return Length(0, 3, measured * across, RULER)
+
+
+def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
+    found = calibrated([design], 8, known(), false=0)
+    assert share(found.markers[0]) == pytest.approx(0.002 / np.sqrt(2), rel=0.01)
+    assert "expected to be right to 0.14 %" in found.scale_source
+
+
+def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
+    printed, _ = rescale(design, Rulers(1.001 * WIDE, 0.999 * WIDE))
+    assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.001)
+    found = calibrated([printed], 8, known(), false=0)
+    assert share(found.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
+    assert "known to 0.071 %" in found.scale_source
+    again = calibrated([by_rulers(found.markers[0])], 8, known(), false=0)
+    assert share(again.markers[0]) == pytest.approx(share(found.markers[0]), rel=1e-3)
+
+
+def test_a_ruler_that_was_not_measured_tells_nothing(design):
+    printed, _ = rescale(design, Rulers(WIDE, None))
+    assert printed.print_scale == (1.0, 1.0)
+    assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.002)
+    assert scale_sigmas(design, 0.002, RULER) == (0.002, 0.002)
+    odd = replace(design, provenance={"print": {"rulers": {"measured_x": "wide", "nominal_x": "wide"}}})
+    assert scale_sigmas(odd, 0.002, RULER) == (0.002, 0.002)
+
+
+def test_a_measured_length_and_the_rulers_count_by_their_precision(calibrated, design):
+    alone = calibrated([design], 8, known(length(design)), false=0)
+    own = RULER / length(design).length
+    assert share(alone.markers[0]) == pytest.approx(own, rel=0.05)
+    assert "no better than a print is expected to be" not in alone.scale_source
+    printed, _ = rescale(design, Rulers(WIDE, WIDE))
+    found, moved = (calibrated([printed], 8, known(length(design, each)), false=0) for each in (1.0, 1.002))
+    assert "the measured length and the rulers" in found.scale_source
+    both, off = found.markers[0], moved.markers[0]
+    together = (own**-2 + 2 * 0.001**-2) ** -0.5
+    assert share(both) == pytest.approx(together, rel=0.05)
+    # The mean of what the length and the rulers tell, by their weights.
+    sizes = [np.linalg.norm(each.xyz - each.xyz.mean(axis=0)) for each in (both, off)]
+    assert sizes[1] / sizes[0] - 1 == pytest.approx(0.002 * (together / own) ** 2, rel=0.1)
+
+
+def test_a_length_over_the_outer_edges_is_told(design, tmp_path):
+    across = float(np.linalg.norm(design.xyz[0] - design.xyz[3]))
+    with pytest.raises(InputError, match="from center to center it is 20 mm less than over the outer edges"):
+        mg.calibrate(design, tmp_path, CAMERA, measured=[f"0-3={across + 0.02:.4f}m"])
+    with pytest.raises(InputError, match="check the dots' numbers and the unit"):
+        mg.calibrate(design, tmp_path, CAMERA, measured=[f"0-3={2 * across:.4f}m"])
+
+
+def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design):
+    found = calibrated([design], 8, known(replace(length(design), sigma=1e-3)), false=0)
+    assert "no better than a print is expected to be, 0.14 %" in found.scale_source
