@@ -141,7 +141,8 @@ def _write_id(point: "ControlPoint", radius: float, ax: "Axes") -> None:
     else:
         offset = 5e2 * point.feature.diameter + 0.03 * radius
         ax.text(x + offset, y, text, color=INK, ha="left", va="center_baseline", fontsize=9)
-    if point.z:
+    # A print of a flat marker is only nearly flat.
+    if point.z if point.designed_z is None else point.designed_z:
         below = y - 5e2 * point.feature.diameter - 0.03 * radius
         ax.text(x, below, f"z {1e3 * point.z:.4g}", color=MUTED, ha="center", va="top", fontsize=8)
 

@@ -184,7 +184,7 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
         says = f" (in the hardest it claims {amount(turned['first_order_deg'])} deg)" if turned["sampled"] else ""
         said.append(
             f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
-            f" {found['draws']} estimates were sampled in each."
+            f" {found['draws']} estimates were sampled in each, and are what counts here."
         )
     return said + (_of_views(found["views"]) if found.get("views") else [])
 

@@ -25,8 +25,8 @@ MARKER = [
     ),
     (
         "Bound (CRLB)",
-        "The Cramér-Rao bound, to first order: no unbiased estimator is better. In far frontal poses a first-order "
-        "bound promises too much.",
+        "The Cramér-Rao bound, to first order: no unbiased estimator is better. Far frontal poses are "
+        "beyond first order: errors there are larger or smaller.",
     ),
     (
         "Efficiency",
@@ -51,7 +51,8 @@ MARKER = [
     (
         "Error budget",
         "To first order: what noise in the image, misplaced dots, and errors of the calibration make of the pose, "
-        "weighed by their covariances. Not in it: a bent sheet, a wrong scale, motion blur.",
+        "weighed by their covariances. Not in it: a bent sheet, motion blur, and a wrong scale of "
+        "a print that was not measured.",
     ),
 ]
 

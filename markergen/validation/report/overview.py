@@ -149,7 +149,7 @@ def the_marker(subject: Subject) -> Section:
     rows = [
         [
             str(point.id),
-            *(f"{1e3 * value:.2f}" for value in (point.x, point.y, point.z)),
+            *(f"{round(1e3 * value, 2) + 0.0:.2f}" for value in (point.x, point.y, point.z)),
             point.feature.kind,
             f"{1e3 * point.feature.diameter:.6g}",
         ]

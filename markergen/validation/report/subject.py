@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Results = Mapping[str, Any]
 
-ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation", "% of the distance"))
+ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation", "%"))
 """Key in the results, name, and unit of each error."""
 GROUPINGS = (("tilt", "by_polar_angle", "tilt, deg"), ("distance", "by_distance", "distance, m"))
 """Name, key in the results (and method of the poses), and axis label of each grouping of poses."""
