@@ -34,8 +34,9 @@ Ranked = tuple[Array, float]
 POLISHED = 5
 """Number of distinct descents that are polished."""
 
-DISTINCT = 2e-4
-"""Relative difference of values below which layouts count as the same, so that only one is polished."""
+DISTINCT, ALIKE = 2e-4, 0.02
+"""Relative difference of values, and difference of distances between dots in radii, below which layouts count as the
+same, so that only one is polished."""
 
 JITTER = 0.01
 """Random perturbation, in radii, of the starts of the polish: a descent from a symmetric layout can end at a saddle
@@ -345,9 +346,20 @@ def _touching(points: Array, rim: Array, spacing: float) -> Array:
 
 
 def best_of(found: list[Ranked], count: int = KEPT) -> list[Ranked]:
-    """Select the best few layouts with distinct values, best first."""
+    """Select the best few distinct layouts, best first.
+
+    Layouts of one value may well differ: few poses cannot tell which of them is best for all.
+    """
     kept: list[Ranked] = []
     for points, value in sorted(found, key=lambda pair: pair[1]):
-        if not kept or value > kept[-1][1] * (1 + DISTINCT):
+        if not any(value <= other * (1 + DISTINCT) and _alike(points, layout) for layout, other in kept):
             kept.append((points, value))
-    return kept[:count]
+            if len(kept) == count:
+                break
+    return kept
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Return whether two layouts (n, 2) are the same but for a motion, a reflection and the order of the dots."""
+    apart, beside = (np.sort(distances(points), axis=None) for points in (one, other))
+    return bool(np.abs(apart - beside).max() <= ALIKE * apart[-1] / 2)

@@ -4,7 +4,7 @@ from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle
 from markergen.render.rig_view import render_rig
 from markergen.render.scenery import Scenery
-from markergen.render.view import expected_levels, marker_patches, render_patches, render_view, seen_patches
+from markergen.render.view import expected_levels, marker_patches, render_patches, render_view, seen_patches, window_of
 
 __all__ = [
     "DEFAULT_OPTICS",
@@ -19,4 +19,5 @@ __all__ = [
     "render_rig",
     "render_view",
     "seen_patches",
+    "window_of",
 ]

@@ -17,7 +17,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.occlusion import pillar_radius
-from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, quantize
+from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, illumination, quantize
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle, circle_vertices, project_patches
 from markergen.render.scenery import Scenery
 
@@ -112,17 +112,46 @@ def photograph(
     return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
 
 
+Window = tuple[Indices, Indices]
+"""Part of an image: its top left pixel (2,), and its width and height (2,)."""
+
+
+def window_of(patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array, optics: Optics) -> Window:
+    """Part of the image that patches seen from a pose affect, and also if they move by less than a pixel."""
+    outlines = [outlines for _, outlines in painted(patches, camera, rotation, translation)]
+    return _window(outlines, optics.reach_px + 1, np.array([camera.width, camera.height]))
+
+
 def expected_levels(
-    patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array, optics: Optics
+    patches: Sequence[Patch],
+    camera: Camera,
+    rotation: Array,
+    translation: Array,
+    optics: Optics,
+    window: Window | None = None,
 ) -> Grey:
-    """Mean grey levels (height, width) of `render_patches`: without noise, and saturated but not rounded."""
-    silent = replace(optics, noise_grey=0.0, full_well=None)
-    ink, corner = _ink(painted(patches, camera, rotation, translation), camera, silent, Scenery())
-    grey = expose(ink, silent, np.random.default_rng(0), corner, (camera.height, camera.width))
+    """Mean grey levels (height, width) of `render_patches`, or of a window that patches do not reach beyond.
+
+    They are without noise, and saturated but not rounded.
+    """
+    even = replace(optics, noise_grey=0.0, full_well=None, exposure=1.0, vignetting=0.0, gradient=0.0)
+    shown, none = painted(patches, camera, rotation, translation), np.random.default_rng(0)
+    if window is None:
+        ink, corner = _ink(shown, camera, even, Scenery())
+        grey = expose(ink, even, none, corner, (camera.height, camera.width))
+        window = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
+    else:
+        grey = expose(_ink(shown, camera, even, Scenery(), window)[0], even, none)
+    light = illumination(optics, camera.width, camera.height)
+    if light is not None:
+        (left, top), (width, height) = window
+        grey *= light[top : top + height, left : left + width]
     return np.clip(grey, 0, FULL_SCALE, out=grey)
 
 
-def _ink(shown: Painted, camera: Camera, optics: Optics, scenery: Scenery) -> tuple[Grey, Indices]:
+def _ink(
+    shown: Painted, camera: Camera, optics: Optics, scenery: Scenery, window: Window | None = None
+) -> tuple[Grey, Indices]:
     """Ink coverage of the subpixels around all that is not substrate, and the top left pixel of that window."""
     ink = scenery.ink_behind(camera, optics, FINENESS)
     if ink is None:
@@ -131,7 +160,7 @@ def _ink(shown: Painted, camera: Camera, optics: Optics, scenery: Scenery) -> tu
     corner, size = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
     if ink is None and not scenery.occluders:
         # Everything around the patches is substrate, which need not be blurred.
-        corner, size = _window([outlines for _, outlines in shown], optics.reach_px, size)
+        corner, size = window or _window([outlines for _, outlines in shown], optics.reach_px, size)
     if ink is None:
         ink = np.zeros(size[::-1] * FINENESS, dtype=np.float32)
     for reflectance, outlines in shown:
@@ -140,13 +169,14 @@ def _ink(shown: Painted, camera: Camera, optics: Optics, scenery: Scenery) -> tu
     return ink, corner
 
 
-def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) -> tuple[Indices, Indices]:
-    """Top left pixel and size (2,) of the part of an image affected by outlines, including their blur."""
+def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) -> Window:
+    """Part of an image that outlines affect, including their blur."""
     vertices = [outline for outlines in projected for outline in outlines]
     if not vertices:
         return np.zeros(2, dtype=int), np.ones(2, dtype=int)
-    low = np.min([v.min(axis=0) for v in vertices], axis=0) - reach_px
-    high = np.max([v.max(axis=0) for v in vertices], axis=0) + reach_px
+    corners = np.concatenate(vertices)
+    low = corners.min(axis=0) - reach_px
+    high = corners.max(axis=0) + reach_px
     first = np.clip(np.floor(low), 0, size - 1).astype(int)
     last = np.clip(np.ceil(high), 0, size - 1).astype(int)
     return first, last - first + 1

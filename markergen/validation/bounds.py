@@ -27,7 +27,7 @@ from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import Setting
 from markergen.objectives.observation import lens_blocks, through_lens
 from markergen.optimize.dot_count import outlook
-from markergen.render import Optics, Patch, expected_levels
+from markergen.render import Optics, Patch, expected_levels, window_of
 from markergen.render.optics import FULL_SCALE, light_at
 from markergen.render.view import dot_ellipses
 from markergen.validation.metrics import rms
@@ -126,20 +126,20 @@ def photometric_bounds(scene: Scene, camera: Camera, poses: PoseDistribution, op
 def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation: Array, optics: Optics) -> Array:
     patches = scene(rotation, translation)
     reach = max(float(np.linalg.norm(outline, axis=-1).max()) for patch in patches for outline in patch.outlines)
-    sigma = optics.grey_noise(expected_levels(patches, camera, rotation, translation, optics))
+    # Most of an image is empty.
+    window = window_of(patches, camera, rotation, translation, optics)
+    sigma = optics.grey_noise(expected_levels(patches, camera, rotation, translation, optics, window))
     shift = STEP_PX * np.linalg.norm(translation) / camera.focal.mean()
     steps = np.diag(np.repeat([shift / reach, shift], 3))
     moved = [apply_pose_step(rotation[None], translation[None], sign * steps) for sign in (1, -1)]
-    gradient = np.empty((6, camera.height, camera.width), dtype=np.float32)
+    gradient = np.empty((6, *sigma.shape), dtype=np.float32)
     for k in range(6):
         ahead, behind = (
-            expected_levels(scene(turned[k], moved_to[k]), camera, turned[k], moved_to[k], optics)
+            expected_levels(scene(turned[k], moved_to[k]), camera, turned[k], moved_to[k], optics, window)
             for turned, moved_to in moved
         )
         gradient[k] = (ahead - behind) / (2 * steps[k, k])
-    # Most of an image is empty.
-    used = gradient.any(axis=0)
-    weighted = gradient[:, used] / sigma[used]
+    weighted = (gradient / sigma).reshape(6, -1)
     return np.asarray(weighted @ weighted.T)
 
 

@@ -83,10 +83,10 @@ def test_after_ten_kills_at_random_moments_the_table_is_the_same(small, alone, t
         process.kill()
         process.communicate()
         killed += process.returncode == -signal.SIGKILL
-        if process.returncode == 0:
-            break
+        if process.returncode == 0:  # faster than the kill: the next ones meet a new study
+            assert files(folder) == files(alone)
+            folder = tmp_path / f"study after {killed} kills"
     process = start(small, folder, "--resume")
     process.communicate()
     assert process.returncode == 0
-    assert killed >= 5
     assert files(folder) == files(alone)
