@@ -115,8 +115,8 @@ class Criterion:
         Function from the covariance (B, P, 6, 6) of the pose (w, dt) for the noise of the setting, and the poses, to
         values (B, P). Criteria with a bound share one covariance and are computed like the bounds that estimators are
         compared with: their RMS over the poses is printed.
-    proportional : bool
-        True if the criterion is proportional to the noise.
+    noiseless : str
+        What the criterion is, in words, if it is not proportional to the noise.
     """
 
     key: str
@@ -124,7 +124,7 @@ class Criterion:
     factor: float = 1.0
     place: int = 100
     bound: Callable[[Array, PoseDistribution], Array] | None = None
-    proportional: bool = True
+    noiseless: str = ""
 
     @property
     def column(self) -> str:

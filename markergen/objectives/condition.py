@@ -52,7 +52,7 @@ class ConditionObjective(Objective):
     """
 
     unit = ""
-    criterion = Criterion("condition", "c(A)", place=5, proportional=False)
+    criterion = Criterion("condition", "c(A)", place=5, noiseless="the condition number of the DLT matrix")
     knows_noise = False
     default_aggregate = "logmean"
     coordinates = ("unit", "metric", "pixel", "hartley")

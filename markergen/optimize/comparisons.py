@@ -110,7 +110,7 @@ def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: s
     noise : str
         Noise that the criteria are for, in words.
     """
-    but = " and ".join(each.title for each in columns().values() if not each.proportional)
+    but = " and ".join(f"{each.title}, {each.noiseless}" for each in columns().values() if each.noiseless)
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     return Table(
         f"What the layout allows, for {noise}",

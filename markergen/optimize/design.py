@@ -235,8 +235,8 @@ class Design(Result):
         column, found = OBJECTIVES[parse_goal(self.spec.objective).lead].criterion, self.certificate
         if column is None or found.reason:
             return found.sentence
-        unit = column.title.rpartition(" ")[2]
-        return f"lower bound {found.lower_bound * column.factor:.4g} {unit}: {found.sentence}"
+        name, _, unit = column.title.rpartition(" ")
+        return f"lower bound of the {name} error {found.lower_bound * column.factor:.4g} {unit}: {found.sentence}"
 
     @property
     def _labels(self) -> str:
@@ -302,7 +302,7 @@ class Design(Result):
         """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""
         own, found = self.criteria["design"], []
         for name, each in columns().items():
-            if name in parse_goal(self.spec.objective).names or not each.proportional or each.key not in own:
+            if name in parse_goal(self.spec.objective).names or each.noiseless or each.key not in own:
                 continue
             others = {layout: row[each.key] for layout, row in self.criteria.items() if each.key in row}
             best = min(others, key=lambda layout: others[layout])

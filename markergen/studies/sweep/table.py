@@ -66,7 +66,7 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
     for each in _criteria():
         if f"criteria.{each.key}" in layout:
             value = each.factor * float(layout[f"criteria.{each.key}"])
-            base[f"criterion_{each.column}"] = value * noise if each.proportional else value
+            base[f"criterion_{each.column}"] = value if each.noiseless else value * noise
     angles = trials["polar_angle"]
     groups = {ALL: np.ones(len(angles), dtype=bool)} | {name: angles == name for name in dict.fromkeys(angles.tolist())}
     for name, mask in groups.items():
