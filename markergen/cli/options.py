@@ -1,6 +1,7 @@
 """Declared options as those of a command: parsers, types, and help by group."""
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -125,6 +126,10 @@ class GroupedCommand(TyperCommand):
             flag, answer = GUESSES.get(getattr(error, "option_name", ""), ("", ""))
             if any(flag in each.opts for each in self.get_params(ctx)):
                 error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
+            elif near := getattr(error, "possibilities", None):
+                # The dashes that all options share made short ones look alike.
+                named = {flag.lstrip("-"): flag for flag in near}
+                error.possibilities = [named[each] for each in get_close_matches(error.option_name.lstrip("-"), named)]
             raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:

@@ -47,9 +47,10 @@ def test_every_command_has_an_example(name, capsys):
         ("design --dots 8", "write --n 8"),
         ("export m.json --format pdf", "its suffix is the format"),
         ("detect x.png --calibration c.yaml", "write --camera camera.yaml"),
+        ("design --raduis 80mm", "(Possible options: --radius);"),
     ],
 )
-def test_names_of_other_tools_are_answered(words, said, capsys):
+def test_names_of_other_tools_and_misspelled_ones_are_answered(words, said, capsys):
     assert main(words.split()) == 2
     complaint = capsys.readouterr().err
     assert said in complaint
