@@ -247,6 +247,7 @@ def _result(
         # A rig grows as a whole, of which its markers' dots cannot tell.
         left = [0.0 if relation else _scale_left(each, adjustment.network, k, known) for k, each in enumerate(designs)]
         markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *told) for k in range(len(designs)))
+        notes += filter(None, (_doubted_rulers(*pair, known) for pair in zip(designs, markers, strict=True)))
     if relation is not None:
         notes += relation.sentences[1:]
         relation = replace(
@@ -398,6 +399,29 @@ def _scale_left(design: Marker, network: Network, marker: int, known: Known) -> 
     if network.scale_known(marker):
         return 0.0
     return float(np.hypot(*scale_sigmas(design, known.scale_sigma, known.ruler_sigma))) / 2
+
+
+def _doubted_rulers(design: Marker, measured: Marker, known: Known) -> str:
+    """Sentence about rulers along x and y whose ratio is not that of the photographs; empty if there is none.
+
+    Photographs tell the ratio to far less than the rulers' errors and the print's, three sigmas of which are allowed.
+    """
+    shares = scale_sigmas(design, 0.0, known.ruler_sigma)
+    if measured is design or not all(shares):
+        return ""
+    away, found = (each.xyz - each.xyz.mean(axis=0) for each in (design, measured))
+    spread = np.linalg.norm(away[:, :2], axis=0)
+    if spread.min() < 0.01 * spread.max():
+        return ""
+    columns = np.linalg.lstsq(away[:, :2], found, rcond=None)[0]
+    ratio = float(np.divide(*np.linalg.norm(columns, axis=1)))
+    if abs(ratio - 1) <= 3 * np.hypot(np.hypot(*shares), known.print_sigma * np.hypot(*(1 / spread))):
+        return ""
+    return (
+        f"by the photographs the print is {100 * abs(ratio - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} along x, "
+        "compared with y, than by the rulers that markergen rescale was told: measure both again and see which is "
+        "which, for distances are no better than they"
+    )
 
 
 def _told_by_rulers(designs: Sequence[Marker], known: Known) -> list[Length]:

@@ -45,11 +45,13 @@ def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int =
 
 @pytest.fixture(scope="module")
 def calibrated() -> Callable[..., Calibration]:
-    """Calibrate from simulated photographs instead of real ones."""
+    """Calibrate from simulated photographs instead of real ones, of prints of the markers or of others `made`."""
 
-    def calibrated(markers: list[Marker], photos: int, known: run.Known, **drawn: int) -> Calibration:
+    def calibrated(
+        markers: list[Marker], photos: int, known: run.Known, made: list[Marker] | None = None, **drawn: int
+    ) -> Calibration:
         start = replace(CAMERA, fx=780.0, fy=780.0, distortion=Distortion("radtan", (0.0,) * 5))
-        sightings = photographed(markers, photos, **drawn)
+        sightings = photographed(made or markers, photos, **drawn)
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(run, "find_dots", lambda *_, **__: (sightings, known.camera or start))
             return run.calibrate(markers, None, known)

@@ -1,5 +1,6 @@
 """What is known of a print's scale: by nothing, its rulers, lengths between dots, or both; photographs add nothing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -88,3 +89,16 @@ def test_a_length_over_the_outer_edges_is_told(design, tmp_path):
 def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design):
     found = calibrated([design], 8, known(replace(length(design), sigma=1e-3)), false=0)
     assert "no better than a print is expected to be, 0.14 %" in found.scale_source
+
+
+def test_rulers_that_contradict_the_photographs_are_doubted(calibrated, design):
+    # The print is 0.3 % longer along x than along y.
+    doubts = {}
+    for read in (1.003, 1.0, 1.012, 0.992):
+        printed, _ = rescale(design, Rulers(WIDE * read, WIDE))
+        found = calibrated([printed], 8, known(), false=0, made=[design])
+        doubts[read] = re.findall(r"is ([\d.]+ % \w+) along x, compared with y, than by the rulers", str(found.notes))
+    assert not doubts[1.003]
+    assert not doubts[1.0]  # off by twice what a ruler may be
+    assert doubts[1.012] == ["0.91 % shorter"]
+    assert doubts[0.992] == ["1.1 % longer"]
