@@ -29,11 +29,12 @@ from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import CameraLike, TargetLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
-from markergen.read.images import check_frame, grey_frame
+from markergen.read.images import check_frame, grey_frame, read_image
 from markergen.units import parse_length
 
 Array = NDArray[np.float64]
 CovarianceSource = str | Path | Array | None
+FrameLike = NDArray[Any] | str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,23 +365,22 @@ class Detector:
         """Camera that takes the frames."""
         return self._camera
 
-    def __call__(self, frame: NDArray[Any], near: "Found | Iterable[Found] | None" = None) -> list[Found]:
+    def __call__(self, frame: FrameLike, near: "Found | Iterable[Found] | None" = None) -> list[Found]:
         """Find the markers in a frame.
 
         With `near`, the result of the frame before, only the surroundings of what was found there are looked at, which
-        takes a few milliseconds at any image size. If any of these markers is not found again for certain, or `near`
-        says of a marker that it was not found, the whole frame is searched as without `near`. So passing on each
-        frame's whole result finds every marker in every frame; passing only what was found, ``[each for each in found
-        if each.ok]``, does not look for the others until one is lost. Further copies of a marker are noticed only when
-        the whole frame is searched: leave out `near` now and then if copies may enter. What is
-        found must pass the same tests as in a whole frame: a wrong `near` costs time, and changes no label. Dots within
-        3 px of the image's edge are left out.
+        takes a few milliseconds at any image size. The whole frame is searched if any of these markers is not found
+        again for certain, or `near` says that one was not found: pass on each frame's whole result to find every marker
+        in every frame. Further copies of a marker are noticed only when the whole frame is searched: leave out `near`
+        now and then if copies may enter. What is found must pass the same tests as in a whole frame: a wrong `near`
+        costs time, and changes no label. Dots within 3 px of the image's edge are left out.
 
         Parameters
         ----------
-        frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
-            As returned by cv2.imread and cv2.VideoCapture, in any memory layout; it is not changed. Colors are
-            converted to luminance, 0.299 R + 0.587 G + 0.114 B, and transparent areas to white, as for image files.
+        frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16; or path of an image
+            As cv2.VideoCapture returns it, in any memory layout; it is not changed. Colors are converted to luminance,
+            0.299 R + 0.587 G + 0.114 B, and transparent areas to white. A file is read as the sensor took it, while
+            cv2.imread rotates what has an EXIF orientation, and the calibration no longer applies.
         near : Found, several of them, or None
             Results for the frame before, of this detector or another one with these markers.
 
@@ -393,7 +393,7 @@ class Detector:
         Raises
         ------
         InputError
-            If the frame is not such an array, or not of the camera's size, or `near` is not such results.
+            If the frame is no such array or image, or not of the camera's size, or `near` is not such results.
 
         Examples
         --------
@@ -416,7 +416,7 @@ class Detector:
         [0.012 0.4  ]
         [0.014 0.4  ]
         """
-        self._check(frame)
+        frame = self._read(frame)
         before = [] if near is None else self._before(near)
         grey, found = None, None
         if before and all(each.found for each in before):
@@ -430,14 +430,13 @@ class Detector:
             found = [self._refined(grey, each) for each in found]
         return [Found(each, self.markers, self._names, self._camera) for each in found]
 
-    def dots(self, frame: NDArray[Any]) -> Array:
+    def dots(self, frame: FrameLike) -> Array:
         """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.
 
         They are dark dots, light dots, or both, as the markers have them, the dark ones first. They are not corrected
         for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
-        self._check(frame)
-        grey = grey_frame(frame)
+        grey = grey_frame(self._read(frame))
         return np.concatenate([detect_dots(grey, light).center for light in self._sought.by_polarity])
 
     def __repr__(self) -> str:
@@ -450,15 +449,20 @@ class Detector:
         assert isinstance(marker, Marker)
         return refine(grey, marker, self._camera, found, self._errors)
 
-    def _check(self, frame: object) -> None:
-        """Raise if this is no frame of the camera."""
-        height, width = check_frame(frame).shape[:2]
+    def _read(self, frame: object) -> NDArray[Any]:
+        """Pixels of a frame of the camera, whose file is read if this is a path."""
+        pixels = read_image(Path(frame)).grey if isinstance(frame, str | os.PathLike) else check_frame(frame)
+        height, width = pixels.shape[:2]
         if self._camera is not None and (width, height) != (self._camera.width, self._camera.height):
+            turned = (height, width) == (self._camera.width, self._camera.height)
             raise InputError(
                 f"an image of the camera's {self._camera.width}x{self._camera.height} px",
                 f"{width}x{height} px",
-                "give the calibration for this size: cropped or scaled images have another",
+                "give the file's path, which is read as the sensor took it: cv2.imread rotates by EXIF orientation"
+                if turned
+                else "give the calibration for this size: cropped or scaled images have another",
             )
+        return pixels
 
     def _before(self, near: "Found | Iterable[Found]") -> list[Detection]:
         """Return the detections of results for another frame, numbered as this detector's markers."""
@@ -490,10 +494,6 @@ def _marker(source: Any, name: str) -> tuple[Target, str]:
 
 
 def _count(copies: object) -> int:
-    try:
-        count = operator.index(copies)  # type: ignore[arg-type]  # whatever is given
-    except TypeError:
-        count = 0
-    if count < 1:
+    if not (hasattr(copies, "__index__") and operator.index(copies) >= 1):
         raise InputError("one copy or more of each marker", f"copies={brief(copies)}", "give a whole number from 1")
-    return count
+    return operator.index(copies)

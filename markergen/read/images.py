@@ -206,7 +206,7 @@ def _made_array(value: object) -> str:
     if value is None:
         return "cv2.imread returns None when it cannot read the file: check the path"
     if isinstance(value, str | os.PathLike):
-        return "read the file first, with cv2.imread"
+        return "read the file first: cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)"
     if isinstance(value, tuple):
         return "cv2.VideoCapture.read returns (ok, frame): give the frame"
     return "give what cv2.imread or cv2.VideoCapture.read gives; convert another library's image to a BGR array first"

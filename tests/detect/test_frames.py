@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 from markergen.detect import Detector
 from markergen.errors import InputError
@@ -238,8 +239,8 @@ def test_frames_without_anything(pentagon, content):
     ("image", "said"),
     [
         (None, "found None; cv2.imread returns None when it cannot read the file: check the path"),
-        ("photo.png", "found str; read the file first"),
-        (Path("photo.png"), "read the file first"),
+        ("photo.png", "expected a readable image at photo.png"),
+        (Path("photo.png"), "expected a readable image at photo.png"),
         ((True, np.zeros((240, 320), np.uint8)), "returns (ok, frame)"),
         ([[1, 2], [3, 4]], "found list"),
         (7, "found int"),
@@ -258,7 +259,8 @@ def test_frames_without_anything(pentagon, content):
         (np.array(3, np.uint8), "shape ()"),
         (np.broadcast_to(np.uint8(0), (10**6, 10**6)), "at most 400 megapixels, found 1000000x1000000 px"),
         (np.broadcast_to(np.uint8(0), (10**6, 10**6, 3)), "at most 400 megapixels"),
-        (np.zeros((320, 240, 3), np.uint8), "320x240 px, found 240x320 px; give the calibration for this size"),
+        (np.zeros((320, 240, 3), np.uint8), "320x240 px, found 240x320 px; give the file's path"),
+        (np.zeros((480, 640, 3), np.uint8), "320x240 px, found 640x480 px; give the calibration for this size"),
     ],
 )
 def test_what_is_no_frame_is_refused_in_one_line(pentagon, image, said):
@@ -269,3 +271,20 @@ def test_what_is_no_frame_is_refused_in_one_line(pentagon, image, said):
         line = str(caught.value)
         assert said in line
         assert "\n" not in line
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_photographs_are_read_as_the_sensor_took_them(pentagon, tmp_path, orientation):
+    detector, frame, path = Detector(pentagon, CAMERA), seen(pentagon, *MIDDLE), tmp_path / "photo.png"
+    exif = Pillow.Exif()
+    exif[0x0112] = orientation
+    Pillow.fromarray(frame).save(path, exif=exif)
+    (direct,), (by_path,), (by_name,) = detector(frame), detector(path), detector(str(path))
+    assert direct.ok
+    for found in (by_path, by_name):
+        np.testing.assert_array_equal(found.tvec, direct.tvec)
+    np.testing.assert_array_equal(detector.dots(path), detector.dots(frame))
+    # As in the documentation: OpenCV turns what is marked as turned.
+    assert np.array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), frame) == (orientation == 1)
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    np.testing.assert_array_equal(detector(cv2.imread(str(path), flags))[0].tvec, direct.tvec)
