@@ -251,7 +251,7 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(
         README,
-        "from six dots on c(A) is smaller with one of them in the middle, # instead of #",
+        "from six dots on, c(A) is smaller with one of them in the middle, # instead of #",
         "`--objective condition`",
         [(CONDITION, "this marker @ @ @ @ # regular 6-gon @ @ @ @ #")],
     ),

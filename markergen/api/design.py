@@ -13,12 +13,12 @@ from markergen.api.radius_fit import largest_that_fits, radius_limits
 from markergen.drawing.sheet_layout import USUAL
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
-from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
+from markergen.exporters.saving import RECORD, check_outputs, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
-from markergen.model.marker import light_marker
+from markergen.model.marker import Marker, light_marker
 from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
@@ -97,6 +97,7 @@ def design(
         check_figure(path)
     results = list(read_as("files", json, "json") or ())
     check_files([*targets, *request.traces, *request.coverages, *results], request.inputs)
+    others = {path: each for path in paths if (each := _present(path))}
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
     spec, found = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
     if request.choices.sheet.colors.inverted:
@@ -113,7 +114,12 @@ def design(
     if paths:
         # All files are checked again, and none is written unless all can be made.
         write = save_family if request.ids else save
-        written = write(found.markers, paths, request.choices, request.inputs)
+        written = [
+            each._replace(notes=(*each.notes, f"It replaces another marker: {others[each.path]!r}."))
+            if each.path in others and others[each.path].spec_hash != found.marker.spec_hash
+            else each
+            for each in write(found.markers, paths, request.choices, request.inputs)
+        ]
     steps = {path: trace_bytes(found.trace, path.suffix, _label(spec)) for path in request.traces}
     steps |= {path: figure_bytes(lambda: _coverage(found), path) for path in request.coverages}
     found = replace(found, written=(*written, *map(Written, steps)))
@@ -122,6 +128,17 @@ def design(
 
 
 design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
+
+
+def _present(path: Path) -> Marker | None:
+    """Marker that is in a file to be written; refuses to replace one that was measured."""
+    try:
+        found = Marker.load(path) if path.suffix == RECORD and path.is_file() else None
+    except (InputError, OSError):  # Something else, which an output may replace.
+        return None
+    if found and (found.places_measured or found.print_scale != (1.0, 1.0)):
+        raise InputError(f"a {path.name} that may be replaced", f"a print's measurements in {path}", "name another -o")
+    return found
 
 
 def _coverage(found: Design) -> "Figure":

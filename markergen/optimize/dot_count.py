@@ -233,7 +233,7 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     spread = np.trace(dot_covariances(points, diameter, setting, spec.image_noise), axis1=-2, axis2=-1)
     said = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
-    said += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px"
+    said += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px per axis"
     try:
         forecaster = at_a_glance(spec, setting.poses, sources)
         known = forecaster.by_count(most=1)

@@ -76,7 +76,7 @@ SHAKES, SHAKES_OF_MANY, SHAKE = 2, 4, 0.25
 """Number of perturbations of the best crowded layout per start, from `HOPPING` dots on, and their size as a fraction of
 the spacing."""
 
-HOPS, HOPS_OF_MANY, HOP, HOPPING = 96, 24, 0.5, 12
+HOPS, HOPS_OF_MANY, HOP, HOPPING = 192, 24, 0.5, 12
 """Number of perturbations of the best layout of all, up to `MOST_DOTS` dots and for more, in turn of all dots by this
 fraction of the spacing and of one dot to anywhere; and number of dots from which on a room with corners or holes calls
 for them: exchanges then miss the best layout by up to a percent."""
@@ -285,6 +285,8 @@ class Stages:
         """Return the best layout that perturbing and polishing the given one again and again leads to."""
         region, points = self.region, found.points
         value = float(self.rough(points[None])[0])
+        # Few poses rank layouts only nearly as all do: the best few are judged by all.
+        ends = [(points, value)]
         for done in range(hops):
             self.tell("hops", done, hops)
             if done % 2:
@@ -293,11 +295,16 @@ class Stages:
             else:
                 to = points + rng.normal(scale=HOP * region.spacing, size=points.shape)
             end, better = self.quick(self.moved(points, to))
-            if better < value * (1 - GAIN) and self.holds(end):
-                points, value = end, better
-        points, value = self.polished(points)
+            if self.holds(end):
+                ends.append((end, better))
+                if better < value * (1 - GAIN):
+                    points, value = end, better
+        for end, _ in best_of(ends, KEPT_OF_MANY):
+            points, value = self.polished(end)
+            if value < found.value * (1 - GAIN) and self.holds(points):
+                found = Optimum(points, value)
         self.tell("hops", hops, hops)
-        return Optimum(points, value) if value < found.value and self.holds(points) else found
+        return found
 
     def relocated(self, points: Array, value: float, judge: ExchangeTable, rim: Array) -> Ranked:
         """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""

@@ -146,7 +146,7 @@ def comparison_tables(results: Mapping[str, Any], cpu_s: Mapping[str, float] | N
         _overview(results),
         _patterns(results, cpu_s or {}),
         _common(results),
-        _split(results, "by_polar_angle", "deg", "polar angle"),
+        _split(results, "by_polar_angle", "deg", "tilt"),
         _split(results, "by_distance", "m", "distance"),
     ]
 
@@ -331,7 +331,7 @@ def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
         )  # fmt: skip
     log_axis(ax, "y", _STEPS)
     ax.set_xticks(angles, groups)
-    ax.set_xlabel("polar angle, deg")
+    ax.set_xlabel("tilt, deg")
     ax.set_ylabel("RE rms, deg")
     ax.grid(color="#dddddd")
     ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))

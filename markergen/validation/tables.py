@@ -94,7 +94,7 @@ def polar_angle_table(results: Mapping[str, Any], key: str) -> Table:
     bounds = results["bound"]["by_polar_angle"]
     rows.append([BOUND, *(number(bounds[angle][key]) for angle in angles)])
     title = {"rotation_deg": "RE, deg", "translation_pct": "TE, %"}[key]
-    return Table(f"{title}: rms by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, "")
+    return Table(f"{title}: rms by tilt", ["", *(f"{angle} deg" for angle in angles)], rows, "")
 
 
 def homography_table(results: Mapping[str, Any]) -> Table:
@@ -131,7 +131,8 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
             ]
         )
     title = "Beside other layouts of the same room: deg and %, rms"
-    return Table(title, header, rows, "--trials-for-all measures them all.")
+    caption = "--trials-for-all measures them all." if results["runs"] else ""
+    return Table(title, header, rows, caption)
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
@@ -311,8 +312,9 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
         said.append(line)
     if first and exact:
         said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
-    if outlook := budget.get("outlook"):
-        said.append(f"{outlook[0].upper()}{outlook[1:]}.".replace("\n", "; "))
+    # Its first line is what the verdict says of all poses.
+    if more := "; ".join((budget.get("outlook") or "").splitlines()[1:]):
+        said.append(f"{more[0].upper()}{more[1:]}.")
     return said
 
 

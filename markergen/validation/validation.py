@@ -280,7 +280,7 @@ class Validation(ValidationResult[SyntheticViews]):
                 measured[name] = _rotation({at: group["estimators"][name] for at, group in groups.items()})
         bound = {angle: row["rotation_deg"] for angle, row in self.bound["by_polar_angle"].items()}
         errors_over(measured, bound, ax)
-        ax.set_xlabel("polar angle, deg")
+        ax.set_xlabel("tilt, deg")
         ax.set_ylabel("rotation error, deg")
         return ax
 

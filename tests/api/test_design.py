@@ -9,6 +9,7 @@ import pytest
 
 from markergen.api.design import design
 from markergen.api.export import export
+from markergen.api.rescale import rescale
 from markergen.cli import main
 from markergen.errors import InputError, OutputError
 from markergen.model.boundary import Circle
@@ -227,3 +228,18 @@ def test_help_shows_every_keyword():
     assert shown["n"].default == 5
     assert shown["corner_radius"].default == "0mm"
     assert shown["progress"].kind is inspect.Parameter.KEYWORD_ONLY
+
+
+def test_another_marker_is_not_replaced_silently(tmp_path):
+    path = tmp_path / "marker.json"
+    design(**QUICK, output=path)
+    assert design(**QUICK, output=path).written[0].notes == ()
+    (written,) = design(**QUICK | {"n": 6}, output=path).written
+    assert "It replaces another marker: Marker(" in str(written)
+    measured = rescale(path, measured_x="199mm", nominal_x="200mm", output=path).marker
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="print's measurements in .*; name another -o"):
+        design(**QUICK, output=tmp_path / "marker.svg")
+    assert measured == Marker.load(path)
+    assert path.read_bytes() == before
+    assert not (tmp_path / "marker.svg").exists()

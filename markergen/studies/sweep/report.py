@@ -231,7 +231,7 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
                 "table",
                 "Over all poses",
                 Section(
-                    [f"{more}table.csv has these rows for every polar angle too, with 95 % intervals."],
+                    [f"{more}table.csv has these rows for every tilt too, with 95 % intervals."],
                     tables=[Table("Errors over all poses", [name.replace("_", " ") for name in head], shown)],
                     files=["table.csv"],
                     book=("studies, and what their columns mean", "study.md"),
