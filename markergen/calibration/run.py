@@ -234,7 +234,7 @@ def _result(
             f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
             "measure them, without --geometry nominal, for a better camera"
         )
-    notes += sightings.doubts
+    notes += [*sightings.doubts, *sightings.notes]
     if isinstance(choice, CameraChoice):
         notes += choice.notes
     elif choice is not None:
