@@ -140,7 +140,9 @@ def test_a_photograph_of_another_size_is_left_out_wherever_it_stands(shots, tmp_
 def test_photographs_without_a_usual_size_are_refused_with_counts(shots, tmp_path):
     marker, frames = shots
     mixed = [*frames[:3], *(frame[:400] for frame in frames[:2])]
-    said = r"one size, found 3 of 640x480 px \(photo 0\.\.\.\), 2 of 640x400 px \(photo 3\.\.\.\); give all as the camera"
+    said = (
+        r"one size, found 3 of 640x480 px \(photo 0\.\.\.\), 2 of 640x400 px \(photo 3\.\.\.\); give all as the camera"
+    )
     with pytest.raises(InputError, match=said):
         find_dots([marker], mixed, None)
     assert find_dots([marker], mixed, CAMERA)[0].photo.tolist() == [0, 1, 2]

@@ -261,6 +261,7 @@ def next_photos(subject: Subject) -> Section | None:
     section = Section([asked.sentence])
     if not asked.helps:
         return section
+    network = subject.found.adjustment.network
     for k, photo in enumerate(asked.photos):
         section.plots.append(
             plot(
@@ -282,6 +283,9 @@ def next_photos(subject: Subject) -> Section | None:
                     *((str(k + 1), photo.after) for k, photo in enumerate(asked.photos)),
                 )
             ],
+            ""
+            if network.scale_known(int(network.marker[0]))
+            else "Without the error of the print's scale, which no photograph tells and the first section counts.",
         )
     )
     return section

@@ -112,6 +112,7 @@ def test_asks_for_the_next_photographs(two_markers):
     assert [row[1] for row in rows] == [
         number(error.rotation_deg) for error in (asked.photos[0].before, *(photo.after for photo in asked.photos))
     ]
+    assert "Without the error of the print's scale" in text
     pictures = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "to take next" in a["aria-label"]]
     assert pictures == [f"Picture {k + 1} to take next: {photo.request}." for k, photo in enumerate(asked.photos)]
 
