@@ -16,7 +16,16 @@ from markergen.calibration.projection_uncertainty import (
 )
 from markergen.calibration.report import plots
 from markergen.calibration.report.subject import UM, Subject
-from markergen.calibration.words import SOURCES, headline, judged, photographs, sentence, unused, what_is_left
+from markergen.calibration.words import (
+    SOURCES,
+    far_points,
+    headline,
+    judged,
+    photographs,
+    sentence,
+    unused,
+    what_is_left,
+)
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table, number
@@ -356,7 +365,7 @@ def camera(subject: Subject) -> Section | None:
     sigma = np.sqrt(np.diag(covariance))
     center = projection_uncertainty(found.camera, covariance)
     low, high = (number(float(each(center)), 2) for each in (np.nanmin, np.nanmax))
-    section = Section([f"Where the camera sees a far point is known to {low} to {high} px (1 sigma) over the image."])
+    section = Section([far_points(found.camera, covariance)])
     shape = _image_size(subject)
     section.plots.append(
         plot(
