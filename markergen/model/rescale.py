@@ -377,8 +377,8 @@ def _nominal(name: str, measured: float, given: float | None, stated: float | No
 
 
 def _off(scale: float) -> bool:
-    # Rounding in a length such as 190mm must not decide.
-    return abs(scale - 1) > MOST_OFF - 1e-9
+    # Rounding in a length such as 190mm must not decide; what is no number is off.
+    return not abs(scale - 1) <= MOST_OFF - 1e-9
 
 
 def _expected(point: ControlPoint, marker: Marker) -> tuple[float, float]:
