@@ -46,7 +46,7 @@ class OutputError(MarkergenError):
     ...     mg.design(n=4, output="no/such/folder/marker.pdf")
     ... except mg.OutputError as error:
     ...     print(str(error).partition(";")[0])
-    expected to write no/such/folder/marker.pdf, found: No such file or directory
+    expected to write no/such/folder/marker.pdf, found: the folder no/such/folder does not exist
     """
 
 

@@ -94,7 +94,7 @@ def check_folder(path: Path) -> None:
     folder = path.resolve().parent
     reason = ""
     if not folder.is_dir():
-        reason = "No such file or directory" if not folder.exists() else "Not a directory"
+        reason = "Not a directory" if folder.exists() else "No such file or directory"
     elif path.is_dir():
         reason = "Is a directory"
     elif not _is_special(path):
@@ -182,7 +182,10 @@ def folders_for(paths: Iterable[Path]) -> Iterator[None]:
 
 
 def _cannot_write(path: Path, reason: str) -> OutputError:
-    return OutputError(f"expected to write {path}, found: {reason}; nothing was changed, choose another path")
+    remedy = "choose another path"
+    if not exists(path.parent):
+        reason, remedy = f"the folder {path.parent} does not exist", "make it, or choose another path"
+    return OutputError(f"expected to write {path}, found: {reason}; nothing was changed, {remedy}")
 
 
 def _is_special(path: Path) -> bool:

@@ -30,8 +30,12 @@ def parse_length(text: str | float, name: str = "length") -> float:
     match = _LENGTH.fullmatch(str(text))
     known = ", ".join(unit for unit in METERS if unit)
     if match is None or match[2] not in METERS:
+        pointed = str(text).replace(",", ".")
+        comma = pointed != str(text) and _LENGTH.fullmatch(pointed)
         raise InputError(
-            f"a length for {name}", repr(str(text)), f"write a number and one of {known} (a bare number is meters)"
+            "a length" if name == "length" else f"a length for {name}",
+            repr(str(text)),
+            f"write a point: {pointed}" if comma else f"write a number and one of {known} (a bare number is meters)",
         )
     try:
         value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))

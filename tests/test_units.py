@@ -30,6 +30,11 @@ def test_what_is_no_length_is_refused_with_the_known_units(text):
         parse_length(text, "radius")
 
 
+def test_a_decimal_comma_is_answered_with_the_point():
+    with pytest.raises(InputError, match=r"^expected a length, found '150,4mm'; write a point: 150\.4mm$"):
+        parse_length("150,4mm")
+
+
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999", "1e99999999999999999999", "1e9999999mm"])
 def test_lengths_are_finite(text):
     with pytest.raises(InputError, match=r"finite radius|length for radius"):

@@ -10,6 +10,7 @@ from markergen.calibration.calibration import Calibration
 from markergen.calibration.network import Length
 from markergen.calibration.run import Known
 from markergen.calibration.run import calibrate as run
+from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig, planned_print
@@ -122,8 +123,7 @@ def calibrate(
         settled["geometry"] == "free",
         tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
         planned_print(*designs) if settled["print_sigma"] is None else settled["print_sigma"],
-        settled["scale_sigma"],
-        settled["ruler_sigma"],
+        ScaleErrors(settled["scale_sigma"], settled["ruler_sigma"]),
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)

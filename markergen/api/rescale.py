@@ -1,14 +1,16 @@
 """``markergen.rescale``: the marker as printed."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Generic, TypeVar, Unpack, overload
 
 from markergen.api.arguments import files_among, path_of
+from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
-from markergen.model.rescale import Rulers, remeasure, rescale_rig
+from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_rig
 from markergen.model.rescale import rescale as by_rulers
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig, rig_to_json
@@ -16,7 +18,7 @@ from markergen.options import File, MarkerLike, TargetLike, read_as, settle, sig
 from markergen.options.declarations import RescaleKeywords
 from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.read.measured import read_measured
-from markergen.units import parse_length
+from markergen.units import format_length, parse_length
 
 T = TypeVar("T", Marker, Rig)
 
@@ -128,6 +130,8 @@ def rescale(
         raise InputError("rulers of one marker", "--also", "it is for the markers of a rig")
     elif asked["measured_points"] is None:
         found = Rescaled(*by_rulers(before, rulers, asked["force"]))
+        if before.rulers is None:
+            found.notes += _exchanged(before, rulers, asked["force"])
     else:
         found = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
     found.written = tuple(Written(path, found.notes) for path in targets)
@@ -135,6 +139,22 @@ def rescale(
     write_all(contents | {path: found.to_json() for path in results})
     found.written += tuple(map(Written, results))
     return found
+
+
+def _exchanged(marker: Marker, rulers: Rulers, force: bool) -> tuple[str, ...]:
+    """Refuse lengths that are x for y on the sheets of usual papers; note it if the lengths beside them were given."""
+    printed = []
+    for paper in (None, "A4", "Letter"):
+        with suppress(InputError):
+            x, y = sheet_for(marker.as_designed, paper).rulers_mm
+            printed.append((x / 1e3, y / 1e3))
+    if not force and (rulers.nominal_x is None or rulers.nominal_y is None):
+        check_not_exchanged(rulers, printed)
+    turned = exchanged(rulers, printed)
+    if turned is None:
+        return ()
+    x_words, y_words = map(format_length, turned)
+    return (f"On usual paper the rulers are x {x_words} and y {y_words}: see that x and y are not exchanged.",)
 
 
 def _others(texts: Sequence[str], rulers: Rulers) -> dict[str, Rulers]:

@@ -132,6 +132,19 @@ class Calibration(SavableResult):
         """True if the dots were measured, False if they were held where they were designed."""
         return self.adjustment.network.free
 
+    @property
+    def to_use(self) -> bool:
+        """Whether the photographs show that what was measured is better than the design."""
+        from markergen.calibration.words import verdict
+
+        return verdict(self)[1]
+
+    def closing(self, shown: bool = False) -> str:
+        """See `words.closing`."""
+        from markergen.calibration.words import closing
+
+        return closing(self, shown)
+
     @staticmethod
     def check_targets(targets: Targets, markers: int, measured: bool, camera: bool) -> None:
         """Refuse files for what the calibration does not find.
@@ -151,10 +164,11 @@ class Calibration(SavableResult):
         if asked not in (0, markers):
             raise InputError(f"{markers} files for {markers} markers", str(asked), "give an -o ....json for each")
         if "camera" in kinds and not camera:
+            named = next(path for kind, path in targets.files if kind == "camera")
             raise InputError(
-                "a camera that the photographs move",
-                "one that is given and taken as exact",
-                "leave out --camera, or give --camera-covariance",
+                "no camera to write, since the given one is taken as exact",
+                f"-o {named}",
+                f"leave out -o {named}, or --camera, or give --camera-covariance",
             )
 
     def write(self, targets: Targets) -> list[Written]:
@@ -188,11 +202,16 @@ class Calibration(SavableResult):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the results as plain JSON values."""
+        from markergen.calibration.words import verdict
+
         found, sightings = self.adjustment, self.sightings
         spread = np.sqrt(np.maximum(np.diag(found.covariance), 0)).reshape(-1, 3) if self.measured else None
         numbered = [(k, point.id) for k, marker in enumerate(self.designs) for point in marker.control_points]
         columns, views = found.weights > 0, np.flatnonzero(self.used)
+        said, use = verdict(self)
         return {
+            "verdict": said,
+            "use": use,
             "rms_px": found.rms,
             "chi2": found.chi2,
             "degrees_of_freedom": found.degrees_of_freedom,

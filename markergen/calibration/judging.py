@@ -165,7 +165,11 @@ class CrossValidation:
             return f"the measured print predicts left-out photographs {factor} better: {numbers} ({interval})"
         if gain.high < 1:
             return f"the measured print predicts left-out photographs worse than the design: {numbers} ({interval})"
-        return f"the measured print predicts left-out photographs no better than the design: {numbers} ({interval})"
+        return (
+            "the measured print does not predict left-out photographs significantly better than the design: "
+            f"{numbers}, but from photograph to photograph the 95 % interval of their ratio, {gain.low:.3g} to "
+            f"{gain.high:.3g}, includes 1 ({gain.photos} photographs)"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,13 +275,13 @@ def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
     kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
     found = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
     if found[0] is None or found[1] is None:
-        return NotJudged("half of the photographs does not determine the dots")
+        return NotJudged("half of the photographs are too few to determine the dots")
     halves = [each[0] for each in found if each is not None]
     size = halves[0].normal.dots
     try:
         covariances = [each.unscaled for each in halves]
     except UndeterminedError:
-        return NotJudged("half of the photographs does not determine the dots")
+        return NotJudged("half of the photographs are too few to determine the dots")
     known = [replace(each, views=each.views.take(slice(0)), weights=each.weights[:0]).normal.rest for each in halves]
     spread: Array = covariances[0] + covariances[1]
     if known[0].any():

@@ -185,12 +185,15 @@ class NextPhotos:
         angle = np.linspace(0, 2 * np.pi, 33)
         ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
         pose = photo.rotation[None], photo.translation[None]
-        for point, radius in zip(self.points, radii, strict=True):
-            ax.fill(*camera.project(point + radius * ring, *pose)[0].T, color=SERIES[0]["color"], zorder=2)
-        pixels = camera.project(self.points, *pose)[0]
-        if len(self.points) <= 30:
-            for name, pixel in zip(self.names, pixels, strict=True):
-                ax.annotate(name.removeprefix("dot "), pixel, (6, 6), textcoords="offset points", fontsize=7, color=INK)
+        for point, radius, name in zip(self.points, radii, self.names, strict=True):
+            rim = camera.project(point + radius * ring, *pose)[0]
+            ax.fill(*rim.T, color=SERIES[0]["color"], zorder=2)
+            if len(self.points) <= 30:
+                # Beside the dot, at its upper right: y is down.
+                corner = rim[np.argmax(rim[:, 0] - rim[:, 1])]
+                ax.annotate(
+                    name.removeprefix("dot "), corner, (2, 2), textcoords="offset points", fontsize=7, color=INK
+                )
         size = np.array([camera.width, camera.height])
         if photo.tilt_deg:
             # Beside the frame, at the edge or corner that is away from the camera, and opposite.

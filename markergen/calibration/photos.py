@@ -1,5 +1,6 @@
 """Photographs of a calibration: the dots of the markers found in them, and a start for an unknown camera."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,7 +22,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
-from markergen.read.images import find_images, grey_frame, read_image
+from markergen.read.images import check_frame, find_images, grey_frame, image_size, read_image
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,9 @@ these that must show a marker; otherwise all are."""
 
 SCANNED = 12
 """Maximum number of views that choose among them."""
+
+MAJORITY = 2 / 3
+"""Least share of the photographs that must have one size, for those of other sizes to be left out."""
 
 START = ("fx", "cx", "cy", "k1", "k2")
 """Parameters estimated before an unknown camera's photographs are searched again with it."""
@@ -81,24 +85,30 @@ def find_dots(
     Raises
     ------
     InputError
-        If there are no photographs, their sizes differ, or a marker cannot be looked for.
+        If there are no photographs, no size is that of most of them or none is the camera's, or a marker cannot be
+        looked for.
     """
     raised = next((marker for marker in markers if np.ptp(marker.as_designed.xyz[:, 2])), None)
     if camera is None and raised is not None:
         raise InputError("a camera for a marker with relief", "none", "give a rough one with --camera-covariance")
     given = camera is not None
-    sources = _sources(photos)
+    notes: dict[str, None] = {}
+    every = _sources(photos, notes)
+    names = [f"photo {k}" if isinstance(each, np.ndarray) else str(each) for k, each in enumerate(every)]
+    size, odd = _one_size(every, names, camera)
+    fitting = [k for k in range(len(every)) if k not in odd]
+    sources = [every[k] for k in fitting]
     chosen = sources if given else _some(sources)
-    names, results, size, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers)
+    results, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers, notes)
     if camera is None:
         seen = _labeled(markers, results, {})
         if len({each.photo for each in seen}) < ENOUGH and len(chosen) < len(sources):
-            names, results, size, reasons = _searched(markers, sources, None, None, progress, workers)
+            results, reasons = _searched(markers, sources, None, None, progress, workers, notes)
             seen = _labeled(markers, results, {})
         camera = _rough_camera(markers, seen, size)
         if seen:
             camera = _adjusted(markers, seen, camera)
-            names, results, size, reasons = _searched(markers, sources, camera, None, progress, workers)
+            results, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
     seen = _labeled(markers, results, reasons)
     if not given and seen:
         camera = _adjusted(markers, seen, camera)
@@ -108,14 +118,48 @@ def find_dots(
     views, kept = _views(markers, seen, camera)
     for lost in sorted({each.photo for each in seen} - {seen[k].photo for k in kept}):
         reasons[lost] = "no pose sees the dots from the front"
-    photo, marker = (np.array([getattr(seen[k], name) for k in kept], dtype=np.intp) for name in ("photo", "marker"))
-    return Sightings(names, size, views, photo, marker, reasons, doubts), camera
+    photo = np.array([fitting[seen[k].photo] for k in kept], dtype=np.intp)
+    marker = np.array([seen[k].marker for k in kept], dtype=np.intp)
+    unused = odd | {fitting[k]: reason for k, reason in reasons.items()}
+    return Sightings(tuple(names), size, views, photo, marker, unused, doubts, tuple(notes)), camera
 
 
-def _sources(photos: Any) -> list[Any]:
-    """Arrays, or paths of image files."""
+def _sources(photos: Any, notes: dict[str, None]) -> list[Any]:
+    """Arrays, or paths of image files; notes what was left out."""
     sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
-    return sources if sources and isinstance(sources[0], np.ndarray) else list(find_images(sources))
+    if sources and isinstance(sources[0], np.ndarray):
+        return sources
+    return list(find_images(sources, lambda said: notes.update({said: None})))
+
+
+def _one_size(
+    sources: Sequence[Any], names: Sequence[str], camera: Camera | None
+) -> tuple[tuple[int, int], dict[int, str]]:
+    """Size in px that counts, the camera's or else that of most photographs, and why those of others are left out."""
+    sizes = [check_frame(each).shape[1::-1] if isinstance(each, np.ndarray) else image_size(each) for each in sources]
+    counts = Counter(size for size in sizes if size is not None)
+    if not counts:
+        # It raises: its header could not be read.
+        read_image(sources[0])
+    size, most = counts.most_common(1)[0]
+    whose = "the others have"
+    if camera is not None:
+        size, whose = (camera.width, camera.height), "the camera has"
+        most = counts[size]
+    if not most or (camera is None and most < MAJORITY * counts.total()):
+        common = counts.most_common(3)
+        firsts = (f"{count} of {_px(each)} ({names[sizes.index(each)]}{'...' * (count > 1)})" for each, count in common)
+        raise InputError(
+            "photographs of one size" if camera is None else f"photographs of the camera's {_px(size)}",
+            ", ".join(firsts),
+            "give all as the camera stored them: not rotated, cropped, zoomed or shrunk",
+        )
+    odd = {k: f"{_px(each)}, {whose} {_px(size)}" for k, each in enumerate(sizes) if each not in (None, size)}
+    return size, odd
+
+
+def _px(size: tuple[int, int] | None) -> str:
+    return "" if size is None else f"{size[0]}x{size[1]} px"
 
 
 def _some(sources: Sequence[Any]) -> list[Any]:
@@ -130,41 +174,23 @@ def _searched(
     camera_covariance: Array | None,
     progress: Progress | None,
     workers: int | None,
-) -> tuple[tuple[str, ...], list[tuple[Found, ...]], tuple[int, int], dict[int, str]]:
-    """Names of the photographs, results for each, their size, and why some could not be used."""
+    notes: dict[str, None],
+) -> tuple[list[tuple[Found, ...]], dict[int, str]]:
+    """Results for each photograph, and why some could not be used; notes remarks of the reader, each of them once."""
     if isinstance(sources[0], np.ndarray):
-        names = tuple(f"photo {k}" for k in range(len(sources)))
-        sizes = [(image.shape[1], image.shape[0]) for image in sources]
-        _check_sizes(names, sizes)
         detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA)
         results: list[tuple[Found, ...]] = []
         for image in sources:
             results.append(tuple(detector(image)))
             if progress:
                 progress("detecting", len(results), len(sources))
-        return names, results, sizes[0], {}
+        return results, {}
     found = detect_files(
         sources, markers, camera,
         camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA, workers=workers, progress=progress,
     )  # fmt: skip
-    names = tuple(str(each.path) for each in found)
-    reasons = {k: each.error for k, each in enumerate(found) if each.error}
-    usable = [(str(each.path), each.size) for each in found if each.size is not None]
-    if not usable:
-        raise InputError("photographs", f"{names[0]}: {reasons[0]}", "give images of the marker")
-    _check_sizes([name for name, _ in usable], [size for _, size in usable])
-    return names, [each.markers for each in found], usable[0][1], reasons
-
-
-def _check_sizes(names: Sequence[str], sizes: Sequence[tuple[int, int]]) -> None:
-    other = next((k for k, size in enumerate(sizes) if size != sizes[0]), None)
-    if other is not None:
-        (w, h), (u, v) = sizes[0], sizes[other]
-        raise InputError(
-            f"photographs of one size, {w}x{h} px as {names[0]}",
-            f"{u}x{v} px: {names[other]}",
-            "use one camera, held the same way up and not cropped or zoomed",
-        )
+    notes.update(dict.fromkeys(note for each in found for note in each.notes))
+    return [each.markers for each in found], {k: each.error for k, each in enumerate(found) if each.error}
 
 
 def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[_Seen]:

@@ -1,7 +1,7 @@
 """From photographs to a calibration: dots found, network adjusted, outliers left out, result judged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from markergen.calibration.next_photo import next_photos
 from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
 from markergen.calibration.photos import find_dots
 from markergen.calibration.relation import Relation, relate
+from markergen.calibration.scale import ScaleErrors, contradictions, doubt, scaled, told_by_rulers, widened
+from markergen.calibration.scale import source as scale_source
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -26,7 +28,7 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.rescale import by_rulers, photographed, scale_sigmas
+from markergen.model.rescale import by_rulers, photographed
 from markergen.model.rig import Rig, RigMarker
 from markergen.objectives.base import Setting
 from markergen.options import Progress
@@ -61,10 +63,8 @@ class Known:
         Measured lengths; dots by their index among those of all markers.
     print_sigma : float
         Standard deviation in m of a printed dot that nothing measures, along each axis.
-    scale_sigma : float
-        Standard deviation of the print's scale along x and y, as a share, while nothing measures it.
-    ruler_sigma : float
-        Standard deviation in m of the lengths of a print's rulers.
+    errors : ScaleErrors
+        Of the print's scale.
     poses : str, PoseDistribution or None
         Working volume; None is that of the design.
     """
@@ -74,8 +74,7 @@ class Known:
     free: bool = True
     lengths: tuple[Length, ...] = ()
     print_sigma: float = 1e-4
-    scale_sigma: float = 0.0
-    ruler_sigma: float = 2e-4
+    errors: ScaleErrors = field(default_factory=ScaleErrors)
     poses: str | PoseDistribution | None = None
 
 
@@ -144,7 +143,7 @@ def calibrate(
     # A print that was calibrated before is measured anew.
     given = [each.marker for each in target.markers] if isinstance(target, Rig) else target
     designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in given]
-    known = replace(known, lengths=(*known.lengths, *_told_by_rulers(designs, known)))
+    ruled = told_by_rulers(designs, known.lengths, known.errors)
     sightings, camera = find_dots(
         designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
     )
@@ -160,6 +159,7 @@ def calibrate(
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
     whole = network_of(designs, known, camera, () if known.camera else BASE)
+    whole = replace(whole, lengths=(*known.lengths, *ruled))
     choice: CameraChoice | NotJudged | None = None
     try:
         cleaned = _unflipped(whole, sightings.views)
@@ -170,6 +170,10 @@ def calibrate(
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
+        off = contradictions(designs, cleaned.adjustment, known.errors, known.print_sigma)
+        if any(off):
+            known = replace(known, errors=widened(designs, off, known.errors))
+            cleaned = _with_lengths(cleaned, (*known.lengths, *told_by_rulers(designs, known.lengths, known.errors)))
         if cleaned.adjustment.degrees_of_freedom > 0:
             cleaned = _held_loosely(cleaned, known.print_sigma)
     except (UndeterminedError, np.linalg.LinAlgError):
@@ -182,13 +186,27 @@ def calibrate(
     if isinstance(target, Rig):
         rig = replace(target, markers=tuple(map(_with, target.markers, designs)), relation=None)
         relation = relate(rig, cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma)
-    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation)
+    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
     report("judging", 1, 1)
     return result
 
 
 def _with(place: RigMarker, marker: Marker) -> RigMarker:
     return replace(place, marker=marker)
+
+
+def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
+    """Adjust again with other lengths, of all dots, if there are any."""
+    found, chosen = cleaned.adjustment, np.flatnonzero(cleaned.dots).tolist()
+    own = tuple(
+        replace(each, first=chosen.index(each.first), second=chosen.index(each.second))
+        for each in lengths
+        if {each.first, each.second} <= set(chosen)
+    )
+    if not own:
+        return cleaned
+    network = replace(found.network, lengths=own)
+    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
 
 
 def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
@@ -215,6 +233,7 @@ def _result(
     cleaned: Cleaned,
     choice: CameraChoice | NotJudged | None,
     relation: Relation | None,
+    off: tuple[float, ...],
 ) -> Calibration:
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
     names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
@@ -234,7 +253,7 @@ def _result(
             f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
             "measure them, without --geometry nominal, for a better camera"
         )
-    notes += sightings.doubts
+    notes += [*sightings.doubts, *sightings.notes]
     if isinstance(choice, CameraChoice):
         notes += choice.notes
     elif choice is not None:
@@ -245,15 +264,17 @@ def _result(
         told = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
         photos = len(sightings.photos)
         # A rig grows as a whole, of which its markers' dots cannot tell.
-        left = [0.0 if relation else _scale_left(each, adjustment.network, k, known) for k, each in enumerate(designs)]
+        errors, network = known.errors, adjustment.network
+        left = [0.0 if relation else errors.left(each, network, k) for k, each in enumerate(designs)]
         markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *told) for k in range(len(designs)))
-        notes += filter(None, (_doubted_rulers(*pair, known) for pair in zip(designs, markers, strict=True)))
+        # What is to be said of the first marker's rulers is said where its scale is.
+        notes += [doubt(each) for k, each in enumerate(off) if each and k != network.marker[0]]
     if relation is not None:
         notes += relation.sentences[1:]
         relation = replace(
             relation, rig=replace(relation.rig, markers=tuple(map(_with, relation.rig.markers, markers)))
         )
-    moved = bool(len(adjustment.network.freedom))
+    moved, first = bool(len(adjustment.network.freedom)), int(adjustment.network.marker[0])
     return Calibration(
         tuple(designs),
         markers,
@@ -266,7 +287,7 @@ def _result(
         cleaned.used,
         cleaned.dropped[:, chosen],
         *_expected(designs, known, adjustment),
-        _scale_source(designs[adjustment.network.marker[0]], adjustment.network, known),
+        scale_source(designs[first], adjustment.network, known.errors, off[first]),
         tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
         cross,
         halves,
@@ -375,69 +396,9 @@ def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -
         found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         # A wrong scale moves all dots together, so weights ignore it.
         moved = np.zeros((len(covariance), 2))
-        moved[:size] = _scaled(designs[network.marker[0]], network, known, places, measured)
+        moved[:size] = scaled(designs[network.marker[0]], network, known.errors, places, measured)
         told.append(found.expected(covariance + moved @ moved.T))
     return told[0], told[1]
-
-
-def _scaled(design: Marker, network: Network, known: Known, places: Array, measured: bool) -> Array:
-    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both."""
-    columns, first = np.zeros((len(places), 3, 2)), int(network.marker[0])
-    if measured:
-        columns[:, :, 0] = _scale_left(design, network, first, known) * (places - places.mean(axis=0))
-    elif known.free and network.prior is None:
-        shares = scale_sigmas(design, known.scale_sigma, known.ruler_sigma)
-        columns[:, 0, 0], columns[:, 1, 1] = (np.array(shares) * places[:, :2]).T
-    return columns.reshape(-1, 2)
-
-
-def _scale_left(design: Marker, network: Network, marker: int, known: Known) -> float:
-    """Standard deviation of a marker's scale that photographs leave; none if lengths or dots measured by hand fix it.
-
-    They measure the ratio of the scales along x and y, not the mean.
-    """
-    if network.scale_known(marker):
-        return 0.0
-    return float(np.hypot(*scale_sigmas(design, known.scale_sigma, known.ruler_sigma))) / 2
-
-
-def _doubted_rulers(design: Marker, measured: Marker, known: Known) -> str:
-    """Sentence about rulers along x and y whose ratio is not that of the photographs; empty if there is none.
-
-    Photographs tell the ratio to far less than the rulers' errors and the print's, three sigmas of which are allowed.
-    """
-    shares = scale_sigmas(design, 0.0, known.ruler_sigma)
-    if measured is design or not all(shares):
-        return ""
-    away, found = (each.xyz - each.xyz.mean(axis=0) for each in (design, measured))
-    spread = np.linalg.norm(away[:, :2], axis=0)
-    if spread.min() < 0.01 * spread.max():
-        return ""
-    columns = np.linalg.lstsq(away[:, :2], found, rcond=None)[0]
-    ratio = float(np.divide(*np.linalg.norm(columns, axis=1)))
-    if abs(ratio - 1) <= 3 * np.hypot(np.hypot(*shares), known.print_sigma * np.hypot(*(1 / spread))):
-        return ""
-    return (
-        f"by the photographs the print is {100 * abs(ratio - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} along x, "
-        "compared with y, than by the rulers that markergen rescale was told: measure both again and see which is "
-        "which, for distances are no better than they"
-    )
-
-
-def _told_by_rulers(designs: Sequence[Marker], known: Known) -> list[Length]:
-    """Return what a print's rulers tell of distances along x and y, where lengths between dots are given as well."""
-    found, first = list[Length](), 0
-    for design in designs:
-        own = range(first, first + len(design))
-        first += len(design)
-        shares = scale_sigmas(design, 0.0, known.ruler_sigma)
-        if not any(each.first in own for each in known.lengths):
-            continue
-        for along, share in zip(design.xyz[:, :2].T, shares, strict=True):
-            pair = int(np.argmin(along)), int(np.argmax(along))
-            length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
-            found += [Length(own[pair[0]], own[pair[1]], length, share * length)] if share else []
-    return found
 
 
 def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
@@ -452,23 +413,3 @@ def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) ->
 def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[Array, Array]:
     poses = _setting(designs, known, adjustment).poses
     return poses.rotation, poses.translation
-
-
-def _scale_source(design: Marker, network: Network, known: Known) -> str:
-    if not network.free:
-        return "The scale is that of the design."
-    left = np.hypot(*scale_sigmas(design, known.scale_sigma, known.ruler_sigma)) / 2
-    ruled = any(scale_sigmas(design, 0.0, known.ruler_sigma))
-    if network.lengths:
-        share = sum((each.length / each.sigma) ** 2 for each in network.lengths) ** -0.5
-        said = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
-        said += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %"
-        return f"{said}." if share < left else f"{said}: no better than a print is expected to be, {100 * left:.2g} %."
-    if network.scale_known(int(network.marker[0])):
-        return "The scale is that of the dots measured by hand."
-    if ruled or design.print_scale != (1.0, 1.0):
-        return f"The scale is that of the rulers that markergen rescale was told, known to {100 * left:.2g} %."
-    return (
-        f"The scale is that of the design, expected to be right to {100 * left:.2g} %, and distances are no better: "
-        "measure the rulers (markergen rescale), or the distance between two dots (--measured)."
-    )

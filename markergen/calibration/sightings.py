@@ -27,6 +27,8 @@ class Sightings:
         Photographs without a view, by index.
     doubts : tuple of str
         What is uncertain about labels, as sentences.
+    notes : tuple of str
+        Remarks on the files, as sentences: what is not read, or not as it is stored.
     """
 
     photos: tuple[str, ...]
@@ -36,3 +38,4 @@ class Sightings:
     marker: NDArray[np.intp]
     unused: dict[int, str] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

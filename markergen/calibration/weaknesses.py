@@ -184,7 +184,7 @@ def refusal(found: Sequence[Finding]) -> InputError | None:
     if not bad:
         return None
     what = bad[0].what if bad[0].what.startswith("dot ") else f"the {bad[0].what}"
-    return InputError(f"photographs that determine {what}", bad[0].sentence, bad[0].remedy)
+    return InputError(f"photographs that determine {what}", f"that {bad[0].sentence}", bad[0].remedy)
 
 
 def rarely_seen(views: NDArray[np.intp], names: Sequence[str]) -> tuple[Finding, ...]:

@@ -2,17 +2,28 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJudged
+from markergen.calibration.projection_uncertainty import projection_uncertainty
 from markergen.calibration.working_error import ExpectedError
+from markergen.model.camera import Camera
 from markergen.presentation.tables import Table, number
 
 if TYPE_CHECKING:
     from markergen.calibration.calibration import Calibration
 
+Array = NDArray[np.float64]
+
 SOURCES = ("image", "print", "camera")
 """Sources of an `ExpectedError`."""
 _WORDS = {"image": "image noise", "print": "the print", "camera": "the camera"}
 _MOST_NAMED = 3
+_AS_DESIGNED = 2.0
+"""chi2 per degree of freedom up to which the design predicts left-out photographs to the image's noise."""
+_BADLY_PX = 1.0
+"""Standard deviation of the image of a far point from which on the camera is known badly there."""
 _WORSE = 1.05
 """Ratio of translation errors from which on the measured print counts as worse."""
 
@@ -23,7 +34,7 @@ def summary(found: "Calibration") -> list[str | Table]:
     said += [] if found.relation is None else found.relation.sentences[:1]
     said += judged(found)
     if found.camera_covariance is not None:
-        said.append(f"Camera: {found.camera}.")
+        said += [f"Camera: {found.camera}.", far_points(found.camera, found.camera_covariance)]
     if found.next_photos is not None:
         said.append(found.next_photos.sentence)
     return [*said, *found.notes]
@@ -31,23 +42,30 @@ def summary(found: "Calibration") -> list[str | Table]:
 
 def headline(found: "Calibration") -> str:
     """Return the verdict in a sentence: the pose error to expect, before and after, and whether it is confirmed."""
+    return verdict(found)[0]
+
+
+def verdict(found: "Calibration") -> tuple[str, bool]:
+    """Return the headline, and whether what was measured is to be used."""
     before, after = errors(found.before), errors(found.after)
     where = "over the working volume"
     if len(found.designs) > 1:
         where = f"from the first marker {where}"
     if not found.measured:
-        return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed."
+        return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed.", True
     cross, halves = found.cross_validation, found.halves
     if found.before.rotation_deg <= found.after.rotation_deg:
         if isinstance(cross, CrossValidation) and cross.better and cross.gain is not None:
             return (
                 f"Use the measured marker: it predicts left-out photographs {cross.gain.ratio:.3g} times better than "
                 f"the design does; expect a pose error of {after} {where}. The {before} of the design are those of "
-                "a better print than this one."
+                "a better print than this one.",
+                True,
             )
         return (
             f"Keep the marker as designed: with the print as these photographs measure it, expect a pose error of "
-            f"{after} {where}, as designed {before}."
+            f"{after} {where}, as designed {before}.",
+            False,
         )
     expect = f"a pose error of {after} {where} instead of {before} with the print as designed"
     scaled = found.adjustment.network.scale_known(int(found.adjustment.network.marker[0]))
@@ -55,25 +73,51 @@ def headline(found: "Calibration") -> str:
     if worse_moves and not scaled:
         return (
             "Take more photographs before you use the measured marker, since rotations gain by it but translations "
-            f"lose: expect {expect}."
+            f"lose: expect {expect}.",
+            False,
         )
     if isinstance(cross, CrossValidation) and not cross.better:
-        worse = "worse than" if cross.gain is not None and cross.gain.high < 1 else "no better than"
+        if cross.best_nominal.variance_factor <= _AS_DESIGNED:
+            return (
+                "Use the measured marker or the design, since the print is as designed, as far as left-out photographs "
+                f"tell: expect a pose error of {after} {where} instead of the {before} of a print that nobody "
+                "measured.",
+                True,
+            )
+        worse = cross.gain is not None and cross.gain.high < 1
+        predicts = "predicts left-out photographs worse"
+        if not worse:
+            predicts = "does not predict left-out photographs significantly better"
         return (
-            f"Do not use the measured marker yet: it predicts left-out photographs {worse} the design does, "
-            f"although its claimed errors promise {expect}."
+            f"Do not use the measured marker yet: it {predicts} than the design does, although its claimed errors "
+            f"promise {expect}.",
+            False,
         )
     if isinstance(halves, Halves) and halves.chance < CHANCE:
         return (
             f"Use the measured marker with care: expect {expect}, or somewhat more, since two halves of the "
-            "photographs differ by more than their claimed errors."
+            "photographs differ by more than their claimed errors.",
+            True,
         )
     confirmed = "left-out photographs confirm it"
     if isinstance(cross, NotJudged):
         confirmed = "there were too few photographs to confirm it by leaving some out"
     if worse_moves:
         confirmed += "; only the translation as measured counts how well the scale of the print is known"
-    return f"Use the measured marker: expect {expect}; {confirmed}."
+    return f"Use the measured marker: expect {expect}; {confirmed}.", True
+
+
+def closing(found: "Calibration", shown: bool = False) -> str:
+    """Return what is to be said of the files that were written: that they are not to be used, or that there are none.
+
+    Empty if there is nothing to say; `shown` results may do without files.
+    """
+    if not found.to_use:
+        files = (
+            f"{', '.join(str(each.path) for each in found.written)}: written, but" if found.written else "the result is"
+        )
+        return f"{files} not to be used yet: see the first line"
+    return "" if found.written or shown else "nothing was written: add -o measured.json"
 
 
 def errors(error: ExpectedError) -> str:
@@ -126,6 +170,14 @@ def unused(found: "Calibration") -> list[tuple[str, str]]:
         if k not in taken:
             reasons[k] = "too few dots that agree with the other photographs"
     return [(sightings.photos[k], reasons[k].rstrip(".")) for k in sorted(reasons)]
+
+
+def far_points(camera: Camera, covariance: Array) -> str:
+    """Return how well the camera is known over the image, and what helps where that is badly."""
+    sigma = projection_uncertainty(camera, covariance)
+    low, high = float(np.nanmin(sigma)), float(np.nanmax(sigma))
+    said = f"Where the camera sees a far point is known to {number(low, 2)} to {number(high, 2)} px over the image"
+    return f"{said}{': bring the marker into the corners, too' if high > _BADLY_PX else ''}."
 
 
 def judged(found: "Calibration") -> list[str]:

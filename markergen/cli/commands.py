@@ -413,7 +413,8 @@ def calibrate(
     """Measure a print by ten to forty photographs of it: every dot's x, y and z with their joint covariance, and the
     camera if it is unknown.
 
-    detect and validate then use the dots of the print. docs/calibrate.md says how to take the photographs.
+    detect and validate then use the dots of the print. docs/calibrate.md says how to take the photographs. Status 1 if
+    left-out photographs do not confirm what was measured, or it is no better than the design: the files are written.
 
     \b
     Example:
@@ -430,6 +431,10 @@ def calibrate(
             progress=progress, **options,
         )  # fmt: skip
     console.print_found(found, json)
+    if said := found.closing(console.is_stdout(json)):
+        (console.note if found.to_use else console.complain)(said)
+    if not found.to_use:
+        raise typer.Exit(console.FAILED)
 
 
 @app.command(cls=GroupedCommand)

@@ -172,7 +172,7 @@ def detect_files(
     InputError
         If there are no images, or an argument is invalid (see `Detector`).
     OutputError
-        If a file cannot be written, or an output is also an input.
+        If a file cannot be written, an output is also an input, or the overlays would stand among the inputs.
     """
     tell, warn = tell or _silent, warn or _silent
     if window or smooth is not None:
@@ -181,7 +181,7 @@ def detect_files(
         raise InputError("a folder for overlays of images", f"the video {overlay}", "give such an --overlay")
     sought = as_list(markers)
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
-    paths = find_images(as_list(images))
+    paths = find_images(as_list(images), warn)
     at_once = workers_for(workers, len(paths))
     sources = [*sought, camera, camera_covariance]
     inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
@@ -190,6 +190,7 @@ def detect_files(
     targets = [target] if target else []
     check_outputs(targets, inputs)
     if overlay:
+        _check_apart(Path(overlay), paths)
         make_folder(Path(overlay))
     check_outputs([*targets, *drawings], inputs)
     for folder in filter(Path.is_dir, map(Path, as_list(images))):
@@ -231,6 +232,16 @@ def detect_files(
     if len(paths) > 1:
         tell(str(outcomes))
     return outcomes
+
+
+def _check_apart(folder: Path, paths: Sequence[Path]) -> None:
+    """Refuse a folder with images that are searched: the overlays would pass for photographs the next time."""
+    inside = next((path for path in paths if path.resolve().parent == folder.resolve()), None)
+    if inside is not None:
+        raise OutputError(
+            f"expected a folder for overlays without any of the images, found {folder} with {inside.name}; "
+            f"name another one, such as --overlay {folder / 'seen'}"
+        )
 
 
 def look_at(detector: Detector, path: Path) -> Outcome:

@@ -10,13 +10,14 @@ import os
 from collections import Counter
 from collections.abc import Mapping
 from math import hypot, isfinite
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from markergen.errors import InputError, brief
-from markergen.guard import read, text_of
+from markergen.guard import Content, read, text_of
 from markergen.model.findings import findings_of, listed, path_of
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, Plate
 from markergen.model.marker_file import (
@@ -179,12 +180,25 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
 
 def _read(source: object) -> Marker:
     content = read(source, "marker")
-    return from_json(text_of(content), content.name)
+    return from_content(json_of(content), content.name)
 
 
 def from_json(text: str, name: str = "marker.json") -> Marker:
     """Parse the text of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
-    content = parsed(text, name)
+    return from_content(parsed(text, name), name)
+
+
+def json_of(content: Content) -> Any:
+    """Parse a file that should be a marker.json or rig.json; raises InputError, which names another kind of file."""
+    name = content.name
+    kind = PurePath(name).suffix[1:].upper()
+    if kind not in ("", "JSON") and not content.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
+        raise InputError(f"a marker.json at {name}", f"a {kind} file", "give the .json that was written with it")
+    return parsed(text_of(content), name)
+
+
+def from_content(content: Any, name: str) -> Marker:
+    """Make a marker from the values of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"

@@ -1,6 +1,6 @@
 """Rescaling for a print of another size: the marker with its control points at their places in the print."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees, isfinite
 from typing import Any
@@ -73,6 +73,32 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
     return changed, (*said, *_reach([changed]))
 
 
+def exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> tuple[float, float] | None:
+    """Return the rulers (x, y) in m of a sheet, of those that may be, that fit if x and y were measured for each other.
+
+    None if a sheet fits as they are, none fits, or only one ruler was measured.
+    """
+    x, y = rulers.x, rulers.y
+    if x is None or y is None:
+        return None
+    sheets = [each for each in printed if all(each)]
+    if any(not _off(x / each[0]) and not _off(y / each[1]) for each in sheets):
+        return None
+    return next((each for each in sheets if not _off(y / each[0]) and not _off(x / each[1])), None)
+
+
+def check_not_exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> None:
+    """Refuse lengths that are `exchanged`; raises InputError."""
+    turned = exchanged(rulers, printed)
+    if turned is not None and rulers.x is not None and rulers.y is not None:
+        (x, y), (u, v) = (map(format_length, each) for each in (turned, (rulers.x, rulers.y)))
+        raise InputError(
+            f"rulers as on the sheet, x {x} and y {y}",
+            f"x {u} and y {v}",
+            "are x and y exchanged? If not, --nominal-x and --nominal-y have the lengths printed beside them",
+        )
+
+
 def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tuple[str, ...]]:
     check_supported(marker, "to rescale")
     if any(point.designed or point.designed_z is not None for point in marker.control_points):
@@ -84,6 +110,9 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
     measured = {name: getattr(rulers, name) for name in "xy"}
     given = {name: getattr(rulers, f"nominal_{name}") for name in "xy"}
     stated = dict(zip("xy", marker.rulers or (None, None), strict=True))
+    x, y = (given[name] if given[name] is not None else stated[name] for name in "xy")
+    if x is not None and y is not None and not force:
+        check_not_exchanged(rulers, [(x, y)])
     lengths = {
         name: _nominal(name, length, given[name], stated[name], force)
         for name, length in measured.items()
@@ -348,8 +377,8 @@ def _nominal(name: str, measured: float, given: float | None, stated: float | No
 
 
 def _off(scale: float) -> bool:
-    # Rounding in a length such as 190mm must not decide.
-    return abs(scale - 1) > MOST_OFF - 1e-9
+    # Rounding in a length such as 190mm must not decide; what is no number is off.
+    return not abs(scale - 1) <= MOST_OFF - 1e-9
 
 
 def _expected(point: ControlPoint, marker: Marker) -> tuple[float, float]:

@@ -10,11 +10,20 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, ValidationError
 
 from markergen.errors import InputError, brief
-from markergen.guard import check_size, read, text_of
+from markergen.guard import check_size, read
 from markergen.model.findings import findings_of, listed
 from markergen.model.marker import Marker
 from markergen.model.marker_file import PoseFile
-from markergen.model.marker_json import dumped, from_json, load_marker, parsed, read_marker, to_json
+from markergen.model.marker_json import (
+    dumped,
+    from_content,
+    from_json,
+    json_of,
+    load_marker,
+    parsed,
+    read_marker,
+    to_json,
+)
 from markergen.model.rig import MOST_MARKERS, Rig, RigMarker
 from markergen.model.shape_file import STRICT, Finite
 
@@ -107,7 +116,7 @@ def load_rig(source: object) -> Rig:
         return _built(parsed(dumped(source, None), "the dict"), "the dict", Path())
     if isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None)):
         content = read(source, "rig")
-        return _built(parsed(text_of(content), content.name), content.name, _folder(source))
+        return _built(json_of(content), content.name, _folder(source))
     raise InputError(
         "a path, an open file or a dict of rig.json",
         f"{type(source).__name__} {brief(source)}",
@@ -130,12 +139,11 @@ def load_marker_or_rig(source: object) -> Marker | Rig:
     if not (isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))):
         return load_marker(source)
     data = read(source, "marker or rig")
-    text = text_of(data)
-    content = parsed(text, data.name)
+    content = json_of(data)
     if is_rig(content):
         return _built(content, data.name, _folder(source))
     check_size(data, "marker")
-    return from_json(text, data.name)
+    return from_content(content, data.name)
 
 
 def _folder(source: object) -> Path:

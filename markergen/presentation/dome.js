@@ -83,7 +83,7 @@ const dome = (() => {
     const object = made("g", {});
     const controls = made("div", { class: "dome-controls" }, element);
     const choice = made("select", {}, label("Color"));
-    const slider = made("input", { type: "range", min: 0, value: 0, step: 1 }, label("Pose, by error", "dome-wide"));
+    const slider = made("input", { type: "range", min: 0, value: 0, step: 1 }, label("Poses, the worst last", "dome-wide"));
     const said = made("output", { class: "dome-said" }, element);
     let marks = [];
 
@@ -231,7 +231,8 @@ const dome = (() => {
       const errors = ["rotation", "translation"].filter((key) => poses[key])
         .map((key) => (poses[key][i] === null ? `${SHOWN[key][0]} unbounded` : `${SHOWN[key][0]} ${written(poses[key][i])}${SHOWN[key][1]}`));
       const shares = SHARES.includes(value) && poses[value][i] !== null ? [`${SHOWN[value][0]} ${written(100 * poses[value][i])} %`] : [];
-      return `Pose ${i + 1} of ${points.length}: ${written(far)} m, tilt ${Math.round(lean)}°${around}: `
+      const worst = !SHARES.includes(value) && i === order.at(-1) ? ", the worst" : "";
+      return `Pose ${i + 1} of ${points.length}${worst}: ${written(far)} m, tilt ${Math.round(lean)}°${around}: `
         + [...errors, ...shares, ...(poses.words?.[i] ? [poses.words[i]] : [])].join(", ") + ".";
     }
 

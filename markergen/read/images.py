@@ -3,6 +3,7 @@
 import glob
 import io
 import os
+import re
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +27,9 @@ Grey = NDArray[np.uint8] | NDArray[np.uint16]
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
 """Suffixes of the files in a folder that count as images."""
 
+UNREAD = (".heic", ".heif", ".hif")
+"""Suffixes of the photographs of phones that no decoder here reads."""
+
 LARGEST_PIXELS = 100_000_000
 """Maximum number of pixels of an image file: above most sensors, and fit for memory in 16 bits and color."""
 
@@ -43,6 +47,8 @@ STRIP = 256
 
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
+_HEIC = re.compile(rb".{4}ftyp(he|mif1|msf1)", re.DOTALL)
+_NO_HEIC = "set the phone to JPEG, or convert {}"
 _ORIENTATION = 0x0112
 _PILLOW = threading.Lock()
 
@@ -230,11 +236,22 @@ def _reshaped(shape: tuple[int, ...]) -> str:
     return "give what cv2.imread or cv2.VideoCapture.read gives"
 
 
-def find_images(patterns: Sequence[str | Path]) -> list[Path]:
+def image_size(path: Path) -> tuple[int, int] | None:
+    """Return width and height in px of what `read_image` returns, by the header alone; None if that cannot be read."""
+    try:
+        with quiet, opened(_content(path), _FORMATS) as image:
+            # Pillow's size is that after the rotation, which `read_image` undoes.
+            turned = image.format == "TIFF" and _orientation(image) > 4
+            return image.size[::-1] if turned else image.size
+    except Exception:  # `read_image` says why.
+        return None
+
+
+def find_images(patterns: Sequence[str | Path], warn: Callable[[str], None] | None = None) -> list[Path]:
     """Expand files, folders and globs to image paths, in this order and without repetition.
 
     A folder or a glob stands for its image files, sorted by name, without hidden ones. The path of an image
-    that does not exist is returned, too; reading it will report that.
+    that does not exist is returned, too; reading it will report that. `warn` is told of HEIC files beside images.
 
     Raises
     ------
@@ -245,12 +262,12 @@ def find_images(patterns: Sequence[str | Path]) -> list[Path]:
         raise InputError("one or more images", "none", "name image files or a folder")
     found: dict[str, Path] = {}
     for pattern in map(str, patterns):
-        for path in _matches(pattern):
+        for path in _matches(pattern, warn):
             found.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links with other names are other images
     return list(found.values())
 
 
-def _matches(pattern: str) -> list[Path]:
+def _matches(pattern: str, warn: Callable[[str], None] | None) -> list[Path]:
     path = Path(pattern)
     try:
         if path.is_dir():
@@ -261,15 +278,19 @@ def _matches(pattern: str) -> list[Path]:
             return [path]
         else:
             raise InputError(f"an image or a folder of images at {pattern}", "nothing", "check the path")
-        images = sorted(
-            each
-            for each in candidates
-            if each.suffix.lower() in SUFFIXES and not each.name.startswith(".") and not each.is_dir()
-        )
+        shown = [each for each in candidates if not each.name.startswith(".") and not each.is_dir()]
+        images = sorted(each for each in shown if each.suffix.lower() in SUFFIXES)
     except (OSError, ValueError) as error:
         raise InputError(f"a readable folder at {pattern}", reason_of(error), "check the path") from None
+    count = sum(each.suffix.lower() in UNREAD for each in shown)
+    files, verb = f"{count} HEIC file{'s' * (count > 1)}", "are" if count > 1 else "is"
+    remedy = _NO_HEIC.format("them" if count > 1 else "it")
     if not images:
+        if count:
+            raise InputError(f"images at {pattern}", f"{files}, which {verb} not read", remedy)
         raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder with some")
+    if count and warn:
+        warn(f"{pattern}: {files} {verb} not read: {remedy}")
     return images
 
 
@@ -305,6 +326,15 @@ def _depth(image: "PillowImage") -> int:
     return 16 if any("16" in str(mode) for mode in (image.mode, *coded)) else 8
 
 
+def _orientation(image: "PillowImage") -> int:
+    """EXIF orientation, 1 to 8; 1 if there is none."""
+    try:
+        orientation = image.getexif().get(_ORIENTATION, 1)
+    except Exception:  # Many images that are otherwise fine have broken EXIF.
+        orientation = 1
+    return orientation if orientation in _UNDO else 1
+
+
 def _examine(path: Path, data: bytes) -> _Header:
     """Read an image to its end and return its header; raises if it is damaged or of an unsuitable size."""
     from PIL import UnidentifiedImageError
@@ -332,16 +362,13 @@ def _examine(path: Path, data: bytes) -> _Header:
             if image.format == "PNG":
                 # EXIF may follow the pixels: finding it reads them, and would swallow an error.
                 image.load()
-            try:
-                orientation = image.getexif().get(_ORIENTATION, 1)
-            except Exception:  # Many images that are otherwise fine have broken EXIF.
-                orientation = 1
-            header = _Header(width, height, str(image.format), orientation if orientation in _UNDO else 1)
+            header = _Header(width, height, str(image.format), _orientation(image))
             image.load()
     except UnidentifiedImageError:
-        raise InputError(
-            f"a {_KNOWN} image of 8 or 16 bits in {path}", "another format or depth", "convert the image to PNG"
-        ) from None
+        found, remedy = "another format or depth", "convert the image to PNG"
+        if _HEIC.match(data):
+            found, remedy = "a HEIC file, which is not read", _NO_HEIC.format("it")
+        raise InputError(f"a {_KNOWN} image of 8 or 16 bits in {path}", found, remedy) from None
     if header.format == "PNG":
         _check_chunks(data)
     return header

@@ -131,7 +131,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
             ]
         )
     title = "Beside other layouts of the same room: deg and %, rms"
-    caption = "--trials-for-all measures them all." if results["runs"] else ""
+    caption = "--trials-for-all measures them all." if results.get("runs") else ""
     return Table(title, header, rows, caption)
 
 

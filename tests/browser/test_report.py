@@ -150,6 +150,7 @@ def test_dome_begins_with_the_hardest_pose_and_is_read_by_pointer_and_keys(opene
         hardest = max((value, k) for k, value in enumerate(errors) if value is not None)[0]
         digits = 2 if hardest < 1 else 3
         assert f"rotation error {float(f'{hardest:.{digits}g}'):g} deg" in said.inner_text()
+        assert (", the worst: " in said.inner_text()) == (None not in errors)
 
         slider.focus()
         page.keyboard.press("Home")
@@ -157,6 +158,7 @@ def test_dome_begins_with_the_hardest_pose_and_is_read_by_pointer_and_keys(opene
         easiest = said.inner_text()
         assert f"rotation error {float(f'{least:.2g}'):g}" in easiest
         assert slider.get_attribute("aria-valuetext") == easiest
+        assert "the worst" not in easiest
         page.keyboard.press("ArrowRight")
         assert said.inner_text() != easiest
 

@@ -60,6 +60,9 @@ def test_an_exact_print_is_not_predicted_better_when_measured():
     found = cross_validate(whole, np.arange(12))
     assert not found.better
     assert "times better" not in found.verdict
+    level = replace(found, gain=replace(found.gain, low=0.91, high=3.2))
+    assert "does not predict left-out photographs significantly better than the design" in level.verdict
+    assert "interval of their ratio, 0.91 to 3.2, includes 1 (12 photographs)" in level.verdict
     again = cross_validate(whole, np.arange(12))
     assert found.measured.squares.tobytes() == again.measured.squares.tobytes()
 

@@ -207,6 +207,9 @@ def test_the_request_is_in_the_photographers_words():
     assert f"(dot {top} at the top of the picture)" in second.request
     ax = found.draw(which=1)
     assert [text.get_text() for text in ax.texts][:5] == list("01234")
+    # Numbers stand beside the dots, where they can be read.
+    for text, dot in zip(ax.texts[:5], ax.patches[:5], strict=True):
+        assert not dot.get_path().contains_point(np.add(text.xy, (1, -1)))
     assert {"farther", "nearer"} < {text.get_text() for text in ax.texts}
 
 

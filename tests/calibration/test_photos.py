@@ -4,8 +4,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 from simulated_photos import hand_held, layout
 
 from markergen.calibration.network import CameraFreedom, Network
@@ -15,6 +17,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
 from markergen.model.marker import Marker, build_marker
+from markergen.read.images import ORIENTATION_NOTE
 from markergen.render import Optics, render_view
 
 PHOTOS = Path(__file__).parents[3] / "shared" / "photos"
@@ -112,8 +115,63 @@ def test_photographs_that_cannot_be_used_say_why():
     assert found.photo.tolist() == [0, 3]
     assert "found 0 dots" in found.unused[1]
     assert "2 copies" in found.unused[2]
-    with pytest.raises(InputError, match="one size, 640x480"):
-        find_dots([marker], [frames[0], frames[1][:400]], None)
+
+
+@pytest.fixture(scope="module")
+def shots():
+    rng = np.random.default_rng(5)
+    marker = dots_marker(5)
+    return marker, rendered(marker, 4, rng)[0]
+
+
+@pytest.mark.parametrize("odd", [0, 2, 4])
+@pytest.mark.parametrize("known", [False, True])
+def test_a_photograph_of_another_size_is_left_out_wherever_it_stands(shots, tmp_path, odd, known):
+    marker, frames = shots
+    for k, frame in enumerate(np.insert(np.array(frames), odd, 0, axis=0)):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), frame[:240, :320] if k == odd else frame)
+    found, _ = find_dots([marker], tmp_path, CAMERA if known else None)
+    assert found.photo.tolist() == [k for k in range(5) if k != odd]
+    assert found.size == (640, 480)
+    assert found.unused == {odd: f"320x240 px, {'the camera has' if known else 'the others have'} 640x480 px"}
+    assert len(found.photos) == 5
+
+
+def test_photographs_without_a_usual_size_are_refused_with_counts(shots, tmp_path):
+    marker, frames = shots
+    mixed = [*frames[:3], *(frame[:400] for frame in frames[:2])]
+    said = (
+        r"one size, found 3 of 640x480 px \(photo 0\.\.\.\), 2 of 640x400 px \(photo 3\.\.\.\); give all as the camera"
+    )
+    with pytest.raises(InputError, match=said):
+        find_dots([marker], mixed, None)
+    assert find_dots([marker], mixed, CAMERA)[0].photo.tolist() == [0, 1, 2]
+    with pytest.raises(InputError, match=r"the camera's 640x480 px, found 1 of 640x400 px \(photo 0\)"):
+        find_dots([marker], mixed[3], CAMERA)
+
+
+def test_files_that_cannot_be_read_are_told_apart(shots, tmp_path):
+    marker, frames = shots
+    (tmp_path / "0.png").write_bytes(b"nothing")
+    with pytest.raises(InputError, match=r"^expected a PNG, .* in .*0\.png, found another format or depth; convert"):
+        find_dots([marker], tmp_path, None)
+    cv2.imwrite(str(tmp_path / "1.png"), frames[0])
+    (tmp_path / "2.HEIC").write_bytes(b"")
+    (tmp_path / "3.jpg").write_bytes(turned(frames[1], tmp_path))
+    found, _ = find_dots([marker], tmp_path, CAMERA)
+    assert found.photo.tolist() == [1, 2]
+    assert "another format" in found.unused[0]
+    unread, oriented = found.notes
+    assert unread == f"{tmp_path}: 1 HEIC file is not read: set the phone to JPEG, or convert it"
+    assert oriented == ORIENTATION_NOTE
+
+
+def turned(frame, folder):
+    """A JPEG that says that it is to be turned."""
+    exif = Pillow.Exif()
+    exif[0x0112] = 6
+    Pillow.fromarray(frame).save(folder / "turned", "JPEG", exif=exif, quality=95)
+    return (folder / "turned").read_bytes()
 
 
 REAL = pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")

@@ -10,6 +10,7 @@ import markergen as mg
 from benchmarks.calibration_sets import CAMERA
 from markergen.calibration import run
 from markergen.calibration.network import Length
+from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
 from markergen.model.rescale import Rulers, by_rulers, rescale, scale_sigmas
 
@@ -29,7 +30,7 @@ def design(make_ngon):
 
 
 def known(*lengths):
-    return run.Known(CAMERA, scale_sigma=0.002, lengths=lengths)
+    return run.Known(CAMERA, errors=ScaleErrors(0.002, RULER), lengths=lengths)
 
 
 def length(design, measured=1.0):
@@ -40,7 +41,7 @@ def length(design, measured=1.0):
 def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
     found = calibrated([design], 8, known(), false=0)
     assert share(found.markers[0]) == pytest.approx(0.002 / np.sqrt(2), rel=0.01)
-    assert "expected to be right to 0.14 %" in found.scale_source
+    assert "expected to be right to 0.2 % along x and y each, to 0.14 % in their mean" in found.scale_source
 
 
 def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
@@ -91,14 +92,44 @@ def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design)
     assert "no better than a print is expected to be, 0.14 %" in found.scale_source
 
 
-def test_rulers_that_contradict_the_photographs_are_doubted(calibrated, design):
+def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_said(calibrated, design):
     # The print is 0.3 % longer along x than along y.
     doubts = {}
     for read in (1.003, 1.0, 1.012, 0.992):
         printed, _ = rescale(design, Rulers(WIDE * read, WIDE))
         found = calibrated([printed], 8, known(), false=0, made=[design])
-        doubts[read] = re.findall(r"is ([\d.]+ % \w+) along x, compared with y, than by the rulers", str(found.notes))
+        said = found.scale_source
+        doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", said)
+        assert "contradict" not in str(found.notes)
+        # One of two rulers is wrong, and their mean by half of that.
+        left = abs(1.003 / read - 1) / 2 if doubts[read] else 0.001 / np.sqrt(2)
+        assert share(found.markers[0]) == pytest.approx(left, rel=0.05)
+        assert f"known to {100 * share(found.markers[0]):.2g} %{' only' * bool(doubts[read])}" in said
+        # Such rulers tell of the print as designed no more than of the measured one.
+        assert found.before.translation > found.after.translation
     assert not doubts[1.003]
     assert not doubts[1.0]  # off by twice what a ruler may be
     assert doubts[1.012] == ["0.91 % shorter"]
     assert doubts[0.992] == ["1.1 % longer"]
+
+
+def test_doubted_rulers_count_less_beside_a_measured_length(calibrated, design):
+    shares, sizes = [], []
+    for read in (1.0, 1.03):
+        printed, _ = rescale(design, Rulers(WIDE * read, WIDE))
+        found = calibrated([printed], 8, known(length(design)), false=0, made=[design])
+        shares.append(share(found.markers[0]))
+        sizes.append(np.linalg.norm(found.markers[0].xyz - found.markers[0].xyz.mean(axis=0)))
+        assert ("only, since the rulers contradict" in found.scale_source) == (read > 1)
+    alone = calibrated([design], 8, known(length(design)), false=0).markers[0]
+    both = ((RULER / length(design).length) ** -2 + 2 * 0.001**-2) ** -0.5
+    assert shares == pytest.approx([both, share(alone)], rel=0.05)
+    assert sizes[1] == pytest.approx(np.linalg.norm(alone.xyz - alone.xyz.mean(axis=0)), rel=1e-4)
+
+
+def test_the_rulers_of_another_marker_are_doubted_in_a_note(calibrated, design):
+    printed, _ = rescale(design, Rulers(WIDE, 1.03 * WIDE))
+    found = calibrated([design, printed], 8, known(), false=0, made=[design, design])
+    assert "contradict" not in found.scale_source
+    assert "The rulers contradict the photographs, by which the print is 3.3 % longer along x" in str(found.notes)
+    assert share(found.markers[1]) > 0.01

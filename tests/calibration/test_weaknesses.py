@@ -114,6 +114,8 @@ def test_too_few_photographs_are_refused():
         assert found[0].refuses
         assert "no more measurements than unknowns" in found[0].sentence
         assert more in found[0].remedy
+        count = f"{len(poses[0][:count])} photograph"
+        assert f"the dots{' and the camera' * bool(names)}, found that {count}" in str(refusal(found))
     assert _found(5, poses[0][:4], poses[1][:4], names=BASE)[0].refuses
     assert not any(each.refuses for each in _found(5, *poses, names=BASE))
 

@@ -34,7 +34,7 @@ def test_tables_json_and_picture(here, capsys):
         (["marker.json", "apriltag:36h11:587"], "an id of 0 to 586"),
         (["marker.json", "nowhere.json"], "nowhere.json"),
         (["marker.json", "--plot", "c.gif"], ".svg or .png"),
-        (["marker.json", "--plot", "no/c.svg"], "No such file or directory"),
+        (["marker.json", "--plot", "no/c.svg"], "the folder no does not exist"),
         (["marker.json", "--views", "0"], "one or more views"),
         (["marker.json", "--print-sigma", "5 parsecs"], "a length"),
         ([], "compare --help"),

@@ -86,6 +86,14 @@ def test_videos_among_the_images_are_left_out_and_told(here, capsys, tmp_path):
     assert capsys.readouterr().err == f"{tmp_path}: 1 video is left out: give one at a time\n"
 
 
+def test_heic_among_the_images_is_told(here, capsys, tmp_path):
+    (tmp_path / "a.png").write_bytes((here / "good" / "130.png").read_bytes())
+    (tmp_path / "b.heic").write_bytes(b"a photo")
+    assert main(["detect", str(tmp_path), *ALL]) == 0
+    told = f"{tmp_path}: 1 HEIC file is not read: set the phone to JPEG, or convert it\n"
+    assert capsys.readouterr().err == told
+
+
 def test_standard_output_is_json_alone(here, capsys):
     assert main(["detect", "good/*.png", *ALL, "--json", "-"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 2
@@ -137,10 +145,22 @@ def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
 
 def test_inputs_are_never_overwritten(here, capsys):
     before = (here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()
-    assert main(["detect", "good", *ALL, "--overlay", "good"]) == 2
     assert main(["detect", "good", *ALL, "--json", "marker.json"]) == 2
     assert "one of the inputs" in capsys.readouterr().err
     assert ((here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()) == before
+
+
+def test_overlays_never_stand_among_the_photos(here, capsys, tmp_path):
+    """The next calibration would take them for photographs."""
+    (tmp_path / "a.jpg").write_bytes((here / "good" / "130.png").read_bytes())
+    for images, folder in (("good", "good"), (str(tmp_path / "*.jpg"), str(tmp_path))):
+        assert main(["detect", images, *ALL, "--overlay", folder]) == 2
+        said = capsys.readouterr().err
+        assert len(said.strip().splitlines()) == 1
+        assert "a folder for overlays without any of the images" in said
+        assert f"such as --overlay {folder}/seen" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["a.jpg"]
+    assert len(list((here / "good").iterdir())) == 2
 
 
 def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys, tmp_path, monkeypatch):

@@ -42,6 +42,25 @@ def test_by_dots(here, capsys):
     assert found.provenance["print"]["points"]["ids"] == [0, 1, 2, 3]
 
 
+def test_exchanged_rulers_are_asked_about(here, capsys, make_ngon):
+    # Its sheets of A4 and A5 have rulers of other lengths along x than along y.
+    (here / "large.json").write_bytes(to_json(make_ngon(5, 0.089, 0.036)))
+    words = ["rescale", "large.json", "-o", "out.json"]
+    exchanged = ["--measured-x", "100.0mm", "--measured-y", "150.4mm"]
+    assert main([*words, "--measured-x", "150.4mm", "--measured-y", "100.0mm"]) == 0
+    for nominal in ([], ["--nominal-x", "150mm", "--nominal-y", "100mm"]):
+        capsys.readouterr()
+        assert main([*words, *exchanged, *nominal]) == 2
+        said = capsys.readouterr().err
+        assert "expected rulers as on the sheet, x 150 mm and y 100 mm, found x 100 mm and y 150.4 mm" in said
+        assert "are x and y exchanged?" in said
+    # A sheet of another paper may have them so.
+    assert main([*words, *exchanged, "--nominal-x", "100mm", "--nominal-y", "150mm"]) == 0
+    told = "On usual paper the rulers are x 150 mm and y 100 mm: see that x and y are not exchanged."
+    assert told in capsys.readouterr().out
+    assert read_marker(here / "out.json").print_scale == pytest.approx((1.0, 150.4 / 150))
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker_json import from_json, json_schema, read_marker, to_json
+from markergen.model.rig_json import load_marker_or_rig, load_rig
 from markergen.model.substrate import Hole, Substrate, parse_dowel
 from markergen.model.tag import Tag
 
@@ -292,6 +293,31 @@ def test_unreadable_files_are_one_line(tmp_path):
         read_marker(tmp_path / "binary.json")
     with pytest.raises(InputError, match="directory"):
         read_marker(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("marker.pdf", b"%PDF-1.7\n\xff"),
+        ("marker.step", b"ISO-10303-21;"),
+        ("marker.svg", b"<svg>"),
+        ("marker", b"\xff"),
+    ],
+)
+def test_a_sheet_or_solid_in_place_of_the_marker_is_named(pentagon, tmp_path, name, start):
+    path = tmp_path / name
+    path.write_bytes(start)
+    kind = name.partition(".")[2].upper()
+    said = f"a marker.json at .*{name}, found a {kind} file; give the .json that was written with it"
+    for load in (read_marker, load_marker_or_rig, load_rig):
+        with pytest.raises(InputError, match=said if kind else "not UTF-8"):
+            load(path)
+    # Any name will do for what is a marker, or was one.
+    path.write_bytes(b"\xef\xbb\xbf" + to_json(pentagon))
+    assert read_marker(path) == pentagon
+    path.write_bytes(to_json(pentagon)[:50])
+    with pytest.raises(InputError, match="cut off or damaged"):
+        read_marker(path)
 
 
 @pytest.fixture

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,7 +7,7 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.model.marker_json import from_json, to_json
-from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, remeasure, rescale
+from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, exchanged, remeasure, rescale
 
 
 def again(marker):
@@ -92,6 +94,17 @@ def test_lengths_that_cannot_be(pentagon, rulers, said):
 def test_a_length_without_its_unit_is_not_on_the_sheet(pentagon):
     with pytest.raises(InputError, match=r"on the sheet, at most .*found 150 m; give it with its unit"):
         rescale(pentagon, Rulers(149.7, None, 150.0))
+
+
+def test_rulers_that_fit_when_exchanged_are_asked_about(pentagon):
+    sheets = [(0.15, 0.1), (0.2, 0.2), (0.2, 0.0)]
+    assert exchanged(Rulers(0.0996, 0.1504), sheets) == (0.15, 0.1)
+    for x, y in ((0.1504, 0.0996), (0.199, 0.201), (0.1, 0.2), (0.1, None), (float("nan"), 0.15), (0.0, 0.15)):
+        assert exchanged(Rulers(x, y), sheets) is None
+    with pytest.raises(InputError, match=r"x 150 mm and y 100 mm, found x 99.6 mm and y 150.4 mm; are x and y exch"):
+        rescale(pentagon, Rulers(0.0996, 0.1504, 0.15, 0.1))
+    with pytest.raises(InputError, match="are x and y exchanged"):
+        rescale(replace(pentagon, rulers=(0.15, 0.1)), Rulers(0.0996, 0.1504))
 
 
 def test_five_percent_and_more_with_force(pentagon):

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 
 from markergen import guard
 from markergen.errors import InputError
-from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, grey_frame, quiet, read_image
+from markergen.read.images import (
+    ORIENTATION_NOTE,
+    TRANSPARENCY_NOTE,
+    find_images,
+    grey_frame,
+    image_size,
+    quiet,
+    read_image,
+)
 
 HEIGHT, WIDTH = 30, 40
 GREY = (np.arange(WIDTH) * 3 + np.arange(HEIGHT)[:, None] * 4).astype(np.uint8)
@@ -374,6 +382,31 @@ def test_unreadable_folder(folder, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(InputError, match="Permission denied"):
         find_images(["sub"])
+
+
+def test_heic_is_said_in_folders_patterns_and_by_name(folder):
+    said = []
+    for name in ("h.heic", "i.HEIC", "only/j.heif"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(b"\0\0\0\x24ftypheic\0\0\0\0mif1heic")
+    assert len(find_images(["."], said.append)) == 3
+    assert said == [".: 2 HEIC files are not read: set the phone to JPEG, or convert them"]
+    for pattern, found in ((["*.[hH]*"], "2 HEIC files, which are not read"), (["only"], "1 HEIC file, which is not")):
+        with pytest.raises(InputError, match=f"images at .*found {found}.*set the phone to JPEG"):
+            find_images(pattern)
+    with pytest.raises(InputError, match="found a HEIC file, which is not read; set the phone to JPEG, or convert it"):
+        read_image(*find_images(["h.heic"]))
+
+
+@pytest.mark.parametrize("format", ["PNG", "JPEG", "TIFF"])
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_the_size_of_an_image_is_that_of_its_pixels(tmp_path, format, orientation):
+    path = tmp_path / "image"
+    path.write_bytes(turned(format, orientation))
+    assert image_size(path) == read_image(path).grey.shape[::-1]
+    path.write_bytes(b"no image")
+    assert image_size(path) is None
+    assert image_size(tmp_path / "none") is None
 
 
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16])

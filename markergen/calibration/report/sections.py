@@ -16,7 +16,16 @@ from markergen.calibration.projection_uncertainty import (
 )
 from markergen.calibration.report import plots
 from markergen.calibration.report.subject import UM, Subject
-from markergen.calibration.words import SOURCES, headline, judged, photographs, sentence, unused, what_is_left
+from markergen.calibration.words import (
+    SOURCES,
+    far_points,
+    headline,
+    judged,
+    photographs,
+    sentence,
+    unused,
+    what_is_left,
+)
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table, number
@@ -261,6 +270,7 @@ def next_photos(subject: Subject) -> Section | None:
     section = Section([asked.sentence])
     if not asked.helps:
         return section
+    network = subject.found.adjustment.network
     for k, photo in enumerate(asked.photos):
         section.plots.append(
             plot(
@@ -282,6 +292,9 @@ def next_photos(subject: Subject) -> Section | None:
                     *((str(k + 1), photo.after) for k, photo in enumerate(asked.photos)),
                 )
             ],
+            ""
+            if network.scale_known(int(network.marker[0]))
+            else "Without the error of the print's scale, which no photograph tells and the first section counts.",
         )
     )
     return section
@@ -352,7 +365,7 @@ def camera(subject: Subject) -> Section | None:
     sigma = np.sqrt(np.diag(covariance))
     center = projection_uncertainty(found.camera, covariance)
     low, high = (number(float(each(center)), 2) for each in (np.nanmin, np.nanmax))
-    section = Section([f"Where the camera sees a far point is known to {low} to {high} px (1 sigma) over the image."])
+    section = Section([far_points(found.camera, covariance)])
     shape = _image_size(subject)
     section.plots.append(
         plot(

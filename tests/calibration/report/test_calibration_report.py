@@ -2,6 +2,7 @@
 
 import html as markup
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from markergen.calibration.network import Length
 from markergen.calibration.report import page
 from markergen.calibration.report.plots import directions, enlargement, print_map, round_factor
 from markergen.calibration.report.subject import Subject
-from markergen.calibration.words import errors, headline, shares, summary, unused, what_is_left
+from markergen.calibration.words import closing, errors, headline, shares, summary, unused, what_is_left
+from markergen.files import Written
 from markergen.maths.rotation import exponential
 from markergen.presentation.tables import number
 
@@ -112,6 +114,7 @@ def test_asks_for_the_next_photographs(two_markers):
     assert [row[1] for row in rows] == [
         number(error.rotation_deg) for error in (asked.photos[0].before, *(photo.after for photo in asked.photos))
     ]
+    assert "Without the error of the print's scale" in text
     pictures = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "to take next" in a["aria-label"]]
     assert pictures == [f"Picture {k + 1} to take next: {photo.request}." for k, photo in enumerate(asked.photos)]
 
@@ -155,7 +158,7 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     gain = replace(cross.gain, low=0.9, high=1.2)
     doubtful = replace(agreeing, cross_validation=replace(cross, gain=gain))
     assert headline(doubtful).startswith(
-        "Do not use the measured marker yet: it predicts left-out photographs no better"
+        "Do not use the measured marker yet: it does not predict left-out photographs significantly better than"
     )
     worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
     assert "worse than the design" in headline(worse)
@@ -172,6 +175,27 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert headline(replace(far, adjustment=ruled)).endswith("how well the scale of the print is known.")
     assert "of the first marker" not in headline(both)
     assert "from the first marker" in headline(two_markers)
+    exact = replace(cross.best_nominal, chi2=1.5 * cross.best_nominal.degrees_of_freedom)
+    as_designed = replace(agreeing, cross_validation=replace(cross, gain=gain, nominal=exact, refitted=None))
+    assert headline(as_designed).startswith("Use the measured marker or the design, since the print is as designed")
+    assert as_designed.to_use
+    kept = replace(doubtful, after=both.before)
+    assert [each.to_use for each in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
+        False
+    ]
+    assert (agreeing.as_dict()["use"], worse.as_dict()["use"]) == (True, False)
+    assert worse.as_dict()["verdict"] == headline(worse)
+
+
+def test_files_that_are_not_to_be_used_are_told_last(both):
+    cross = both.cross_validation
+    doubtful = replace(both, cross_validation=replace(cross, gain=replace(cross.gain, low=0.9)))
+    assert closing(doubtful) == "the result is not to be used yet: see the first line"
+    files = Written(Path("measured.json")), Written(Path("camera.yaml"))
+    said = closing(replace(doubtful, written=files))
+    assert said == "measured.json, camera.yaml: written, but not to be used yet: see the first line"
+    assert closing(both) == "nothing was written: add -o measured.json"
+    assert closing(both, shown=True) == closing(replace(both, written=files)) == ""
 
 
 def test_only_the_print_differs_before_and_after(both, nominal):

@@ -1,0 +1,142 @@
+"""Scale of a print, which no photograph tells: from rulers along x and y, lengths between dots, or the design.
+
+Photographs tell the ratio of the scales along x and y, far better than rulers do; what is left open is their mean.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import Adjustment
+from markergen.calibration.network import Length, Network
+from markergen.model.marker import Marker
+from markergen.model.rescale import scale_sigmas
+
+Array = NDArray[np.float64]
+
+DOUBTED = 3.0
+"""Difference in standard deviations from which on rulers are said to contradict the photographs."""
+
+
+@dataclass(frozen=True)
+class ScaleErrors:
+    """Standard deviations of a print's scale.
+
+    Attributes
+    ----------
+    unmeasured : float
+        Along x and along y while nothing measures it, as a share.
+    ruler : float, m
+        Of the length of a ruler.
+    """
+
+    unmeasured: float = 0.0
+    ruler: float = 2e-4
+
+    def along(self, design: Marker) -> tuple[float, float]:
+        """Along x and along y, as shares."""
+        return scale_sigmas(design, self.unmeasured, self.ruler)
+
+    def mean(self, design: Marker) -> float:
+        """Of the mean of both, as a share."""
+        return float(np.hypot(*self.along(design))) / 2
+
+    def by_rulers(self, design: Marker) -> tuple[float, float]:
+        """Along x and along y as its rulers alone tell, as shares; 0 where none was measured."""
+        return scale_sigmas(design, 0.0, self.ruler)
+
+    def left(self, design: Marker, network: Network, marker: int) -> float:
+        """Of what photographs leave open, as a share; none if lengths or dots measured by hand fix it."""
+        return 0.0 if network.scale_known(marker) else self.mean(design)
+
+
+def told_by_rulers(designs: Sequence[Marker], lengths: Sequence[Length], errors: ScaleErrors) -> tuple[Length, ...]:
+    """Return what a print's rulers tell of distances along x and y, where lengths between dots are given as well."""
+    found, first = list[Length](), 0
+    for design in designs:
+        own = range(first, first + len(design))
+        first += len(design)
+        if not any(each.first in own for each in lengths):
+            continue
+        for along, share in zip(design.xyz[:, :2].T, errors.by_rulers(design), strict=True):
+            pair = int(np.argmin(along)), int(np.argmax(along))
+            length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
+            found += [Length(own[pair[0]], own[pair[1]], length, share * length)] if share else []
+    return tuple(found)
+
+
+def contradictions(
+    designs: Sequence[Marker], adjustment: Adjustment, errors: ScaleErrors, print_sigma: float
+) -> tuple[float, ...]:
+    """Return for each marker by how much x over y is larger than by its rulers, as a share; 0 within `DOUBTED` sigmas.
+
+    Photographs tell the ratio to far less than the errors of the rulers and of the dots of a print, `print_sigma`.
+    """
+    network, found = adjustment.network, []
+    for marker, design in enumerate(designs):
+        found.append(0.0)
+        shares, own = errors.by_rulers(design), network.marker == marker
+        if not (network.free and network.prior is None and all(shares) and own.sum() > 1):
+            continue
+        away, there = (each[own] - each[own].mean(axis=0) for each in (network.design, adjustment.places))
+        spread = np.linalg.norm(away[:, :2], axis=0)
+        if spread.min() < 0.01 * spread.max():
+            continue
+        columns = np.linalg.lstsq(away[:, :2], there, rcond=None)[0]
+        off = float(np.divide(*np.linalg.norm(columns, axis=1))) - 1
+        if abs(off) > DOUBTED * np.hypot(np.hypot(*shares), print_sigma * np.hypot(*(1 / spread))):
+            found[-1] = off
+    return tuple(found)
+
+
+def widened(designs: Sequence[Marker], off: Sequence[float], errors: ScaleErrors) -> ScaleErrors:
+    """Return errors with which rulers agree with the photographs: theirs times the root of chi2, the worst of all."""
+    factors = [
+        abs(each) / np.hypot(*errors.by_rulers(design)) for design, each in zip(designs, off, strict=True) if each
+    ]
+    return ScaleErrors(errors.unmeasured, errors.ruler * max(factors, default=1.0))
+
+
+def doubt(off: float) -> str:
+    """Return in words how rulers contradict the photographs; empty for 0."""
+    if not off:
+        return ""
+    return (
+        f"the rulers contradict the photographs, by which the print is {100 * abs(off):.2g} % "
+        f"{'longer' if off > 0 else 'shorter'} along x, compared with y, than by them: measure the rulers again, and "
+        "see which is which"
+    )
+
+
+def scaled(design: Marker, network: Network, errors: ScaleErrors, places: Array, measured: bool) -> Array:
+    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both."""
+    columns, first = np.zeros((len(places), 3, 2)), int(network.marker[0])
+    if measured:
+        columns[:, :, 0] = errors.left(design, network, first) * (places - places.mean(axis=0))
+    elif network.free and network.prior is None:
+        columns[:, 0, 0], columns[:, 1, 1] = (np.array(errors.along(design)) * places[:, :2]).T
+    return columns.reshape(-1, 2)
+
+
+def source(design: Marker, network: Network, errors: ScaleErrors, off: float) -> str:
+    """Say what the scale of the first marker comes from and how well it is known; `off` as of `contradictions`."""
+    if not network.free:
+        return "The scale is that of the design."
+    left, ruled = errors.mean(design), any(errors.by_rulers(design))
+    why = f" only, since {doubt(off)}" if off else ""
+    if network.lengths:
+        share = sum((each.length / each.sigma) ** 2 for each in network.lengths) ** -0.5
+        said = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
+        said += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %{why}"
+        return f"{said}." if share < left else f"{said}: no better than a print is expected to be, {100 * left:.2g} %."
+    if network.scale_known(int(network.marker[0])):
+        return "The scale is that of the dots measured by hand."
+    if ruled or design.print_scale != (1.0, 1.0):
+        return f"The scale is that of the rulers that markergen rescale was told, known to {100 * left:.2g} %{why}."
+    return (
+        f"The scale is that of the design, expected to be right to {100 * errors.unmeasured:.2g} % along x and y each, "
+        f"to {100 * left:.2g} % in their mean, and distances are no better: measure the rulers (markergen rescale), or "
+        "the distance between two dots (--measured)."
+    )

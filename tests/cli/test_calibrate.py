@@ -1,0 +1,120 @@
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import markergen as mg
+from markergen.calibration.calibration import Calibration
+from markergen.calibration.judging import CrossValidation
+from markergen.cli import main
+from markergen.maths.rotation import exponential
+from markergen.model.camera import Camera
+from markergen.render import Optics, render_view
+
+OFF = 2e-4 * np.array([[0, 1], [1, 0], [-1, 0], [0, -1], [1, 1]])
+CAMERA = Camera(400, 300, 500.0, 500.0, 199.5, 149.5)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with a marker, six photographs of a print of it with dots 0.2 mm off, and the camera."""
+    folder = tmp_path_factory.mktemp("made")
+    marker, rng = mg.design(n=5, radius="60mm", dot="20mm", restarts=1).marker, np.random.default_rng(0)
+    marker.save(folder / "marker.json", folder / "marker.pdf")
+    CAMERA.save(folder / "camera.yaml")
+    moved = zip(marker.control_points, OFF, strict=True)
+    printed = replace(marker, control_points=tuple(replace(p, x=p.x + dx, y=p.y + dy) for p, (dx, dy) in moved))
+    (folder / "photos").mkdir()
+    for k in range(6):
+        lean = np.deg2rad(20 + 5 * k) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0])
+        rotation = exponential(lean) @ np.diag([1.0, -1.0, -1.0])
+        image = render_view(printed, CAMERA, rotation, np.array([0.0, 0.0, 0.35]), Optics(), rng)
+        cv2.imwrite(str(folder / "photos" / f"{k}.png"), image)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(made, monkeypatch):
+    monkeypatch.chdir(made)
+    return made
+
+
+ALL = ["calibrate", "marker.json", "photos", "--camera", "camera.yaml"]
+
+
+@pytest.fixture
+def unconfirmed(monkeypatch):
+    """Left-out photographs do not tell the measured print from the design."""
+
+    def worse(found):
+        gain = replace(found.gain, low=0.9)
+        return CrossValidation(found.photos, found.measured, found.nominal, found.refitted, gain)
+
+    honest = Calibration.saved
+    monkeypatch.setattr(
+        Calibration,
+        "saved",
+        lambda found, targets: honest(replace(found, cross_validation=worse(found.cross_validation)), targets),
+    )
+
+
+def test_without_files_that_is_said(capsys):
+    assert main(ALL) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("Use the measured marker")
+    assert said.err == "nothing was written: add -o measured.json\n"
+    assert main([*ALL, "--json", "-"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["use"]
+    assert said.err == ""
+
+
+def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsys, unconfirmed):
+    output = tmp_path / "measured.json"
+    assert main([*ALL, "-o", str(output)]) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith("Do not use the measured marker yet")
+    assert said.err == f"{output}: written, but not to be used yet: see the first line\n"
+    assert output.exists()
+    assert main([*ALL, "--quiet", "--json", "-"]) == 1
+    said = capsys.readouterr()
+    assert not json.loads(said.out)["use"]
+    assert said.err == "the result is not to be used yet: see the first line\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            "calibrate marker.json photos --camera camera.yaml -o new.yaml",
+            "expected no camera to write, since the given one is taken as exact, found -o new.yaml; leave out "
+            "-o new.yaml, or --camera, or give --camera-covariance",
+        ),
+        ("calibrate marker.json photo.heic", "expected a readable image at photo.heic, found No such file"),
+        ("calibrate marker.json photos/0.png -o camera.yaml", "two photographs or more"),
+        (
+            "calibrate marker.json photos --measured 0-2=150,4mm",
+            "expected a length for measured, found '150,4mm'; write a point: 150.4mm",
+        ),
+        (
+            "calibrate marker.json photos/[0-2].png -o camera.yaml",
+            "expected photographs that determine the dots and the camera, found that 3 photographs of 5 dots with an "
+            "unknown camera have no more measurements than unknowns; take ",
+        ),
+        (
+            "calibrate marker.pdf photos",
+            "expected a marker.json at marker.pdf, found a PDF file; give the .json that was written with it",
+        ),
+        (
+            "calibrate photos/0.png photos",
+            "expected a marker.json at photos/0.png, found a PNG file; give the .json that was written with it",
+        ),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, said, capsys):
+    assert main(arguments.split()) == 2
+    error = capsys.readouterr().err
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
