@@ -639,6 +639,41 @@ def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
         assert first["width"] >= 330
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("n", "bananas"),
+        ("points", "bananas"),
+        ("target", "bananas"),
+        ("boundary", "bananas"),
+        ("keep_out", "bananas"),
+        ("keep_out", "-7"),
+        ("camera", "bananas"),
+        ("poses", "bananas"),
+        ("noise_model", "bananas"),
+        ("dot", "-7"),
+        ("ids", "0..3"),
+        ("paper", "bananas"),
+        ("colors", "bananas"),
+        ("process", "bananas"),
+        ("edge", "-7"),
+        ("mount", "bananas"),
+        ("aggregate", "bananas"),
+        ("coordinates", "bananas"),
+        ("survive", "-7"),
+    ],
+)
+def test_what_is_refused_is_marked_at_its_field_in_the_words_of_the_page(refusing, name, value):
+    page = refusing.page
+    page.evaluate("() => { for (const group of document.querySelectorAll('#form details')) group.open = true; }")
+    page.locator(f"#option-{name}").fill(value)
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#said.fault")
+    marked = page.locator("#form [aria-invalid]").evaluate_all("(all) => all.map((each) => each.id)")
+    assert marked == [*(["option-tag"] if name == "ids" else []), f"option-{name}"]
+    assert not re.search(r"--[a-z]|help\(|markergen\.", refusing.said())
+
+
 def test_its_scripts_are_well_formed():
     node = shutil.which("node")
     if not node:

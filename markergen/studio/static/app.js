@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, lines, make, mm, sentence } from "./dom.js";
+import { Gone, Refused, ask, by, capital, lines, make, mm, said } from "./dom.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
 import { form } from "./options.js";
@@ -12,11 +12,6 @@ let known = null, options = {}, look = null, body = null, camera = null;
 let past = [], future = [], pose = null, search = null, before = null, sized = null;
 let fields, drawing, globe, spatial;
 
-const said = (text, fault = false) => {
-  by("said").textContent = text;
-  by("said").classList.toggle("fault", fault);
-};
-
 /* What requests are about: a rig or marker that was opened or designed, or else the options. */
 const about = () => body || { options: look ? look.options : options };
 
@@ -25,7 +20,7 @@ function told(error) {
   if (error instanceof Gone) return lost();
   if (!(error instanceof Refused)) throw error;
   said(error.message, true);
-  fields.refuse(error.message);
+  fields.refuse(error.found);
 }
 
 /* --- the address and the past ------------------------------------------------------------------------------- */
@@ -129,7 +124,8 @@ async function refresh() {
 function show() {
   drawing.draw(look);
   fields.show(options, { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` });
-  fields.refuse("");
+  fields.refuse();
+  by("printed").replaceChildren(...fields.told(look.options).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
   if (by("table").open) listed();
