@@ -639,6 +639,35 @@ def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
         assert first["width"] >= 330
 
 
+def test_a_window_of_middle_width_shows_nothing_over_the_options(studio):
+    studio.page.set_viewport_size({"width": 1100, "height": 800})
+    studio.page.locator("#options").scroll_into_view_if_needed()
+    facts, options = (studio.page.locator(each).bounding_box() for each in ("#facts", "#options"))
+    assert facts["y"] + facts["height"] <= options["y"]
+    # As long as the marker is in view, they stay beside it.
+    studio.page.evaluate("() => window.scrollTo(0, 300)")
+    assert 0 < studio.page.locator("#facts").bounding_box()["y"] < 200
+
+
+def test_a_phone_shows_the_errors_beside_a_dot_that_is_dragged(address, opened):
+    allowed = lambda url: url.startswith((address, "blob:"))  # noqa: E731
+    with opened(address, allowed, viewport={"width": 400, "height": 800}, has_touch=True) as page:
+        studio = Studio(page)
+        studio.settle()
+        box = page.locator("#canvas svg").bounding_box()
+        page.evaluate("(top) => window.scrollTo(0, top)", box["y"] - 40)
+        before = studio.degrees()
+        dot = page.locator("#canvas .dot").nth(1).locator(".mark").bounding_box()
+        page.mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(dot["x"] + dot["width"] / 2 + 40, dot["y"] + dot["height"] / 2 + 20, steps=5)
+        assert studio.degrees() > before
+        brief = page.locator("#brief")
+        assert 0 <= brief.bounding_box()["y"] < 40
+        assert float(brief.inner_text().split()[0]) == studio.degrees()
+        page.mouse.up()
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -672,6 +701,63 @@ def test_what_is_refused_is_marked_at_its_field_in_the_words_of_the_page(refusin
     marked = page.locator("#form [aria-invalid]").evaluate_all("(all) => all.map((each) => each.id)")
     assert marked == [*(["option-tag"] if name == "ids" else []), f"option-{name}"]
     assert not re.search(r"--[a-z]|help\(|markergen\.", refusing.said())
+
+
+def test_what_takes_long_is_said_meanwhile(studio):
+    shown = "() => getComputedStyle(document.querySelector('.bar'), '::after').visibility"
+    assert studio.page.evaluate(shown) == "hidden"
+    held = []
+    studio.page.route("**/look", lambda route: held.append(route))
+    studio.page.get_by_label("n", exact=True).fill("7")
+    studio.page.keyboard.press("Tab")
+    studio.until(f"() => ({shown})() === 'visible'")
+    held.pop().continue_()
+    studio.until(f"() => ({shown})() === 'hidden'")
+    studio.page.unroute("**/look")
+    assert studio.dots() == 7
+
+
+@pytest.mark.parametrize("theme", ["", "dark"])
+def test_it_prints_on_white_with_the_options_of_the_design(studio, theme):
+    from pypdfium2 import PdfDocument
+
+    page = studio.page
+    page.get_by_label("radius", exact=True).fill("123mm")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("body[data-rested]", timeout=60_000)
+    studio.settle()
+    page.select_option("#theme", theme)
+    pages = PdfDocument(page.pdf(format="A4", print_background=True))
+    text = pages[0].get_textpage().get_text_range()
+    assert re.search(r"radius\s+123mm", text)
+    assert re.search(r"points\s+0.0mm,", text)
+    assert "What to expect" in text
+    picture = pages[0].render().to_numpy()
+    assert np.median(picture) == 255
+    page.emulate_media(media="print")
+    exact = "() => getComputedStyle(document.querySelector('.shares i')).printColorAdjust"
+    assert page.evaluate(exact) == "exact"
+
+
+def test_a_body_is_printed_with_its_picture(studio):
+    page = studio.page
+    page.fill("#shape", "pair")
+    page.click("#rig button")
+    page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')", timeout=120_000)
+    if not page.locator("#stage canvas").count():
+        pytest.skip("no WebGL")
+    inked = """() => {
+      const canvas = document.querySelector("#stage canvas"), copy = document.createElement("canvas").getContext("2d");
+      copy.drawImage(canvas, 0, 0, 100, 100);
+      return copy.getImageData(0, 0, 100, 100).data.some((value) => value);
+    }"""
+    # Also long after it was drawn, as paper takes it.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.evaluate(inked)
+    page.emulate_media(media="print")
+    box, around = (page.locator(each).bounding_box() for each in ("#stage canvas", "#stage .space"))
+    assert box["width"] <= around["width"] + 1
+    assert page.locator("#body-note").is_visible()
 
 
 def test_its_scripts_are_well_formed():

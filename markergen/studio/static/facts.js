@@ -14,6 +14,7 @@ export function now(look) {
     make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to ")),
     make("div", { class: "note", id: "plan" }, expected.sentence));
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
+  by("brief").textContent = `${digits(expected.rotation_deg)} deg, ${digits(expected.translation_mm)} mm`;
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
   const bar = make("div", { class: "shares", "aria-hidden": "true" }, shares.map(() => make("i")));
