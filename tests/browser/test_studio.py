@@ -717,6 +717,35 @@ def test_what_takes_long_is_said_meanwhile(studio):
     assert studio.dots() == 7
 
 
+def test_the_focus_and_what_is_typed_stay_in_the_table_of_dots(studio):
+    page = studio.page
+    page.click("#table summary")
+    page.get_by_label("x of dot 0 in mm").fill("12.5")
+    page.keyboard.press("Tab")
+    page.keyboard.type("77")  # into y, while the answer is on its way
+    studio.settle()
+    y = page.get_by_label("y of dot 0 in mm")
+    assert page.evaluate("() => document.activeElement.ariaLabel") == "y of dot 0 in mm"
+    assert y.input_value() == "77"
+    page.keyboard.press("Tab")
+    studio.settle()
+    assert studio.state()["points"].startswith("12.5mm,77mm")
+    page.get_by_label("Remove dot 4").focus()
+    page.keyboard.press("Enter")
+    assert studio.dots() == 4
+    assert page.evaluate("() => document.activeElement.ariaLabel") == "Remove dot 3"
+
+
+def test_the_dots_of_a_relief_have_heights_to_type(studio):
+    studio.page.get_by_label("relief", exact=True).fill("20mm")
+    studio.page.keyboard.press("Tab")
+    studio.settle()
+    studio.page.click("#table summary")
+    studio.page.get_by_label("z of dot 1 in mm").fill("8")
+    studio.page.keyboard.press("Tab")
+    assert studio.state()["points"].split("; ")[1].endswith(",8mm")
+
+
 @pytest.mark.parametrize("theme", ["", "dark"])
 def test_it_prints_on_white_with_the_options_of_the_design(studio, theme):
     from pypdfium2 import PdfDocument
