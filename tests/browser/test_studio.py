@@ -1,5 +1,6 @@
 """The studio in a browser: everything that a page can do, against the server that a user starts."""
 
+import base64
 import json
 import re
 import shutil
@@ -639,6 +640,25 @@ def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
         assert first["width"] >= 330
 
 
+OVERLAPPING = "0mm,0mm; 1mm,0mm; 2mm,0mm; 3mm,0mm; 4mm,0mm; 60mm,60mm"
+
+
+def linked(address, state):
+    """The address that holds a state."""
+    return address + "#" + base64.urlsafe_b64encode(json.dumps(state).encode()).decode().rstrip("=")
+
+
+def test_of_many_problems_the_first_are_told_and_everyone_can_read_them(address, opened):
+    state = {"points": OVERLAPPING, "dot": "20mm"}
+    with opened(linked(address, state), lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page:
+        Studio(page).settle()
+        said = page.locator("#problems li").all_inner_texts()
+        assert len(said) == 6
+        assert said[0] == "Dots 0 and 1 are 21 mm too near to each other."
+        assert said[-1] == "And 5 more."
+        assert obstacles(page) == []
+
+
 def test_a_window_of_middle_width_shows_nothing_over_the_options(studio):
     studio.page.set_viewport_size({"width": 1100, "height": 800})
     studio.page.locator("#options").scroll_into_view_if_needed()
@@ -744,6 +764,67 @@ def test_the_dots_of_a_relief_have_heights_to_type(studio):
     studio.page.get_by_label("z of dot 1 in mm").fill("8")
     studio.page.keyboard.press("Tab")
     assert studio.state()["points"].split("; ")[1].endswith(",8mm")
+
+
+def test_photographs_are_told_and_taken_away(studio, tmp_path):
+    from PIL import Image
+
+    Image.new("L", (320, 240), 200).save(tmp_path / "empty.png")
+    # It stands above the photographs, and moves them down when it comes.
+    studio.page.wait_for_selector("#view", state="visible")
+    studio.give(tmp_path / "empty.png")
+    studio.until("() => document.getElementById('said').textContent.startsWith('empty.png: not found')")
+    studio.page.wait_for_selector("#photos img", state="visible")
+    at = "document.querySelector('#photos figcaption').getBoundingClientRect()"
+    studio.until(f"() => {at}.top > 0 && {at}.bottom < innerHeight")
+    studio.page.get_by_role("button", name="Remove photographs").click()
+    assert studio.page.locator("#photos figure").count() == 0
+    assert studio.page.locator("#photos-away").is_hidden()
+
+
+def test_whoever_waits_for_a_server_that_is_gone_is_told(refusing, tmp_path):
+    from PIL import Image
+
+    Image.new("L", (320, 240), 200).save(tmp_path / "empty.png")
+    refusing.page.context.set_offline(True)
+    refusing.page.click("#download")
+    refusing.page.wait_for_selector("#gone:not([hidden])")
+    assert refusing.said() == "The studio does not answer."
+    refusing.give(tmp_path / "empty.png")
+    refusing.page.wait_for_selector("figcaption:has-text('empty.png: not looked at')")
+    refusing.page.evaluate("() => window.scrollTo(0, document.body.scrollHeight)")
+    banner = refusing.page.locator("#gone").bounding_box()
+    assert 0 <= banner["y"] <= 720 - banner["height"]
+    refusing.page.context.set_offline(False)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("plate.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
+         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: a drawing"),
+        ("cam.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n", "cam.yaml: a camera"),
+    ],
+)  # fmt: skip
+def test_what_was_opened_is_told(studio, tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    studio.give(tmp_path / name)
+    if name.endswith(".svg"):
+        studio.page.click("#drop button[value=boundary]")
+    studio.until(f"() => document.getElementById('said').textContent === {said!r}")
+
+
+def test_corners_are_drawn_in_round_numbers_and_without_a_ring_around_all(studio):
+    box = studio.page.locator("#canvas svg").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    studio.page.click("[data-mode=keep]")
+    for right, down in ((-23, -17), (31, -29), (11, 37)):
+        studio.page.mouse.click(x + right, y + down, delay=20)
+    studio.page.keyboard.press("Enter")
+    studio.page.wait_for_selector("#canvas .out")
+    ((corners,),) = (each["outlines"] for each in studio.state()["keep_out"])
+    assert all(len(repr(value).partition(".")[2]) <= 5 for corner in corners for value in corner)
+    assert studio.page.evaluate("() => getComputedStyle(document.getElementById('marker')).outlineStyle") == "none"
 
 
 @pytest.mark.parametrize("theme", ["", "dark"])

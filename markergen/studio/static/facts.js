@@ -2,6 +2,7 @@
 
 import { by, digits, make, mm, prose, sentence, table } from "./dom.js";
 
+const MOST = 5;
 const SOURCES = { image: "image", print: "print", calibration: "calibration" };
 
 /* What follows a dot that is dragged. */
@@ -13,8 +14,8 @@ export function now(look) {
       make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
     make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to ")),
     make("div", { class: "note", id: "plan" }, expected.sentence));
-  const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   by("brief").textContent = `${digits(expected.rotation_deg)} deg, ${digits(expected.translation_mm)} mm`;
+  const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
   const bar = make("div", { class: "shares", "aria-hidden": "true" }, shares.map(() => make("i")));
@@ -28,6 +29,14 @@ export function now(look) {
   by("beside").replaceChildren(
     table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
     make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
+}
+
+/* What is wrong with the layout; of many only the first. */
+export function problems(found) {
+  const more = found.length - MOST;
+  by("problems").replaceChildren(
+    ...found.slice(0, MOST).map((each) => make("li", {}, sentence(each.line))),
+    ...(more > 0 ? [make("li", {}, `And ${more} more.`)] : []));
 }
 
 /* What takes longer; null while it is not known. */
