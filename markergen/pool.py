@@ -12,6 +12,7 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
+from time import sleep
 from traceback import format_exception
 from typing import Any, TypeVar
 
@@ -188,8 +189,7 @@ class Worker:
 
 def _started(luggage: Luggage, daemon: bool = False) -> tuple[Connection, SpawnProcess]:
     """Start a worker, a daemon if it is to end with this process; return our end of its pipe, too."""
-    # Workers inherit sys.path, which while another thread imports OpenCV begins with a folder that has a "typing".
-    import cv2  # noqa: F401
+    _opencv_imported()
 
     # A fresh interpreter, because fork would copy locks that threads of BLAS and OpenCV may hold at that moment.
     context = multiprocessing.get_context("spawn")
@@ -199,6 +199,19 @@ def _started(luggage: Luggage, daemon: bool = False) -> tuple[Connection, SpawnP
     # Now only the worker holds that end, so ours reports its death.
     theirs.close()
     return ours, worker
+
+
+def _opencv_imported() -> None:
+    """Import OpenCV, or wait until another thread has.
+
+    Workers inherit sys.path, which meanwhile begins with a folder that has a ``typing``. ``import cv2`` alone does not
+    wait for another thread's: before OpenCV has put sys.path right, it puts a module that is complete, its binary part,
+    into sys.modules.
+    """
+    import cv2  # noqa: F401
+
+    while hasattr(sys, "OpenCV_LOADER"):
+        sleep(0.001)
 
 
 @contextmanager

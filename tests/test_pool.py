@@ -130,16 +130,24 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
 
 
 def test_a_worker_starts_while_another_thread_imports_opencv(tmp_path):
-    """OpenCV puts its own folder, in which there is a `typing`, first in sys.path while it is imported."""
+    """OpenCV puts its own folder, in which there is a `typing`, first in sys.path while it is imported.
+
+    And its binary part, which is complete, into sys.modules.
+    """
     (tmp_path / "cv2").mkdir()
     (tmp_path / "cv2" / "typing.py").write_text('raise ImportError("not the typing of Python")\n')
     (tmp_path / "cv2" / "__init__.py").write_text(
-        "import sys, time\n"
+        "import sys, time, types\n"
         "before, setNumThreads = sys.path[:], int\n"
+        "sys.OpenCV_LOADER = True\n"
         "sys.path.insert(0, __path__[0])\n"
+        "package = sys.modules.pop('cv2')\n"
+        "sys.modules['cv2'] = types.ModuleType('cv2')\n"
         "sys.importing = True\n"
         "time.sleep(0.3)\n"
+        "sys.modules['cv2'] = package\n"
         "sys.path[:] = before\n"
+        "del sys.OpenCV_LOADER\n"
     )
     script = (
         "import math, sys, threading\n"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.model.boundary import Without
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -55,11 +56,14 @@ def _largest(spec: Spec) -> float:
 def faults(points: Array, region: FeasibleRegion) -> list[Fault]:
     """Find the dots of a layout (n, 2 or 3) in m that are out of the region or too near to each other."""
     plane = points[:, :2]
-    outside = region.inset - region.boundary.depth(plane[None])[0]
-    found = [
-        Fault((int(dot),), f"dot {dot} is {format_length(outside[dot])} too near to the edge of the room, or beyond it")
-        for dot in np.flatnonzero(outside > TOLERANCE)
-    ]
+    room = region.boundary
+    whole = room.boundary if isinstance(room, Without) else room
+    outside, beyond = (region.inset - each.depth(plane[None])[0] for each in (room, whole))
+    found = []
+    for dot in np.flatnonzero(outside > TOLERANCE).tolist():
+        at_edge = beyond[dot] == outside[dot]
+        where = "the edge of the room, or beyond it" if at_edge else "a region without dots, or in it"
+        found.append(Fault((dot,), f"dot {dot} is {format_length(outside[dot])} too near to {where}"))
     short = region.spacing - np.linalg.norm(plane[:, None] - plane, axis=-1)
     for one, other in np.argwhere(np.triu(short > TOLERANCE, 1)).tolist():
         words = f"dots {one} and {other} are {format_length(short[one, other])} too near to each other"

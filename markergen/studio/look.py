@@ -38,6 +38,9 @@ Array = NDArray[np.float64]
 USUAL_COUNT = 8
 """Number of dots that a page begins with where a search is to choose it."""
 
+STARTS = {"ngon": "a regular polygon", "random": "a random layout"}
+"""What a page begins with, the best first, by their names in `comparison_layouts`."""
+
 COUNTS = (5, 6, 8, 10, 12, 16, 20, 24, 30, 40, 60, 80, 100)
 """Numbers of dots that are told beside a layout."""
 
@@ -75,6 +78,8 @@ class Sketch:
     setting : Setting
     region : FeasibleRegion
     faults : list of Fault
+    start : str
+        What it begins with, in words, where the options have no points.
     """
 
     spec: Spec
@@ -82,6 +87,7 @@ class Sketch:
     setting: Setting
     region: FeasibleRegion
     faults: list[Fault]
+    start: str = ""
 
     @property
     def points(self) -> Array:
@@ -130,7 +136,7 @@ def sketch(options: Options) -> Sketch:
     InputError
         If the options make no spec, or no pose sees the room.
     """
-    spec = _begun(spec_of_options(options))
+    spec, start = _begun(spec_of_options(options))
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     dots = size_given(spec, poses)
     setting = Setting(spec.boundary, spec.camera, poses)
@@ -138,27 +144,31 @@ def sketch(options: Options) -> Sketch:
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
     points = np.array(spec.points)
-    return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region))
+    return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region), start)
 
 
-def _begun(spec: Spec) -> Spec:
-    """Return a spec with points: its own, or those of a regular polygon, or of a random layout if that does not fit."""
+def _begun(spec: Spec) -> tuple[Spec, str]:
+    """Return a spec with points, and what they are in words.
+
+    They are its own, or those of a regular polygon, or of a random layout if that does not fit.
+    """
     if spec.points:
-        return spec
+        return spec, ""
     spec = replace(spec, n=USUAL_COUNT, dot=None, target="") if spec.n == AUTO else spec
     spec = replace(spec, dot=None) if spec.dot == "auto" else spec
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     dots = choose_dots(spec, poses)
     region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
     layouts = comparison_layouts(region, spec.n, spec.seed)
-    batch = next((layouts[name] for name in ("ngon", "random") if len(layouts.get(name, ()))), None)
-    if batch is None:
+    name = next((name for name in STARTS if len(layouts.get(name, ()))), None)
+    if name is None:
         raise InputError(f"{spec.n} dots that fit", "no room found at once", "optimize, or use fewer or smaller dots")
     # Whole hundredths of a mm, as long as all dots still fit.
-    near = np.round(batch[0], 5)
-    points = batch[0] if faults(near, region) else near
+    exact = layouts[name][0]
+    near = np.round(exact, 5)
+    points = exact if faults(near, region) else near
     rows = np.column_stack([points, np.zeros(spec.n)]) if spec.relief else points
-    return replace(spec, points=tuple(map(tuple, rows.tolist())))
+    return replace(spec, points=tuple(map(tuple, rows.tolist()))), STARTS[name]
 
 
 def look(options: Any) -> dict[str, Any]:
@@ -175,7 +185,7 @@ def look(options: Any) -> dict[str, Any]:
     shares = {"image": "image", "print": "print", "calibration": "camera"}
     return {"options": _with_points(state, spec), "dots": _dots(found.marker)} | clean(
         {
-            "start": not state.get("points"),
+            "start": found.start,
             "room": _room(spec),
             "clearance": found.region.clearance,
             "problems": [{"dots": list(each.dots), "line": each.words} for each in found.faults],
@@ -261,7 +271,7 @@ def _limits(found: Sketch, budget: PoseBudget) -> list[str]:
 
 
 def _objective(found: Sketch) -> dict[str, Any]:
-    """Value of the objective, of the regular polygon beside it, and the best of this room that was looked at."""
+    """Value of the objective, of the regular polygon beside it, and the best of both and all looked at in this room."""
     spec, region = found.spec, found.region
     goal = parse_goal(spec.objective)
     unit, factor = "", 1.0
@@ -273,7 +283,8 @@ def _objective(found: Sketch) -> dict[str, Any]:
     key = room, region.diameter
     if key not in _KNOWN:
         layouts = comparison_layouts(region, room.n, room.seed, found.setting).get("ngon", np.zeros((0, room.n, 2)))
-        _KNOWN[key] = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf, np.inf
+        polygon = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf
+        _KNOWN[key] = polygon, polygon
         for old in list(_KNOWN)[:-ROOMS]:
             del _KNOWN[old]
     ngon, best = _KNOWN[key]

@@ -17,7 +17,7 @@ from urllib.parse import quote, unquote
 import uvicorn
 from anyio import to_thread
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
@@ -167,6 +167,8 @@ def _refusing(handler: Handler) -> Handler:
     async def handle(request: Request) -> Response:
         try:
             return await handler(request)
+        except ClientDisconnect:  # In the middle of its request: nobody reads the answer.
+            return Response(status_code=400)
         except Exception as error:
             return _json(failure(error), 422 if isinstance(error, MarkergenError) else 500)
 
@@ -250,6 +252,9 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
     OutputError
         If the port is not free.
     """
+    # The first requests of a page come together; none of them should meet OpenCV half imported by another.
+    import cv2  # noqa: F401
+
     with _listening(port) as sock:
         place = sock.getsockname()[1]
         token = secrets.token_urlsafe(16)

@@ -10,8 +10,10 @@ from typing import Any
 from markergen import __version__
 from markergen.api.design import design, request_of
 from markergen.api.names import NAMES, names_of
+from markergen.drawing.paper import find_paper
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
+from markergen.exporters.png import pixels_per_meter
 from markergen.model.marker import Marker
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
@@ -113,8 +115,13 @@ def _number(text: str, kind: str) -> Any:
 
 
 def spec_of_options(options: Any) -> Spec:
-    """Return the spec of a state; raises InputError as `markergen.design`."""
-    return request_of(plain(options)).spec
+    """Return the spec of a state; raises InputError as `markergen.design`, also for what only some files need."""
+    request = request_of(plain(options))
+    sheet = request.choices.sheet
+    if sheet.paper is not None:
+        find_paper(sheet.paper, sheet.orientation)
+    pixels_per_meter(request.choices.dpi)
+    return request.spec
 
 
 def design_of(options: Any) -> Design:

@@ -1,5 +1,6 @@
 """The studio in a browser: everything that a page can do, against the server that a user starts."""
 
+import base64
 import json
 import re
 import shutil
@@ -637,6 +638,236 @@ def test_a_phone_shows_it_without_scrolling_sideways(address, opened):
         assert page.evaluate("() => document.documentElement.scrollWidth") <= 400
         first = page.locator("#canvas svg").bounding_box()
         assert first["width"] >= 330
+
+
+OVERLAPPING = "0mm,0mm; 1mm,0mm; 2mm,0mm; 3mm,0mm; 4mm,0mm; 60mm,60mm"
+
+
+def linked(address, state):
+    """The address that holds a state."""
+    return address + "#" + base64.urlsafe_b64encode(json.dumps(state).encode()).decode().rstrip("=")
+
+
+def test_of_many_problems_the_first_are_told_and_everyone_can_read_them(address, opened):
+    state = {"points": OVERLAPPING, "dot": "20mm"}
+    with opened(linked(address, state), lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page:
+        Studio(page).settle()
+        said = page.locator("#problems li").all_inner_texts()
+        assert len(said) == 6
+        assert said[0] == "Dots 0 and 1 are 21 mm too near to each other."
+        assert said[-1] == "And 5 more."
+        assert obstacles(page) == []
+
+
+def test_a_window_of_middle_width_shows_nothing_over_the_options(studio):
+    studio.page.set_viewport_size({"width": 1100, "height": 800})
+    studio.page.locator("#options").scroll_into_view_if_needed()
+    facts, options = (studio.page.locator(each).bounding_box() for each in ("#facts", "#options"))
+    assert facts["y"] + facts["height"] <= options["y"]
+    # As long as the marker is in view, they stay beside it.
+    studio.page.evaluate("() => window.scrollTo(0, 300)")
+    assert 0 < studio.page.locator("#facts").bounding_box()["y"] < 200
+
+
+def test_a_phone_shows_the_errors_beside_a_dot_that_is_dragged(address, opened):
+    allowed = lambda url: url.startswith((address, "blob:"))  # noqa: E731
+    with opened(address, allowed, viewport={"width": 400, "height": 800}, has_touch=True) as page:
+        studio = Studio(page)
+        studio.settle()
+        box = page.locator("#canvas svg").bounding_box()
+        page.evaluate("(top) => window.scrollTo(0, top)", box["y"] - 40)
+        before = studio.degrees()
+        dot = page.locator("#canvas .dot").nth(1).locator(".mark").bounding_box()
+        page.mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(dot["x"] + dot["width"] / 2 + 40, dot["y"] + dot["height"] / 2 + 20, steps=5)
+        assert studio.degrees() > before
+        brief = page.locator("#brief")
+        assert 0 <= brief.bounding_box()["y"] < 40
+        assert float(brief.inner_text().split()[0]) == studio.degrees()
+        page.mouse.up()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("n", "bananas"),
+        ("points", "bananas"),
+        ("target", "bananas"),
+        ("boundary", "bananas"),
+        ("keep_out", "bananas"),
+        ("keep_out", "-7"),
+        ("camera", "bananas"),
+        ("poses", "bananas"),
+        ("noise_model", "bananas"),
+        ("dot", "-7"),
+        ("ids", "0..3"),
+        ("paper", "bananas"),
+        ("colors", "bananas"),
+        ("process", "bananas"),
+        ("edge", "-7"),
+        ("mount", "bananas"),
+        ("aggregate", "bananas"),
+        ("coordinates", "bananas"),
+        ("survive", "-7"),
+    ],
+)
+def test_what_is_refused_is_marked_at_its_field_in_the_words_of_the_page(refusing, name, value):
+    page = refusing.page
+    page.evaluate("() => { for (const group of document.querySelectorAll('#form details')) group.open = true; }")
+    page.locator(f"#option-{name}").fill(value)
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#said.fault")
+    marked = page.locator("#form [aria-invalid]").evaluate_all("(all) => all.map((each) => each.id)")
+    assert marked == [*(["option-tag"] if name == "ids" else []), f"option-{name}"]
+    assert not re.search(r"--[a-z]|help\(|markergen\.", refusing.said())
+
+
+def test_what_takes_long_is_said_meanwhile(studio):
+    shown = "() => getComputedStyle(document.querySelector('.bar'), '::after').visibility"
+    assert studio.page.evaluate(shown) == "hidden"
+    held = []
+    studio.page.route("**/look", lambda route: held.append(route))
+    studio.page.get_by_label("n", exact=True).fill("7")
+    studio.page.keyboard.press("Tab")
+    studio.until(f"() => ({shown})() === 'visible'")
+    held.pop().continue_()
+    studio.until(f"() => ({shown})() === 'hidden'")
+    studio.page.unroute("**/look")
+    assert studio.dots() == 7
+
+
+def test_the_focus_and_what_is_typed_stay_in_the_table_of_dots(studio):
+    page = studio.page
+    page.click("#table summary")
+    page.get_by_label("x of dot 0 in mm").fill("12.5")
+    page.keyboard.press("Tab")
+    page.keyboard.type("77")  # into y, while the answer is on its way
+    studio.settle()
+    y = page.get_by_label("y of dot 0 in mm")
+    assert page.evaluate("() => document.activeElement.ariaLabel") == "y of dot 0 in mm"
+    assert y.input_value() == "77"
+    page.keyboard.press("Tab")
+    studio.settle()
+    assert studio.state()["points"].startswith("12.5mm,77mm")
+    page.get_by_label("Remove dot 4").focus()
+    page.keyboard.press("Enter")
+    assert studio.dots() == 4
+    assert page.evaluate("() => document.activeElement.ariaLabel") == "Remove dot 3"
+
+
+def test_the_dots_of_a_relief_have_heights_to_type(studio):
+    studio.page.get_by_label("relief", exact=True).fill("20mm")
+    studio.page.keyboard.press("Tab")
+    studio.settle()
+    studio.page.click("#table summary")
+    studio.page.get_by_label("z of dot 1 in mm").fill("8")
+    studio.page.keyboard.press("Tab")
+    assert studio.state()["points"].split("; ")[1].endswith(",8mm")
+
+
+def test_photographs_are_told_and_taken_away(studio, tmp_path):
+    from PIL import Image
+
+    Image.new("L", (320, 240), 200).save(tmp_path / "empty.png")
+    # It stands above the photographs, and moves them down when it comes.
+    studio.page.wait_for_selector("#view", state="visible")
+    studio.give(tmp_path / "empty.png")
+    studio.until("() => document.getElementById('said').textContent.startsWith('empty.png: not found')")
+    studio.page.wait_for_selector("#photos img", state="visible")
+    at = "document.querySelector('#photos figcaption').getBoundingClientRect()"
+    studio.until(f"() => {at}.top > 0 && {at}.bottom < innerHeight")
+    studio.page.get_by_role("button", name="Remove photographs").click()
+    assert studio.page.locator("#photos figure").count() == 0
+    assert studio.page.locator("#photos-away").is_hidden()
+
+
+def test_whoever_waits_for_a_server_that_is_gone_is_told(refusing, tmp_path):
+    from PIL import Image
+
+    Image.new("L", (320, 240), 200).save(tmp_path / "empty.png")
+    refusing.page.context.set_offline(True)
+    refusing.page.click("#download")
+    refusing.page.wait_for_selector("#gone:not([hidden])")
+    assert refusing.said() == "The studio does not answer."
+    refusing.give(tmp_path / "empty.png")
+    refusing.page.wait_for_selector("figcaption:has-text('empty.png: not looked at')")
+    refusing.page.evaluate("() => window.scrollTo(0, document.body.scrollHeight)")
+    banner = refusing.page.locator("#gone").bounding_box()
+    assert 0 <= banner["y"] <= 720 - banner["height"]
+    refusing.page.context.set_offline(False)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("plate.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
+         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: a drawing"),
+        ("cam.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n", "cam.yaml: a camera"),
+    ],
+)  # fmt: skip
+def test_what_was_opened_is_told(studio, tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    studio.give(tmp_path / name)
+    if name.endswith(".svg"):
+        studio.page.click("#drop button[value=boundary]")
+    studio.until(f"() => document.getElementById('said').textContent === {said!r}")
+
+
+def test_corners_are_drawn_in_round_numbers_and_without_a_ring_around_all(studio):
+    box = studio.page.locator("#canvas svg").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    studio.page.click("[data-mode=keep]")
+    for right, down in ((-23, -17), (31, -29), (11, 37)):
+        studio.page.mouse.click(x + right, y + down, delay=20)
+    studio.page.keyboard.press("Enter")
+    studio.page.wait_for_selector("#canvas .out")
+    ((corners,),) = (each["outlines"] for each in studio.state()["keep_out"])
+    assert all(len(repr(value).partition(".")[2]) <= 5 for corner in corners for value in corner)
+    assert studio.page.evaluate("() => getComputedStyle(document.getElementById('marker')).outlineStyle") == "none"
+
+
+@pytest.mark.parametrize("theme", ["", "dark"])
+def test_it_prints_on_white_with_the_options_of_the_design(studio, theme):
+    from pypdfium2 import PdfDocument
+
+    page = studio.page
+    page.get_by_label("radius", exact=True).fill("123mm")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("body[data-rested]", timeout=60_000)
+    studio.settle()
+    page.select_option("#theme", theme)
+    pages = PdfDocument(page.pdf(format="A4", print_background=True))
+    text = pages[0].get_textpage().get_text_range()
+    assert re.search(r"radius\s+123mm", text)
+    assert re.search(r"points\s+0.0mm,", text)
+    assert "What to expect" in text
+    picture = pages[0].render().to_numpy()
+    assert np.median(picture) == 255
+    page.emulate_media(media="print")
+    exact = "() => getComputedStyle(document.querySelector('.shares i')).printColorAdjust"
+    assert page.evaluate(exact) == "exact"
+
+
+def test_a_body_is_printed_with_its_picture(studio):
+    page = studio.page
+    page.fill("#shape", "pair")
+    page.click("#rig button")
+    page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')", timeout=120_000)
+    if not page.locator("#stage canvas").count():
+        pytest.skip("no WebGL")
+    inked = """() => {
+      const canvas = document.querySelector("#stage canvas"), copy = document.createElement("canvas").getContext("2d");
+      copy.drawImage(canvas, 0, 0, 100, 100);
+      return copy.getImageData(0, 0, 100, 100).data.some((value) => value);
+    }"""
+    # Also long after it was drawn, as paper takes it.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.evaluate(inked)
+    page.emulate_media(media="print")
+    box, around = (page.locator(each).bounding_box() for each in ("#stage canvas", "#stage .space"))
+    assert box["width"] <= around["width"] + 1
+    assert page.locator("#body-note").is_visible()
 
 
 def test_its_scripts_are_well_formed():

@@ -37,12 +37,21 @@ def test_the_objective_is_that_of_the_design() -> None:
 
 def test_without_points_it_begins_with_the_regular_polygon_as_a_state_with_points() -> None:
     found = look({"n": "6"})
-    assert found["start"]
+    assert found["start"] == "a regular polygon"
     assert len(found["dots"]) == 6
     assert not found["problems"]
     again = look(found["options"])
     assert not again["start"]
     assert again["dots"] == found["dots"]
+
+
+def test_where_no_regular_polygon_fits_it_begins_with_a_random_layout() -> None:
+    assert look({"n": 12, "dot": "14mm", "boundary": "rect:120mmx60mm"})["start"] == "a random layout"
+
+
+def test_the_best_seen_is_at_least_the_regular_polygon_beside_it() -> None:
+    found = look({"dot": "30mm", "radius": "151mm", "points": POINTS})["objective"]
+    assert found["best_known"] == min(found["value"], found["ngon"]) == found["ngon"]
 
 
 def test_what_a_page_begins_with_fits() -> None:
@@ -56,7 +65,12 @@ def test_faults_are_said_and_do_not_stop_the_numbers() -> None:
     found = look({**MOVED, "points": POINTS.replace("0mm,0mm", "10mm,-90mm")})
     assert [each["dots"] for each in found["problems"]] == [[2, 4]]
     assert found["expected"]["rotation_deg"] > 0
-    assert look({**MOVED, "points": POINTS.replace("0mm,120mm", "0mm,200mm")})["problems"][0]["dots"] == [0]
+    [edge] = look({**MOVED, "points": POINTS.replace("0mm,120mm", "0mm,200mm")})["problems"]
+    assert edge["dots"] == [0]
+    assert edge["line"].endswith("too near to the edge of the room, or beyond it")
+    [inside] = look({**MOVED, "keep_out": ["circle:5mm@0mm,0mm"]})["problems"]
+    assert inside["dots"] == [4]
+    assert inside["line"].endswith("too near to a region without dots, or in it")
 
 
 def test_a_relief_a_tag_and_keep_outs_are_drawn() -> None:
@@ -87,6 +101,8 @@ def test_more_says_what_takes_longer() -> None:
         ({"n": "many"}, "a whole number"),
         ({"radius": "1 parsec"}, "length"),
         ({"points": "0,0"}, "4 to 200 dots"),
+        ({"paper": "bananas"}, "a known paper size"),
+        ({"dpi": "-7"}, "dpi"),
     ],
 )
 def test_states_that_are_none_are_refused(options: object, said: str) -> None:

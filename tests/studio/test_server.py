@@ -1,6 +1,9 @@
 """Who may ask the studio, and how it answers what it cannot use."""
 
 import re
+import socket
+import subprocess
+import sys
 
 import pytest
 
@@ -124,6 +127,27 @@ def test_what_should_not_happen_is_told_as_such(studio, monkeypatch, caplog):
     assert answer.status == 500
     assert answer.json["line"].startswith("this should not happen: ZeroDivisionError: division by zero; ")
     assert "Traceback" in caplog.text
+
+
+def test_a_request_that_breaks_off_is_not_a_failure(studio, caplog):
+    with socket.create_connection(("127.0.0.1", studio.port)) as wire:
+        host = f"127.0.0.1:{studio.port}"
+        wire.sendall(f"POST /{TOKEN}/words HTTP/1.1\r\nHost: {host}\r\nContent-Length: 100\r\n\r\n{{".encode())
+    # Whatever the server says of it, it has said before it answers the next one.
+    assert studio.post("words", {"options": {}}).status == 200
+    assert "in the studio" not in caplog.text
+
+
+def test_opencv_is_there_before_the_first_request():
+    """Requests of a page come together, and one would meet OpenCV half imported by another."""
+    script = (
+        "import sys, uvicorn\n"
+        "from markergen.studio.server import serve\n"
+        "uvicorn.Server.run = lambda self, sockets: print('cv2' in sys.modules)\n"
+        "serve(browser=False)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines()[-1] == "True"
 
 
 def test_the_page_begins_with_a_file(tmp_path, studio, options):

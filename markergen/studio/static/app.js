@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, lines, make, mm, sentence } from "./dom.js";
+import { Gone, Refused, ask, by, capital, lines, make, mm, said } from "./dom.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
 import { form } from "./options.js";
@@ -12,11 +12,6 @@ let known = null, options = {}, look = null, body = null, camera = null;
 let past = [], future = [], pose = null, search = null, before = null, sized = null;
 let fields, drawing, globe, spatial;
 
-const said = (text, fault = false) => {
-  by("said").textContent = text;
-  by("said").classList.toggle("fault", fault);
-};
-
 /* What requests are about: a rig or marker that was opened or designed, or else the options. */
 const about = () => body || { options: look ? look.options : options };
 
@@ -25,7 +20,7 @@ function told(error) {
   if (error instanceof Gone) return lost();
   if (!(error instanceof Refused)) throw error;
   said(error.message, true);
-  fields.refuse(error.message);
+  fields.refuse(error.found);
 }
 
 /* --- the address and the past ------------------------------------------------------------------------------- */
@@ -129,12 +124,13 @@ async function refresh() {
 function show() {
   drawing.draw(look);
   fields.show(options, { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` });
-  fields.refuse("");
+  fields.refuse();
+  by("printed").replaceChildren(...fields.told(look.options).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
   if (by("table").open) listed();
-  by("problems").replaceChildren(...look.problems.map((each) => make("li", {}, sentence(each.line))));
-  if (!search) said(look.start ? "A regular polygon to start from. Optimize searches for the best layout; or move the dots." : "");
+  facts.problems(look.problems);
+  if (!search) said(look.start ? `${capital(look.start)} to start from. Optimize searches for the best layout; or move the dots.` : "");
   document.title = `${look.dots.length} dots - markergen studio`;
   document.body.dataset.shown = shown;
 }
@@ -195,6 +191,7 @@ let waiting = null;
 
 function lost() {
   by("gone").hidden = false;
+  said("The studio does not answer.", true);
   waiting ||= setInterval(async () => {
     try {
       await ask("options");
@@ -307,7 +304,7 @@ async function optimize() {
   if (end.options) {
     if (!others.dot) sized = end.options.dot;
     await become(end.options);
-    said([end.summary?.split("\n")[1], end.certificate?.sentence].filter(Boolean).join("; "));
+    said(`Done: ${end.certificate.sentence}.`);
   } else await stand({ marker: end.marker }, "Dots of several sizes serve these distances; change an option to begin anew.");
 }
 
@@ -360,6 +357,8 @@ const opened = {
   },
 };
 
+const KINDS = { boundary: "a drawing", camera: "a camera", poses: "poses of the camera", points: "places of dots", rig: "a rig" };
+
 async function take(files) {
   const pictures = [], others = [];
   for (const file of files) (/^image\/(?!svg)/.test(file.type) ? pictures : others).push(file);
@@ -369,7 +368,8 @@ async function take(files) {
       const kind = answer.options === null && answer.marker ? "marker" : Object.keys(opened).find((name) => answer[name]);
       if (kind === "marker") await stand({ marker: answer.marker }, answer.title);
       else await opened[kind](answer);
-      if (answer.note || kind !== "options") said(`${file.name}: ${answer.note || answer.title || kind}`);
+      const title = answer.title === file.name ? KINDS[kind] : answer.title;
+      if (answer.note || kind !== "options") said(`${file.name}: ${answer.note || title || kind}`);
     } catch (error) {
       told(error instanceof Refused ? new Refused({ ...error.found, line: `${file.name}: ${error.message}` }) : error);
     }
@@ -448,6 +448,11 @@ function listen() {
   });
   by("table").addEventListener("toggle", () => by("table").open && look && listed());
   by("find").addEventListener("input", () => fields.find(by("find").value));
+  by("photos-away").addEventListener("click", () => {
+    by("photos").replaceChildren();
+    by("photos-away").hidden = true;
+    by("open").focus();
+  });
   by("form").addEventListener("submit", (event) => event.preventDefault());
   by("template").addEventListener("change", () => {
     const chosen = known.templates.find((each) => each.name === by("template").value);

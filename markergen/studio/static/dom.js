@@ -15,9 +15,27 @@ export function make(name, attributes = {}, ...children) {
 
 export const by = (id) => document.getElementById(id);
 
+/* Say in the header what happens, or what went wrong. */
+export function said(text, fault = false) {
+  by("said").textContent = text;
+  by("said").classList.toggle("fault", fault);
+}
+
+/* The label of the field of an option such as --print-sigma. */
+export const label = (flag) => flag.replace(/^--/, "").replaceAll("-", " ");
+
+/* Text about options of the command in the words of the page, which has fields. */
+export const worded = (text) => text.replace(/--[a-z][a-z-]*/g, (flag) => `\u201c${label(flag)}\u201d`);
+
+/* An error of the command likewise. */
+const refusal = (line) => worded(line)
+  .replace(/^expected options of markergen\.\w+, found/, "expected values that the fields take, found")
+  .replace(/see help\(.*\)$/, "each field says what it takes");
+
 /* A line of text whose options of the command do not break. */
 export const prose = (line) => line.split(/(--[a-z][a-z-]*)/).map((part) => (part.startsWith("--") ? make("code", {}, part) : part));
-export const sentence = (line) => prose(`${line[0].toUpperCase()}${line.slice(1)}.`);
+export const capital = (line) => `${line[0].toUpperCase()}${line.slice(1)}`;
+export const sentence = (line) => prose(`${capital(line)}.`);
 
 /* Significant digits; a word for what is missing or not finite. */
 export function digits(value, count = 3) {
@@ -38,10 +56,10 @@ export function table(caption, header, rows, own = -1) {
         row.map((cell, column) => make(column ? "td" : "th", column ? {} : { scope: "row" }, cell)))))));
 }
 
-/* What the server refused: `line` is what the command would have said. */
+/* What the server refused; `found` is what the command would have said. */
 export class Refused extends Error {
   constructor(found) {
-    super(found.line || `${found.expected}: ${found.found}`);
+    super(refusal(found.line));
     this.found = found;
   }
 }

@@ -6,7 +6,10 @@ hooks.drawn(mode, shape): a region was drawn, a circle or polygon as in a marker
 
 import { make, mm } from "./dom.js";
 
-const STEP = 1e-3, FINE = 1e-4, COARSE = 1e-2, GRID = 1e-5;
+const STEP = 1e-3, FINE = 1e-4, COARSE = 1e-2;
+
+/* What is drawn is in hundredths of a mm. */
+const grid = (meters) => Number(meters.toFixed(5));
 
 export function editor(element, hooks) {
   const svg = make("svg", { role: "group", "aria-label": "Marker, seen from the front; Tab goes from dot to dot", preserveAspectRatio: "xMidYMid meet" });
@@ -17,7 +20,7 @@ export function editor(element, hooks) {
 
   const point = (event) => {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
-    return [Math.round(at.x / GRID) * GRID, -Math.round(at.y / GRID) * GRID];
+    return [grid(at.x), grid(-at.y)];
   };
   const d = (rings) => rings.map((ring) => `M${ring.map(([x, y]) => `${x},${-y}`).join("L")}Z`).join("");
   const faults = () => new Set(seen.problems.flatMap((each) => each.dots));
@@ -153,7 +156,7 @@ export function editor(element, hooks) {
 
   /* The first corner is a center where the pointer is dragged away from it. */
   function circle([x, y]) {
-    const [[cx, cy]] = draft, radius = Math.round(Math.hypot(x - cx, y - cy) / GRID) * GRID;
+    const [[cx, cy]] = draft, radius = grid(Math.hypot(x - cx, y - cy));
     round = radius > extent / 25 ? radius : 0;
     over.replaceChildren(...(round ? [make("circle", { class: "draft", cx, cy: -cy, r: round, "stroke-width": extent / 200 })] : []));
   }

@@ -2,6 +2,7 @@
 
 import { by, digits, make, mm, prose, sentence, table } from "./dom.js";
 
+const MOST = 5;
 const SOURCES = { image: "image", print: "print", calibration: "calibration" };
 
 /* What follows a dot that is dragged. */
@@ -13,6 +14,7 @@ export function now(look) {
       make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
     make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to ")),
     make("div", { class: "note", id: "plan" }, expected.sentence));
+  by("brief").textContent = `${digits(expected.rotation_deg)} deg, ${digits(expected.translation_mm)} mm`;
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
@@ -27,6 +29,14 @@ export function now(look) {
   by("beside").replaceChildren(
     table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
     make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
+}
+
+/* What is wrong with the layout; of many only the first. */
+export function problems(found) {
+  const more = found.length - MOST;
+  by("problems").replaceChildren(
+    ...found.slice(0, MOST).map((each) => make("li", {}, sentence(each.line))),
+    ...(more > 0 ? [make("li", {}, `And ${more} more.`)] : []));
 }
 
 /* What takes longer; null while it is not known. */
@@ -53,21 +63,39 @@ export function failed(line) {
   for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(make("p", { class: "note" }, line));
 }
 
-/* The dots as numbers to type. */
+/* The dots as numbers to type. A table of the same form is kept, and with it the focus and what is being typed. */
 export function numbers(element, look, set, remove) {
-  const cell = (dot, index, axis) => make("td", {}, make("input", {
-    value: mm(dot[axis]), inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm`,
-    change: (event) => {
-      const value = Number(event.target.value);
-      if (Number.isFinite(value) && event.target.value.trim()) set(index, { [axis]: value / 1e3 });
-      else event.target.value = mm(dot[axis]);
+  const axes = look.options.relief ? ["x", "y", "z"] : ["x", "y"], form = `${look.dots.length} ${axes.length}`;
+  if (element.dataset.form !== form) {
+    const held = [...element.querySelectorAll("tbody tr")].findIndex((row) => row.contains(document.activeElement));
+    element.replaceChildren(rows(look.dots.length, axes, set, remove));
+    element.dataset.form = form;
+    if (held >= 0) element.querySelectorAll("tbody button")[Math.min(held, look.dots.length - 1)].focus();
+  }
+  [...element.querySelectorAll("tbody tr")].forEach((row, index) => {
+    const dot = look.dots[index];
+    row.querySelector("th").textContent = `${index}${dot.kind === "ring" ? " ring" : ""}`;
+    row.querySelector(".size").textContent = mm(dot.diameter, 1);
+    row.querySelectorAll("input").forEach((input, axis) => {
+      const typing = input === document.activeElement && input.value !== input.defaultValue;
+      input.defaultValue = mm(dot[axes[axis]]);
+      if (!typing) input.value = input.defaultValue;
+    });
+  });
+}
+
+function rows(count, axes, set, remove) {
+  const cell = (index, axis) => make("td", {}, make("input", {
+    inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm`,
+    change: ({ target }) => {
+      const value = Number(target.value);
+      if (Number.isFinite(value) && target.value.trim()) set(index, { [axis]: value / 1e3 });
+      else target.value = target.defaultValue;
     },
   }));
-  const tall = look.dots.some((dot) => dot.z), axes = tall ? ["x", "y", "z"] : ["x", "y"];
-  element.replaceChildren(make("table", {},
+  return make("table", {},
     make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
-    make("tbody", {}, look.dots.map((dot, index) => make("tr", {},
-      make("th", { scope: "row" }, `${index}${dot.kind === "ring" ? " ring" : ""}`), axes.map((axis) => cell(dot, index, axis)),
-      make("td", {}, mm(dot.diameter, 1)),
-      make("td", {}, make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove")))))));
+    make("tbody", {}, Array.from({ length: count }, (_, index) => make("tr", {},
+      make("th", { scope: "row" }), axes.map((axis) => cell(index, axis)), make("td", { class: "size" }),
+      make("td", {}, make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove"))))));
 }

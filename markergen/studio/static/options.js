@@ -1,6 +1,6 @@
 /* The form of all options, made from what the library declares. */
 
-import { make } from "./dom.js";
+import { label, make, worded } from "./dom.js";
 
 const OPEN = ["Layout", "Camera and poses", "Dots and labels"];
 
@@ -20,9 +20,14 @@ export function form(element, known, change) {
     show(options, shown = {}) {
       for (const [name, field] of Object.entries(fields)) field.show(options[name], shown[name]);
     },
-    refuse(line) {
-      for (const [name, field] of Object.entries(fields)) field.refuse(line.includes(`${name}=`) || line.includes(` ${name}:`));
+    /* Mark the fields that an error names or whose text it quotes; those that its remedy names if there are none. */
+    refuse({ expected = "", found = "", remedy = "" } = {}) {
+      const every = Object.values(fields), wrong = every.filter((field) => field.named(`${expected} ${found}`) || field.quoted(found));
+      const marked = wrong.length ? wrong : every.filter((field) => field.named(remedy));
+      for (const field of every) field.refuse(marked.includes(field));
     },
+    /* Labels and values of a state, for paper. */
+    told: (options) => Object.entries(fields).filter(([name]) => options[name] !== undefined).map(([name, field]) => field.told(options[name])),
     find(text) {
       const wanted = text.trim().toLowerCase();
       for (const field of Object.values(fields)) field.row.hidden = !field.words.includes(wanted);
@@ -34,8 +39,11 @@ export function form(element, known, change) {
   };
 }
 
+/* Whether a value can be typed. */
+const typed = (value) => typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
+
 function control(option, choices, change) {
-  const id = `option-${option.name}`, help = `${id}-help`;
+  const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || option.metavar || ""), meant = worded(option.help);
   const common = { id, "aria-describedby": help };
   const list = choices && `${id}-list`;
   let input;
@@ -43,7 +51,7 @@ function control(option, choices, change) {
     input = make("input", { ...common, type: "checkbox", change: () => change(input.checked === Boolean(option.default) ? null : input.checked) });
   } else {
     input = make("input", {
-      ...common, list, autocomplete: "off", spellcheck: "false", placeholder: option.shown || option.metavar || "",
+      ...common, list, autocomplete: "off", spellcheck: "false", placeholder: usual,
       change: () => {
         const text = input.value.trim();
         change(!text ? null : option.repeatable ? text.split(/\s*\|\s*/) : text);
@@ -51,11 +59,16 @@ function control(option, choices, change) {
     });
   }
   const note = make("span", {});
-  const row = make("div", { class: "option", title: option.help },
-    make("label", { for: id }, option.flag.replace(/^--/, "").replaceAll("-", " "), note), input,
+  const row = make("div", { class: "option", title: meant },
+    make("label", { for: id }, label(option.flag), note), input,
     list && make("datalist", { id: list }, choices.map((value) => make("option", { value }))),
-    make("p", { class: "note", id: help }, option.help, option.repeatable ? " Several are separated by |." : ""));
+    make("p", { class: "note", id: help }, meant, option.repeatable ? " Several are separated by |." : ""));
+  // In errors it is --print-sigma, print_sigma=, or print_sigma: where several are listed.
+  const names = new RegExp(`${option.flag}(?![\\w-])|\\b${option.name}(=|:|s?\\[\\d+\\]:)`);
   return {
+    named: (text) => names.test(text),
+    quoted: (text) => input.value.split("|").some((each) => each.trim() && text.includes(`'${each.trim()}'`)),
+    told: (value) => [label(option.flag), typed(value) ? [value].flat().join(" | ") : JSON.stringify(value).replaceAll('"', "").replaceAll(/[:,]/g, "$& ")],
     row, words: `${option.name} ${option.flag} ${option.help}`.toLowerCase(),
     show(value, placeholder) {
       const given = value !== undefined && value !== null;
@@ -64,9 +77,9 @@ function control(option, choices, change) {
         input.checked = given ? value : Boolean(option.default);
         return;
       }
-      const plain = !given || typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
+      const plain = !given || typed(value);
       note.textContent = plain ? "" : "drawn or from a file";
-      input.placeholder = plain ? placeholder || option.shown || option.metavar || "" : "type to replace it";
+      input.placeholder = plain ? placeholder || usual : "type to replace it";
       input.value = given && plain ? [value].flat().join(" | ") : "";
     },
     refuse(wrong) {

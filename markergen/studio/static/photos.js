@@ -1,21 +1,31 @@
 /* What detection sees in photographs, and why not. */
 
-import { Refused, ask, digits, make } from "./dom.js";
+import { Gone, Refused, ask, by, digits, make, said } from "./dom.js";
 
 /* Detect in one photograph after the other; `subject()` says what to look for. */
 export async function photographs(element, files, subject) {
+  by("photos-away").hidden = false;
   for (const file of files) {
-    const said = make("figcaption", {}, `${file.name}: looking …`), picture = make("img", { alt: `${file.name}, with what was found drawn in`, hidden: true });
-    element.prepend(make("figure", {}, picture, said));
+    const caption = make("figcaption"), into = () => figure.scrollIntoView({ block: "nearest" });
+    const picture = make("img", { alt: `${file.name}, with what was found drawn in`, hidden: true, load: into });
+    const figure = make("figure", {}, caption, picture);
+    const tell = (text, fault) => {
+      caption.textContent = `${file.name}: ${text}`;
+      said(caption.textContent, fault);
+    };
+    element.prepend(figure);
+    tell("looking …");
+    into();
     try {
       const request = new Blob([JSON.stringify(subject()), "\n", file]);
       const found = await (await ask("detect", request, { headers: { "X-Name": encodeURIComponent(file.name) } })).json();
       picture.src = found.overlay;
       picture.hidden = false;
-      said.replaceChildren(`${file.name}: ${words(found)}`);
+      tell(words(found));
     } catch (error) {
+      if (error instanceof Gone) tell("not looked at, the studio does not answer.", true);
       if (!(error instanceof Refused)) throw error;
-      said.textContent = `${file.name}: ${error.message}`;
+      tell(error.message, true);
     }
   }
 }

@@ -9,7 +9,7 @@ const STEPS = 32, ROUND = [1, 2, 5, 10];
 export function show(element, glb, look) {
   let renderer;
   try {
-    renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
+    renderer = new three.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
   } catch {
     element.replaceChildren(make("p", {}, "This browser shows no three dimensions (WebGL); everything else works."));
     return { update() {}, dispose() {} };
@@ -33,7 +33,9 @@ export function show(element, glb, look) {
     renderer.render(scene, eye);
     for (const { tip, letter } of letters) {
       const at = tip.clone().project(eye);
-      letter.style.transform = `translate(${(0.5 + at.x / 2) * space.clientWidth}px, ${(0.5 - at.y / 2) * space.clientHeight}px) translate(-50%, -50%)`;
+      // In percent, since on paper the picture has another size.
+      letter.style.left = `${50 + 50 * at.x}%`;
+      letter.style.top = `${50 - 50 * at.y}%`;
     }
   };
   const fit = () => {
@@ -91,16 +93,17 @@ export function show(element, glb, look) {
     orbit.update();
     draw();
   });
-  // Colors are those of a light or a dark page.
-  const dark = window.matchMedia("(prefers-color-scheme: dark)"), again = () => update(), theme = new MutationObserver(again);
-  dark.addEventListener("change", again);
+  // Colors are those of a light or a dark page, or of paper.
+  const media = ["(prefers-color-scheme: dark)", "print"].map((query) => window.matchMedia(query));
+  const again = () => update(), theme = new MutationObserver(again);
+  for (const each of media) each.addEventListener("change", again);
   theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   const seen = new ResizeObserver(fit);
   seen.observe(space);
   return {
     update,
     dispose() {
-      dark.removeEventListener("change", again);
+      for (const each of media) each.removeEventListener("change", again);
       theme.disconnect();
       seen.disconnect();
       orbit.dispose();
