@@ -12,8 +12,8 @@ from markergen.api.export import choices_of
 from markergen.api.radius_fit import largest_that_fits, radius_limits
 from markergen.drawing.sheet_layout import USUAL
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions
-from markergen.exporters.saving import RECORD, check_outputs, family_paths, save, save_family, with_record
+from markergen.exporters import RECORD, ExportOptions
+from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera

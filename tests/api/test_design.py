@@ -238,7 +238,7 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     assert "It replaces another marker: Marker(" in str(written)
     measured = rescale(path, measured_x="199mm", nominal_x="200mm", output=path).marker
     before = path.read_bytes()
-    with pytest.raises(InputError, match="print's measurements in .*; name another -o"):
+    with pytest.raises(InputError, match=r"print's measurements in .*; name another -o"):
         design(**QUICK, output=tmp_path / "marker.svg")
     assert measured == Marker.load(path)
     assert path.read_bytes() == before
