@@ -35,7 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("expected a standard output, found it closed; send it to a file or /dev/null")
         return UNUSABLE
     try:
-        status = _run([word for word in given if word not in ("--debug", "--quiet")] or ["--help"])
+        words = [word for word in given if word not in ("--debug", "--quiet")]
+        # As with git: `markergen help design`.
+        status = _run([*words[1:], "--help"] if words[:1] in ([], ["help"]) else words)
         sys.stdout.flush()
     except KeyboardInterrupt:
         status = INTERRUPTED

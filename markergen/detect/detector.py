@@ -305,7 +305,7 @@ class Detector:
     True [0 1 2 3] [0.01 0.   0.4 ]
     >>> (found,) = detector(np.full((120, 160, 3), 255, np.uint8))
     >>> found.ok, found.reason
-    (False, "found 0 dots, and labels take 4 of the marker's 4; dots less than 2.5 px across are hardly found")
+    (False, "found 0 dots, at least 4 of the marker's 4 are needed; dots less than 2.5 px across are hardly found")
     >>> detector(None)
     Traceback (most recent call last):
     markergen.errors.InputError: expected an image as a numpy array, found None; cv2.imread returns None when it cannot read the file: check the path

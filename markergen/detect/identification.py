@@ -199,8 +199,8 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough:
         False for a further copy of a marker: found if most of it is in plain sight, with its ring if it has one.
     """
     if len(ellipses) < LEAST_DOTS:
-        labels = f"and labels take {LEAST_DOTS} of the marker's {len(view.layout)}"
-        return _failed(view, f"found {_dots(len(ellipses))}, {labels}; {SMALL}")
+        needed = f"at least {LEAST_DOTS} of the marker's {len(view.layout)} are needed"
+        return _failed(view, f"found {_dots(len(ellipses))}, {needed}; {SMALL}")
 
     def judge(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         enough = candidates.take(np.flatnonzero(candidates.misfit < np.inf))

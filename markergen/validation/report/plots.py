@@ -25,6 +25,8 @@ Statistics = Mapping[str, Any]
 
 BEST = (DETECTOR, "lm")
 """Estimators whose quantiles are shown, in order of preference: the user's, then the most accurate."""
+FIRST = (*BEST, "ippe", "sqpnp", "epnp")
+"""Estimators whose line styles do not depend on which others are drawn."""
 DRAWS = 40_000
 """Number of errors sampled from the covariances for the distribution that the bound predicts."""
 _BOUND: dict[str, Any] = {"color": INK, "linestyle": (0, (2, 1.5)), "linewidth": 1.8, "zorder": 4}
@@ -55,8 +57,8 @@ def name_of(estimator: str) -> str:
 
 def series(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Line style of each estimator, the same in every plot of a page; styles repeat if there are too few."""
-    ordered = sorted(names, key=lambda name: (name not in BEST, BEST.index(name) if name in BEST else 0, name))
-    return {name: dict(SERIES[i % len(SERIES)]) for i, name in enumerate(ordered)}
+    ordered = [*FIRST, *sorted({*names}.difference(FIRST))]
+    return {name: dict(SERIES[ordered.index(name) % len(SERIES)]) for name in names}
 
 
 def errors_over(
