@@ -207,7 +207,7 @@ def _room(spec: Spec) -> dict[str, Any]:
     tag = spec.placed_tag
     return {
         "outlines": _outlines(spec.boundary),
-        "keep_outs": [_outlines(each) for each in spec.keep_outs],
+        "keep_outs": [{"outlines": _outlines(each), "words": _placed(each)} for each in spec.keep_outs],
         "holes": [_outlines(each) for each in spec.substrate.rims],
         "tag": {"name": str(tag), "side": tag.side, "center": tag.center} if tag else None,
         "radius": spec.boundary.radius,
@@ -216,6 +216,11 @@ def _room(spec: Spec) -> dict[str, Any]:
 
 def _outlines(shape: Boundary) -> list[Any]:
     return [np.round(outline, 6) for outline in shape.outlines()]
+
+
+def _placed(region: Boundary) -> str:
+    x, y = (f"{1e3 * value + 0.0:.2f}" for value in region.center)
+    return f"{region} at {x}, {y} mm"
 
 
 def _dots(marker: Marker) -> list[dict[str, Any]]:

@@ -37,7 +37,7 @@ from markergen.render import DEFAULT_OPTICS, render_rig, render_view
 from markergen.studio.look import clean, sketch
 from markergen.studio.no_files import refuse_files, refuse_named_plates
 from markergen.studio.opening import uploaded
-from markergen.studio.state import plain
+from markergen.studio.state import SPEC, plain, words
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
@@ -144,6 +144,8 @@ def exported(request: Mapping[str, Any]) -> File:
             written = export(what, target)
         else:
             state = plain(request.get("options"))
+            if suffix == SPEC:
+                return File(f"marker{SPEC}", words(state)["spec"].encode())
             if "points" not in state:
                 raise InputError("dots to export", "none", "optimize first, or place them")
             target = Path(folder) / f"marker{suffix}"

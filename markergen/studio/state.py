@@ -18,6 +18,7 @@ from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.read.layout import layout_of
+from markergen.read.spec_file import DRAWING
 from markergen.read.templates import read_template, templates
 from markergen.studio.no_files import refuse_files
 
@@ -26,8 +27,13 @@ Options = Mapping[str, Any]
 ELSEWHERE = OUTSIDE_FILES
 """Options of a design that are not part of a state: files to write."""
 
+NOTES = ("drawing_center",)
+"""What a page keeps in its state beside the options: the place in a drawing, in m, that became the marker's origin."""
+
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a spec of options that are called differently."""
+
+SPEC = ".toml"
 
 KEPT = 16
 """Number of designs in memory."""
@@ -51,7 +57,8 @@ def declared_options() -> dict[str, Any]:
                     "repeatable": each.kind in REPEATABLE,
                 }
                 for each in known.values()
-                if each.group == group
+                # Drawings are asked for theirs when they are opened.
+                if each.group == group and each.name not in DRAWING
             ],
         }
         for group in GROUPS
@@ -60,7 +67,10 @@ def declared_options() -> dict[str, Any]:
         "version": __version__,
         "groups": [group for group in groups if group["options"]],
         "choices": {name: names_of(name) for name in NAMES if name in known},
-        "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
+        "formats": [
+            *({"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes),
+            {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
+        ],
         "templates": list(map(_template, templates())),
         "defaults": {name: option.default for name, option in known.items() if option.default is not None},
     }
@@ -88,7 +98,7 @@ def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
     for name, value in options.items():
         if name in ELSEWHERE:
             raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
-        if value is None or value in ("", [], {}):
+        if name in NOTES or value is None or value in ("", [], {}):
             continue
         kind = known[name].kind if name in known else ""
         if name == "points" and isinstance(value, list):
@@ -144,14 +154,16 @@ def marker_of_options(options: Any) -> Marker:
 def words(options: Any) -> dict[str, str]:
     """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker.
 
-    What cannot be typed in a line, such as a boundary that was drawn, refers the command to the spec file.
+    A state that cannot be typed in a line, such as one with a boundary that was drawn, has its command write the spec
+    first.
     """
     import tomli_w
 
     state = plain(options)
     spec = tomli_w.dumps(state)
     if any(_nested(value) for value in state.values()):
-        command = "markergen design --template marker.toml -o marker.pdf"
+        # In a spec no line is EOF.
+        command = f"cat > marker.toml <<'EOF'\n{spec}EOF\nmarkergen design --template marker.toml -o marker.pdf"
     else:
         known = declared(DesignKeywords)
         typed = [word for name, value in state.items() for word in _typed(known[name].flag, value)]
