@@ -1,6 +1,7 @@
 """What a layout is worth, fast enough to follow a dot that is dragged; and what takes longer to say."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
 from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
-from markergen.studio.state import Options, design_of, plain, points_as_text, spec_of_options
+from markergen.studio.state import KEPT, Options, design_of, plain, points_as_text, spec_of_options
 from markergen.validation import headline
 from markergen.validation.baselines import line_up
 from markergen.validation.bounds import budget_of
@@ -141,6 +142,7 @@ def sketch(options: Options) -> Sketch:
     return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region))
 
 
+@lru_cache(maxsize=KEPT)
 def _begun(spec: Spec) -> Spec:
     """Return a spec with points: its own, or those of a regular polygon, or of a random layout if that does not fit."""
     if spec.points:
@@ -219,7 +221,7 @@ def _outlines(shape: Boundary) -> list[Any]:
 
 
 def _placed(region: Boundary) -> str:
-    x, y = (f"{1e3 * value + 0.0:.2f}" for value in region.center)
+    x, y = (f"{round(1e3 * value, 2) + 0.0:.2f}" for value in region.center)
     return f"{region} at {x}, {y} mm"
 
 
