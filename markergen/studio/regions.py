@@ -7,10 +7,10 @@ import numpy as np
 
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle, Polygon
+from markergen.optimize.problem import room_of
 from markergen.options import as_list
 from markergen.read.layout import layout_of
 from markergen.read.outlines.boundary import moved
-from markergen.studio.look import sketch
 from markergen.studio.showing import table_in
 from markergen.studio.state import plain, points_as_text, spec_of_options
 from markergen.units import parse_length
@@ -22,7 +22,7 @@ DIGITS = 6
 
 
 def with_region(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``options`` with a region that was drawn or moved, which are a design.
+    """Return ``options`` with a region that was drawn or moved.
 
     Parameters
     ----------
@@ -33,16 +33,17 @@ def with_region(request: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If an outline crosses itself or has no area, or no layout is possible with the region.
+        If an outline crosses itself or has no area, keep-outs leave nothing of the room, or `spec_of_options`.
     """
     options = dict(table_in(request, "options"))
+    plain(options)  # Raises, before any of them is read.
     if "room" in request:
         found = _with_room(options, _drawn(request["room"]))
     elif "keep_out" in request:
         found = {**options, "keep_out": [*_keep_outs(options), _drawn(request["keep_out"]).as_dict()]}
     else:
         found = {**options, "keep_out": _with_moved(_keep_outs(options), table_in(request, "move"))}
-    sketch(found)
+    room_of(spec_of_options(found))
     return {"options": found}
 
 

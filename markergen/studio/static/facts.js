@@ -53,21 +53,46 @@ export function failed(line) {
   for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(make("p", { class: "note" }, line));
 }
 
-/* The dots as numbers to type. */
-export function numbers(element, look, set, remove) {
-  const cell = (dot, index, axis) => make("td", {}, make("input", {
-    value: mm(dot[axis]), inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm`,
-    change: (event) => {
-      const value = Number(event.target.value);
-      if (Number.isFinite(value) && event.target.value.trim()) set(index, { [axis]: value / 1e3 });
-      else event.target.value = mm(dot[axis]);
-    },
-  }));
-  const tall = look.dots.some((dot) => dot.z), axes = tall ? ["x", "y", "z"] : ["x", "y"];
-  element.replaceChildren(make("table", {},
-    make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
-    make("tbody", {}, look.dots.map((dot, index) => make("tr", {},
-      make("th", { scope: "row" }, `${index}${dot.kind === "ring" ? " ring" : ""}`), axes.map((axis) => cell(dot, index, axis)),
-      make("td", {}, mm(dot.diameter, 1)),
-      make("td", {}, make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove")))))));
+/* The dots as numbers to type; returns a function that shows a look. set(index, place) and remove(index) are called. */
+export function numbers(element, set, remove) {
+  let axes = "", rows = [];
+
+  const row = (index) => {
+    const cells = Object.fromEntries([...axes].map((axis) => [axis, make("input", { inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm` })]));
+    const parts = { cells, head: make("th", { scope: "row" }), size: make("td"), taken: make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove") };
+    for (const [axis, cell] of Object.entries(cells)) {
+      cell.addEventListener("change", () => {
+        const value = Number(cell.value);
+        if (Number.isFinite(value) && cell.value.trim()) set(index, { [axis]: value / 1e3 });
+        else cell.value = parts.shown[axis];
+      });
+    }
+    parts.row = make("tr", {}, parts.head, [...axes].map((axis) => make("td", {}, cells[axis])), parts.size, make("td", {}, parts.taken));
+    return parts;
+  };
+
+  const build = (count) => {
+    const focus = rows.findIndex((each) => each.taken === document.activeElement);
+    rows = Array.from({ length: count }, (_, index) => row(index));
+    element.replaceChildren(make("table", {},
+      make("thead", {}, make("tr", {}, ["dot", ...[...axes].map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
+      make("tbody", {}, rows.map((each) => each.row))));
+    if (focus >= 0) rows[Math.min(focus, count - 1)].taken.focus();
+  };
+
+  // Only values change as long as the dots are as many: what has the focus keeps it.
+  return (look) => {
+    const wanted = look.options.relief ? "xyz" : "xy";
+    if (wanted !== axes || rows.length !== look.dots.length) {
+      axes = wanted;
+      build(look.dots.length);
+    }
+    look.dots.forEach((dot, index) => {
+      const { cells, head, size } = rows[index], shown = Object.fromEntries([...axes].map((axis) => [axis, mm(dot[axis])]));
+      head.textContent = `${index}${dot.kind === "ring" ? " ring" : ""}`;
+      size.textContent = mm(dot.diameter, 1);
+      for (const axis of axes) if (rows[index].shown?.[axis] !== shown[axis] || document.activeElement !== cells[axis]) cells[axis].value = shown[axis];
+      rows[index].shown = shown;
+    });
+  };
 }

@@ -38,7 +38,7 @@ function control(option, choices, change) {
   const id = `option-${option.name}`, help = `${id}-help`;
   const common = { id, "aria-describedby": help };
   const list = choices && `${id}-list`;
-  let input;
+  let input, own = "";
   if (option.kind === "bool") {
     input = make("input", { ...common, type: "checkbox", change: () => change(input.checked === Boolean(option.default) ? null : input.checked) });
   } else {
@@ -46,6 +46,7 @@ function control(option, choices, change) {
       ...common, list, autocomplete: "off", spellcheck: "false", placeholder: option.shown || option.metavar || "",
       change: () => {
         const text = input.value.trim();
+        own = input.value;
         change(!text ? null : option.repeatable ? text.split(/\s*\|\s*/) : text);
       },
     });
@@ -64,10 +65,12 @@ function control(option, choices, change) {
         input.checked = given ? value : Boolean(option.default);
         return;
       }
-      const plain = !given || typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
-      note.textContent = plain ? "" : "drawn or from a file";
-      input.placeholder = plain ? placeholder || option.shown || option.metavar || "" : "type to replace it";
-      input.value = given && plain ? [value].flat().join(" | ") : "";
+      const values = !given ? [] : option.repeatable ? [value].flat() : [value], typed = values.filter((each) => typeof each !== "object");
+      const others = values.length - typed.length;
+      note.textContent = !others ? "" : option.repeatable ? `${typed.length ? "and " : ""}${others} drawn or from a file` : "drawn or from a file";
+      input.placeholder = !others ? placeholder || option.shown || option.metavar || "" : option.repeatable ? "type to add some" : "type to replace it";
+      // What is being typed is not overwritten.
+      if (input !== document.activeElement || input.value === own) input.value = own = typed.join(" | ");
     },
     refuse(wrong) {
       if (wrong) {

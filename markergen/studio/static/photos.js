@@ -2,13 +2,13 @@
 
 import { Refused, ask, digits, make } from "./dom.js";
 
-/* Detect in one photograph after the other; `subject()` says what to look for. */
+/* Detect in one photograph after the other; `subject()` is a promise of what to look for. */
 export async function photographs(element, files, subject) {
   for (const file of files) {
     const said = make("figcaption", {}, `${file.name}: looking …`), picture = make("img", { alt: `${file.name}, with what was found drawn in`, hidden: true });
     element.prepend(make("figure", {}, picture, said));
     try {
-      const request = new Blob([JSON.stringify(subject()), "\n", file]);
+      const request = new Blob([JSON.stringify(await subject()), "\n", file]);
       const found = await (await ask("detect", request, { headers: { "X-Name": encodeURIComponent(file.name) } })).json();
       picture.src = found.overlay;
       picture.hidden = false;
