@@ -17,7 +17,9 @@ from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.rig import RigKeywords
 from markergen.read.layout import layout_of
+from markergen.read.rig_plates import SUFFIXES
 from markergen.read.spec_file import DRAWING
 from markergen.read.templates import read_template, templates
 from markergen.studio.no_files import refuse_files
@@ -151,25 +153,38 @@ def marker_of_options(options: Any) -> Marker:
     return design_of(options).marker
 
 
+def rig_of(shape: object, options: Any) -> tuple[str, dict[str, Any]]:
+    """Return the shape and the options of a rig; raises InputError as `plain`, or if the shape is none or a file."""
+    if not isinstance(shape, str) or shape.strip().lower().endswith(SUFFIXES):
+        raise InputError("the shape of a rig", brief(shape), "write cube, prism:6, wall 3x2 or pair")
+    return shape, plain(options, RigKeywords)
+
+
 def words(options: Any) -> dict[str, str]:
-    """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker.
+    """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker, or rig.
 
     A state that cannot be typed in a line, such as one with a boundary that was drawn, has its command write the spec
     first.
     """
     import tomli_w
 
-    state = plain(options)
-    spec = tomli_w.dumps(state)
+    shape = options.get("shape") if isinstance(options, Mapping) else None
+    if shape is None:
+        state, table, verb, noun, file = plain(options), DesignKeywords, "design", "marker", "marker.pdf"
+        spec, first = tomli_w.dumps(state), []
+    else:
+        shape, state = rig_of(shape, {name: value for name, value in options.items() if name != "shape"})
+        table, verb, noun, file = RigKeywords, "rig", "rig", "rig.json"
+        spec, first = tomli_w.dumps({"shape": shape, **state}), [shape]
     if any(_nested(value) for value in state.values()):
         # In a spec no line is EOF.
-        command = f"cat > marker.toml <<'EOF'\n{spec}EOF\nmarkergen design --template marker.toml -o marker.pdf"
+        command = f"cat > {noun}.toml <<'EOF'\n{spec}EOF\nmarkergen {verb} --template {noun}.toml -o {file}"
     else:
-        known = declared(DesignKeywords)
+        known = declared(table)
         typed = [word for name, value in state.items() for word in _typed(known[name].flag, value)]
-        command = shlex.join(["markergen", "design", *typed, "-o", "marker.pdf"])
-    given = "".join(f"\n    {name}={value!r}," for name, value in state.items())
-    python = f'import markergen as mg\n\ndesign = mg.design({given}\n)\ndesign.marker.save("marker.pdf")\n'
+        command = shlex.join(["markergen", verb, *first, *typed, "-o", file])
+    given = "".join(f"\n    {each}," for each in [*map(repr, first), *(f"{k}={v!r}" for k, v in state.items())])
+    python = f'import markergen as mg\n\ndesign = mg.{verb}({given}\n)\ndesign.{noun}.save("{file}")\n'
     return {"command": command, "python": python, "spec": spec}
 
 

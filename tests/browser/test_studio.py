@@ -1147,3 +1147,36 @@ def test_a_target_takes_the_place_of_a_number_of_dots(studio):
     assert studio.page.locator("#said.fault").count() == 0
     type_in(studio, "n", "6")
     assert studio.state() == {"n": "6"}
+
+
+def test_a_rig_is_a_state_with_a_link_a_command_and_a_way_back(studio, tmp_path):
+    poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    rig = {"shape": "pair", "n": 4, "plate": "100mm", "restarts": 1, "poses": poses}
+    type_in(studio, "n", "6")
+    assert studio.dots() == 6
+    studio.page.evaluate(PASTE, link_of(rig))
+    studio.until("() => document.getElementById('said').textContent === 'The design of the link.'", 120)
+    assert studio.state() == rig
+    assert studio.page.locator("#body").is_visible()
+    studio.page.select_option("#suffix", ".json")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    loaded = json.loads(loading.value.path().read_text())
+    studio.page.click("#command")
+    studio.until("() => document.getElementById('said').textContent.startsWith('Copied: markergen rig pair ')")
+    typed = shlex.split(studio.said().partition(": ")[2].replace("rig.json", str(tmp_path / "rig.json")))
+    assert main(typed[1:]) == 0
+    # The page turns 800.0 into 800.
+    assert json.loads((tmp_path / "rig.json").read_text()) == loaded
+    studio.page.click("#undo")
+    studio.page.wait_for_selector("#body", state="hidden")
+    assert studio.dots() == 6
+    studio.page.click("#redo")
+    studio.page.wait_for_selector("#body:not([hidden])")
+    studio.page.click("#back")
+    assert studio.dots() == 6
+    studio.page.click("#undo")
+    studio.page.wait_for_selector("#body:not([hidden])")
+    studio.page.reload()
+    studio.page.wait_for_selector("#body:not([hidden])", timeout=120_000)
+    assert studio.state() == rig

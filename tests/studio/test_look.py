@@ -166,3 +166,14 @@ def test_every_template_that_is_listed_is_a_state() -> None:
             assert request_of(each["shape"], plain(each["options"], RigKeywords)).spec.camera.width
         else:
             assert spec_of_options(each["options"]).camera.width
+
+
+def test_a_rig_is_said_by_its_shape_and_its_own_options() -> None:
+    found = words({"shape": "wall 3x2", "n": "4", "drawing_center": [0, 0]})
+    assert found["command"] == "markergen rig 'wall 3x2' --n 4 -o rig.json"
+    assert tomllib.loads(found["spec"]) == {"shape": "wall 3x2", "n": 4}
+    assert "mg.rig(\n    'wall 3x2',\n    n=4,\n)\ndesign.rig.save(\"rig.json\")" in found["python"]
+    camera = {"width": 640, "height": 480, "fx": 700, "fy": 700, "cx": 320, "cy": 240}
+    assert "\nmarkergen rig --template rig.toml -o rig.json" in words({"shape": "cube", "camera": camera})["command"]
+    with pytest.raises(InputError, match="the shape of a rig"):
+        words({"shape": "plates.csv"})

@@ -11,6 +11,9 @@ const AFTER = 500, RETRY = 2000, KEPT = 200;
 const COPIES = ["command", "python", "spec", "share"];
 
 let known = null, options = {}, look = null, body = null;
+/* Rigs of this page by their states, and the latest state that is none of a rig. */
+const rigs = new Map();
+let flat = {};
 let past = [], future = [], pose = null, search = null, before = null, sized = null;
 let fields, drawing, globe, spatial, numbers, take;
 
@@ -21,6 +24,7 @@ const said = (text, fault = false) => {
 
 /* The newest state as the server takes it; raises what was wrong with it. */
 async function settled() {
+  if (options.shape) return options;
   await running;
   if (fault) throw fault;
   return look.options;
@@ -44,16 +48,33 @@ const address = () => history.replaceState(null, "", written(options));
 /* Take another state; `step` puts the present one into the past. Returns a promise of whether the server takes it. */
 function become(state, step = true) {
   const before = JSON.stringify(options), after = JSON.stringify(state);
+  if (state.shape && !rigs.has(after)) return design(state, step);
   if (step && before !== after) {
     past = [...past, before].slice(-KEPT);
     future = [];
     search?.abort();
   }
+  if (state.shape && !options.shape) flat = options;
   options = JSON.parse(after);
-  stands(null);
   address();
+  if (state.shape) {
+    fields.show(options);
+    fields.refuse("");
+    return stand({ rig: rigs.get(after).rig }, rigs.get(after).summary.split("\n")[0], true);
+  }
+  stands(null);
   buttons();
   return refresh();
+}
+
+/* A state with a shape is that of a rig, its options those of `markergen rig`; it is taken when a search has made it. */
+async function design(state, step) {
+  if (search) return false;
+  const { shape, ...others } = state;
+  const end = await searching("rig", { shape, options: others });
+  if (!end) return false;
+  rigs.set(JSON.stringify(state), end);
+  return become(state, step);
 }
 
 /* Whether a body stands in the place of the marker. */
@@ -74,7 +95,7 @@ function buttons() {
   by("undo").disabled = !past.length || Boolean(search);
   by("redo").disabled = !future.length || Boolean(search);
   by("clear").hidden = ![options.boundary, ...keepOuts()].some(isDrawn);
-  for (const id of COPIES) by(id).disabled = Boolean(body);
+  for (const id of COPIES) by(id).disabled = Boolean(body) && !body.designed;
   by("optimize").textContent = search ? "Stop" : "Optimize";
   // It would search for a marker that is not shown.
   by("optimize").disabled = Boolean(body) && !search;
@@ -87,6 +108,7 @@ let begun = false, asked = 0, running = null, fault = null, timer = null, slow =
 
 /* Ask what the newest state is worth. Returns a promise of whether the server takes it. */
 function refresh() {
+  if (options.shape) return Promise.resolve(true);
   asked += 1;
   by("main").setAttribute("aria-busy", "true");
   slow?.abort();
@@ -101,7 +123,9 @@ async function catchUp() {
     for (let number = 0; number !== asked;) {
       number = asked;
       try {
-        look = await (await ask("look", { options })).json();
+        const answer = await (await ask("look", { options })).json();
+        if (options.shape) break;
+        look = answer;
         fault = null;
         found();
         show(number);
@@ -351,10 +375,12 @@ async function optimize() {
 
 /* --- bodies in three dimensions ------------------------------------------------------------------------------------ */
 
-async function stand(subject, note) {
+/* Show a body; of one that was designed here the state says how. */
+async function stand(subject, note, designed = false) {
   try {
     const answer = await (await ask("scene", subject)).json();
     stands({ ...subject });
+    Object.defineProperty(body, "designed", { value: designed });
     Object.defineProperty(body, "look", { value: { ...answer, room: { outlines: [], radius: 0.1 }, dots: [] } });
     by("body-note").textContent = [note, answer.expected].filter(Boolean).join(". ");
     const { show } = await import("./rig3d.js");
@@ -409,12 +435,6 @@ async function copy(what) {
 
 /* --- begin --------------------------------------------------------------------------------------------------------- */
 
-async function build(shape, sized) {
-  if (search) return;
-  const end = await searching("rig", { shape, options: sized });
-  if (end) await stand({ rig: end.rig }, end.summary?.split("\n")[0] || shape);
-}
-
 const typing = ({ target }) => /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName) && target.type !== "checkbox";
 
 function listen() {
@@ -430,7 +450,7 @@ function listen() {
     event.preventDefault();
   });
   by("optimize").addEventListener("click", optimize);
-  by("back").addEventListener("click", () => become(options, false));
+  by("back").addEventListener("click", () => become(options.shape ? flat : options, Boolean(options.shape)));
   by("open").addEventListener("click", () => by("files").click());
   by("files").addEventListener("change", async () => {
     await take([...by("files").files]);
@@ -459,13 +479,12 @@ function listen() {
   by("template").addEventListener("change", () => {
     const chosen = known.templates.find((each) => each.name === by("template").value);
     by("template").value = "";
-    if (chosen?.shape) build(chosen.shape, chosen.options);
-    else if (chosen) become(chosen.options);
+    if (chosen) become({ ...(chosen.shape && { shape: chosen.shape }), ...chosen.options });
   });
   by("rig").addEventListener("submit", (event) => {
     event.preventDefault();
     const shape = by("shape").value.trim() || "cube", edge = by("edge").value.trim();
-    build(shape, edge && !shape.startsWith("wall") && !shape.startsWith("pair") ? { edge } : {});
+    become({ shape, ...(edge && !shape.startsWith("wall") && !shape.startsWith("pair") && { edge }) });
   });
   for (const name of ["dragenter", "dragover"]) {
     document.addEventListener(name, (event) => {
@@ -536,6 +555,7 @@ async function begin() {
   listen();
   pick("move");
   const linked = location.hash.length > 1, state = read(location.hash);
+  if (state?.shape) await refresh();
   await become(state || {}, false);
   if (linked && !state) said("The address holds no design; this is a new one.", true);
   // As if it were opened here.
