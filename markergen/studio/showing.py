@@ -137,6 +137,9 @@ def exported(request: Mapping[str, Any]) -> File:
     suffix = request.get("suffix")
     if not isinstance(suffix, str) or not re.fullmatch(r"(\.[a-z0-9]+){1,3}", suffix):
         raise InputError("a suffix such as .pdf", brief(suffix), "choose a format of the list")
+    if suffix == SPEC and "options" in request:
+        options = table_in(request, "options")
+        return File(f"{'rig' if 'shape' in options else 'marker'}{SPEC}", words(options)["spec"].encode())
     with TemporaryDirectory() as folder:
         if "rig" in request or "marker" in request:
             what = subject(request).what
@@ -144,8 +147,6 @@ def exported(request: Mapping[str, Any]) -> File:
             written = export(what, target)
         else:
             state = plain(request.get("options"))
-            if suffix == SPEC:
-                return File(f"marker{SPEC}", words(state)["spec"].encode())
             if "points" not in state:
                 raise InputError("dots to export", "none", "optimize first, or place them")
             target = Path(folder) / f"marker{suffix}"

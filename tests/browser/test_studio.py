@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
 from contextlib import contextmanager
 from importlib.resources import files
 from io import StringIO
@@ -1162,6 +1163,11 @@ def test_a_rig_is_a_state_with_a_link_a_command_and_a_way_back(studio, tmp_path)
     with studio.page.expect_download() as loading:
         studio.page.click("#download")
     loaded = json.loads(loading.value.path().read_text())
+    studio.page.select_option("#suffix", ".toml")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    assert loading.value.suggested_filename == "rig.toml"
+    assert tomllib.loads(loading.value.path().read_text()) == rig
     studio.page.click("#command")
     studio.until("() => document.getElementById('said').textContent.startsWith('Copied: markergen rig pair ')")
     typed = shlex.split(studio.said().partition(": ")[2].replace("rig.json", str(tmp_path / "rig.json")))

@@ -69,7 +69,10 @@ function become(state, step = true) {
 
 /* A state with a shape is that of a rig, its options those of `markergen rig`; it is taken when a search has made it. */
 async function design(state, step) {
-  if (search) return false;
+  if (search) {
+    said("Stop the search first.", true);
+    return false;
+  }
   const { shape, ...others } = state;
   const end = await searching("rig", { shape, options: others });
   if (!end) return false;
@@ -406,7 +409,9 @@ async function download() {
   const suffix = by("suffix").value;
   said(`Writing ${suffix} …`);
   try {
-    const answer = await ask("export", { ...(await about()), suffix });
+    // A spec is that of the state, of a rig as well; a file that stands there has none.
+    const what = suffix === ".toml" && body?.designed !== false ? { options: await settled() } : await about();
+    const answer = await ask("export", { ...what, suffix });
     const name = decodeURIComponent(/filename\*=UTF-8''([^;]+)/.exec(answer.headers.get("Content-Disposition") || "")?.[1] || `marker${suffix}`);
     const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
     link.click();
