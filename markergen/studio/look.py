@@ -1,6 +1,7 @@
 """What a layout is worth, fast enough to follow a dot that is dragged; and what takes longer to say."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
 from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
-from markergen.studio.state import Options, design_of, plain, points_as_text, spec_of_options
+from markergen.studio.state import KEPT, Options, design_of, plain, points_as_text, spec_of_options
 from markergen.validation import headline
 from markergen.validation.baselines import line_up
 from markergen.validation.bounds import budget_of
@@ -147,6 +148,7 @@ def sketch(options: Options) -> Sketch:
     return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region), start)
 
 
+@lru_cache(maxsize=KEPT)
 def _begun(spec: Spec) -> tuple[Spec, str]:
     """Return a spec with points, and what they are in words.
 
@@ -217,7 +219,7 @@ def _room(spec: Spec) -> dict[str, Any]:
     tag = spec.placed_tag
     return {
         "outlines": _outlines(spec.boundary),
-        "keep_outs": [_outlines(each) for each in spec.keep_outs],
+        "keep_outs": [{"outlines": _outlines(each), "words": _placed(each)} for each in spec.keep_outs],
         "holes": [_outlines(each) for each in spec.substrate.rims],
         "tag": {"name": str(tag), "side": tag.side, "center": tag.center} if tag else None,
         "radius": spec.boundary.radius,
@@ -226,6 +228,11 @@ def _room(spec: Spec) -> dict[str, Any]:
 
 def _outlines(shape: Boundary) -> list[Any]:
     return [np.round(outline, 6) for outline in shape.outlines()]
+
+
+def _placed(region: Boundary) -> str:
+    x, y = (f"{round(1e3 * value, 2) + 0.0:.2f}" for value in region.center)
+    return f"{region} at {x}, {y} mm"
 
 
 def _dots(marker: Marker) -> list[dict[str, Any]]:

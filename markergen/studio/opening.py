@@ -3,7 +3,7 @@
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +22,7 @@ from markergen.read.cameras import format_of, load_camera
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.cameras.document import Document
 from markergen.read.layout import read_layout
-from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.outlines.boundary import moved, parse_boundary
 from markergen.read.poses import read_poses
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
@@ -31,6 +31,9 @@ from markergen.studio.state import RENAMED
 
 DRAWINGS = (".svg", ".dxf", ".geojson")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
+ASKED = re.compile("--boundary-unit|layer")
+"""In errors that another unit or layer may mend."""
+
 MEASURED = "measured on a print; shown as designed, markergen validate tells what the print is worth"
 NOT_OPTIONS = ("title", "substrate", "target", "n")
 
@@ -48,37 +51,56 @@ def uploaded(name: str, data: bytes) -> Iterator[Path]:
             raise InputError(*(part.replace(f"{folder}/", "") for part in error.args)) from None
 
 
-def opened(name: str, data: bytes, unit: str | None = None, layer: str | None = None) -> dict[str, Any]:
+def opened(
+    name: str,
+    data: bytes,
+    unit: str | None = None,
+    layer: str | None = None,
+    origin: Sequence[float] = (0.0, 0.0),
+) -> dict[str, Any]:
     """Return what a file brings into a state, by its suffix and content.
 
     Parameters
     ----------
     unit, layer : str or None
         For a drawing, see `parse_boundary`.
+    origin : sequence of float
+        Place in a drawing, in m, that is the marker's origin: the center of another drawing of the same sheet.
 
     Returns
     -------
     dict
         ``title``, and one of ``options`` (of a marker.json, with ``marker``, its content, or of a spec), ``rig``,
-        ``boundary`` (of a drawing, for the options boundary and keep_out; with ``center``, the place in the drawing in
-        m that became its origin), ``camera`` (with ``camera_covariance``, or None), ``poses`` and ``points``. A
-        ``note`` says what is shown otherwise than the file has it.
+        ``boundary`` (of a drawing, about its own center; with this ``center``, its place in the drawing in m,
+        ``keep_out``, the same region about the `origin`, and ``words``), ``asked`` (of a drawing that needs another
+        unit or layer: expected, found and remedy), ``camera`` (with ``camera_covariance``, or None), ``poses`` and
+        ``points``. A ``note`` says what is shown otherwise than the file has it.
 
     Raises
     ------
     InputError
         If the file is none of these, or one that names others.
     """
-    with uploaded(name, data) as path:
-        content = parsed(text_of(read(path, "marker or rig")), path.name) if path.suffix.lower() == ".json" else None
-        if path.suffix.lower() in DRAWINGS or (isinstance(content, Mapping) and content.get("type") in GEOJSON):
-            return {"title": path.name, **_drawn(path, unit, layer)}
-        return {"title": path.name, **(_opened(path) if content is None else _json(path, content))}
+    drawing = False
+    try:
+        with uploaded(name, data) as path:
+            suffix = path.suffix.lower()
+            content = parsed(text_of(read(path, "marker or rig")), path.name) if suffix == ".json" else None
+            drawing = suffix in DRAWINGS or (isinstance(content, Mapping) and content.get("type") in GEOJSON)
+            if drawing:
+                return {"title": path.name, **_drawn(path, unit, layer, origin)}
+            return {"title": path.name, **(_opened(path) if content is None else _json(path, content))}
+    except InputError as error:
+        if not (drawing and ASKED.search(str(error))):
+            raise
+        return {"title": path.name, "asked": dict(zip(("expected", "found", "remedy"), error.args, strict=True))}
 
 
-def _drawn(path: Path, unit: str | None, layer: str | None) -> dict[str, Any]:
+def _drawn(path: Path, unit: str | None, layer: str | None, origin: Sequence[float]) -> dict[str, Any]:
     there = parse_boundary(path, unit, layer, "file")
-    return {"boundary": polygon_from(there.contours()).as_dict(), "center": there.center}
+    room = polygon_from(there.contours())
+    found = {"boundary": room, "keep_out": moved(there, origin)}
+    return {name: each.as_dict() for name, each in found.items()} | {"center": there.center, "words": str(room)}
 
 
 def _opened(path: Path) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from markergen.guard import KINDS, read
 from markergen.presentation.results import plain as as_json
 from markergen.studio.look import look, more
 from markergen.studio.opening import opened
+from markergen.studio.regions import place_in, with_region
 from markergen.studio.showing import detected, exported, parsed_request, scene, table_in, view
 from markergen.studio.state import declared_options, plain, words
 from markergen.studio.work import Job, Latest, design_rig, failure, optimize, streamed
@@ -96,7 +97,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     Parameters
     ----------
     file : Path or None
-        File that the page begins with; read now.
+        File that the page begins with, as if it were opened there; read and checked now.
 
     Raises
     ------
@@ -105,7 +106,9 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     """
     # Some systems call JavaScript plain text, which browsers then refuse to run.
     mimetypes.add_type("text/javascript", ".js")
-    begin = None if file is None else opened(file.name, read(file, "upload").data)
+    begin = None if file is None else read(file, "upload").data
+    if file is not None and begin is not None:
+        opened(file.name, begin)
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
     known: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
@@ -113,6 +116,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
         "more": lambda asked: MORE(plain(asked.get("options")), str(asked.get("page", ""))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
+        "region": with_region,
     }
 
     async def page(request: Request) -> Response:
@@ -125,11 +129,16 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
 
     async def options(request: Request) -> Response:
         del request
-        return _json({**await aside(declared_options), "opened": begin})
+        return _json({**await aside(declared_options), "file": None if file is None else file.name})
+
+    async def first(request: Request) -> Response:
+        del request
+        return Response(begin, 200 if begin is not None else 404, media_type="application/octet-stream")
 
     routes = [
         Route("/", page),
         Route("/options", options),
+        Route("/file", first),
         *(Route(f"/{name}", _answering(answer), methods=["POST"]) for name, answer in known.items()),
         Route("/view", _refusing(_view), methods=["POST"]),
         Route("/export", _refusing(_export), methods=["POST"]),
@@ -209,7 +218,8 @@ async def _export(request: Request) -> Response:
 
 async def _open(request: Request) -> Response:
     unit, layer = (unquote(request.headers.get(name, "")) or None for name in ("x-unit", "x-layer"))
-    return _json(await aside(opened, _name(request), await body(request, "upload"), unit, layer))
+    origin = place_in(request.headers.get("x-origin", "0,0").split(","))
+    return _json(await aside(opened, _name(request), await body(request, "upload"), unit, layer, origin))
 
 
 async def _detect(request: Request) -> Response:

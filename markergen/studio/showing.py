@@ -37,7 +37,7 @@ from markergen.render import DEFAULT_OPTICS, render_rig, render_view
 from markergen.studio.look import clean, sketch
 from markergen.studio.no_files import refuse_files, refuse_named_plates
 from markergen.studio.opening import uploaded
-from markergen.studio.state import plain
+from markergen.studio.state import SPEC, plain, words
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
@@ -137,6 +137,9 @@ def exported(request: Mapping[str, Any]) -> File:
     suffix = request.get("suffix")
     if not isinstance(suffix, str) or not re.fullmatch(r"(\.[a-z0-9]+){1,3}", suffix):
         raise InputError("a suffix such as .pdf", brief(suffix), "choose a format of the list")
+    if suffix == SPEC and "options" in request:
+        options = table_in(request, "options")
+        return File(f"{'rig' if 'shape' in options else 'marker'}{SPEC}", words(options)["spec"].encode())
     with TemporaryDirectory() as folder:
         if "rig" in request or "marker" in request:
             what = subject(request).what

@@ -19,7 +19,10 @@ from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.options import GROUPS, REPEATABLE, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.rig import RigKeywords
 from markergen.read.layout import layout_of
+from markergen.read.rig_plates import SUFFIXES
+from markergen.read.spec_file import DRAWING
 from markergen.read.templates import read_template, templates
 from markergen.studio.no_files import refuse_files
 
@@ -28,8 +31,13 @@ Options = Mapping[str, Any]
 ELSEWHERE = OUTSIDE_FILES
 """Options of a design that are not part of a state: files to write."""
 
+NOTES = ("drawing_center",)
+"""What a page keeps in its state beside the options: the place in a drawing, in m, that became the marker's origin."""
+
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a spec of options that are called differently."""
+
+SPEC = ".toml"
 
 KEPT = 16
 """Number of designs in memory."""
@@ -53,7 +61,8 @@ def declared_options() -> dict[str, Any]:
                     "repeatable": each.kind in REPEATABLE,
                 }
                 for each in known.values()
-                if each.group == group
+                # Drawings are asked for theirs when they are opened.
+                if each.group == group and each.name not in DRAWING
             ],
         }
         for group in GROUPS
@@ -62,7 +71,10 @@ def declared_options() -> dict[str, Any]:
         "version": __version__,
         "groups": [group for group in groups if group["options"]],
         "choices": {name: names_of(name) for name in NAMES if name in known},
-        "formats": [{"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes],
+        "formats": [
+            *({"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes),
+            {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
+        ],
         "templates": list(map(_template, templates())),
         "defaults": {name: option.default for name, option in known.items() if option.default is not None},
     }
@@ -90,7 +102,7 @@ def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
     for name, value in options.items():
         if name in ELSEWHERE:
             raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
-        if value is None or value in ("", [], {}):
+        if name in NOTES or value is None or value in ("", [], {}):
             continue
         kind = known[name].kind if name in known else ""
         if name == "points" and isinstance(value, list):
@@ -148,23 +160,38 @@ def marker_of_options(options: Any) -> Marker:
     return design_of(options).marker
 
 
-def words(options: Any) -> dict[str, str]:
-    """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker.
+def rig_of(shape: object, options: Any) -> tuple[str, dict[str, Any]]:
+    """Return the shape and the options of a rig; raises InputError as `plain`, or if the shape is none or a file."""
+    if not isinstance(shape, str) or shape.strip().lower().endswith(SUFFIXES):
+        raise InputError("the shape of a rig", brief(shape), "write cube, prism:6, wall 3x2 or pair")
+    return shape, plain(options, RigKeywords)
 
-    What cannot be typed in a line, such as a boundary that was drawn, refers the command to the spec file.
+
+def words(options: Any) -> dict[str, str]:
+    """Say a state as a command, as Python, and as a spec file in TOML; all three make the same marker, or rig.
+
+    A state that cannot be typed in a line, such as one with a boundary that was drawn, has its command write the spec
+    first.
     """
     import tomli_w
 
-    state = plain(options)
-    spec = tomli_w.dumps(state)
-    if any(_nested(value) for value in state.values()):
-        command = "markergen design --template marker.toml -o marker.pdf"
+    shape = options.get("shape") if isinstance(options, Mapping) else None
+    if shape is None:
+        state, table, verb, noun, file = plain(options), DesignKeywords, "design", "marker", "marker.pdf"
+        spec, first = tomli_w.dumps(state), []
     else:
-        known = declared(DesignKeywords)
+        shape, state = rig_of(shape, {name: value for name, value in options.items() if name != "shape"})
+        table, verb, noun, file = RigKeywords, "rig", "rig", "rig.json"
+        spec, first = tomli_w.dumps({"shape": shape, **state}), [shape]
+    if any(_nested(value) for value in state.values()):
+        # In a spec no line is EOF.
+        command = f"cat > {noun}.toml <<'EOF'\n{spec}EOF\nmarkergen {verb} --template {noun}.toml -o {file}"
+    else:
+        known = declared(table)
         typed = [word for name, value in state.items() for word in _typed(known[name].flag, value)]
-        command = shlex.join(["markergen", "design", *typed, "-o", "marker.pdf"])
-    given = "".join(f"\n    {name}={value!r}," for name, value in state.items())
-    python = f'import markergen as mg\n\ndesign = mg.design({given}\n)\ndesign.marker.save("marker.pdf")\n'
+        command = shlex.join(["markergen", verb, *first, *typed, "-o", file])
+    given = "".join(f"\n    {each}," for each in [*map(repr, first), *(f"{k}={v!r}" for k, v in state.items())])
+    python = f'import markergen as mg\n\ndesign = mg.{verb}({given}\n)\ndesign.{noun}.save("{file}")\n'
     return {"command": command, "python": python, "spec": spec}
 
 

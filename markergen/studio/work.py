@@ -10,16 +10,14 @@ from typing import Any
 
 from markergen.api.design import design
 from markergen.api.rig import rig
-from markergen.errors import InputError, MarkergenError, brief
+from markergen.errors import InputError, MarkergenError
 from markergen.model.boundary import Circle
 from markergen.model.marker_json import to_json
 from markergen.model.rig_json import rig_to_json
 from markergen.optimize.design import Design
-from markergen.options.rig import RigKeywords
 from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json
-from markergen.read.rig_plates import SUFFIXES
-from markergen.studio.state import plain
+from markergen.studio.state import plain, rig_of
 
 log = logging.getLogger(__name__)
 
@@ -217,8 +215,6 @@ def design_rig(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[
     dict
         ``rig``, a rig.json, ``summary`` and ``warnings``.
     """
-    asked = plain(options, RigKeywords)
-    if not isinstance(shape, str) or shape.strip().lower().endswith(SUFFIXES):
-        raise InputError("the shape of a rig", brief(shape), "write cube, prism:6, wall 3x2 or pair")
+    shape, asked = rig_of(shape, options)
     found = rig(shape, progress=tell.progress, **asked)
     return {"rig": json.loads(rig_to_json(found.rig)), "summary": str(found), "warnings": found.warnings}

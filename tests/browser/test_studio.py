@@ -3,11 +3,13 @@
 import base64
 import json
 import re
+import shlex
 import shutil
 import socket
 import subprocess
 import sys
 import time
+import tomllib
 from contextlib import contextmanager
 from importlib.resources import files
 from io import StringIO
@@ -203,8 +205,6 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
     loading.value.save_as("loaded.json")
     studio.page.click("#command")
     studio.until("() => document.getElementById('said').textContent.includes('markergen design')")
-    import shlex
-
     typed = shlex.split(studio.said().partition(": ")[2].replace("marker.pdf", "typed.json"))
     assert main(typed[1:]) == 0
     assert (tmp_path / "loaded.json").read_bytes() == (tmp_path / "typed.json").read_bytes()
@@ -416,8 +416,10 @@ def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
         studio.page.click("#download")
     rig = json.loads(loading.value.path().read_text())
     assert len(rig["markers"]) == 2
+    assert studio.page.locator("#optimize").is_disabled()
     studio.page.click("#back")
     assert studio.dots() == 5
+    assert studio.page.locator("#optimize").is_enabled()
 
 
 def test_a_rig_of_a_template_is_designed_and_stands(studio):
@@ -919,3 +921,499 @@ def test_its_pictures_are_taken_by_a_script(launched, tmp_path):
     subprocess.run(script, check=True, timeout=300)
     shades = [np.asarray(Image.open(each).convert("L")).mean() for each in (light, dark)]
     assert shades[0] > 200 > 100 > shades[1]
+
+
+def uploads(tmp_path, name, text):
+    """A file that the browser sends with the type that it knows for its name."""
+    (tmp_path / name).write_text(text)
+    return tmp_path / name
+
+
+SHEET = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">{}</svg>'
+PLATE = SHEET.format('<path d="M20,20 h200 v160 h-200 z"/>')
+
+
+def type_in(studio, name, text):
+    field = studio.page.locator(f"#option-{name}")
+    field.evaluate("each => { each.closest('details').open = true; }")
+    field.fill(text)
+    studio.page.keyboard.press("Tab")
+
+
+def numbers_of(state):
+    return [[float(each.removesuffix("mm")) for each in dot.split(",")] for dot in state["points"].split("; ")]
+
+
+def test_a_refused_state_is_neither_downloaded_nor_copied(refusing):
+    type_in(refusing, "n", "8")
+    assert refusing.dots() == 8
+    type_in(refusing, "radius", "wide")
+    refusing.page.wait_for_selector("#option-radius[aria-invalid]")
+    wrong = refusing.said()
+    loaded = []
+    refusing.page.on("download", lambda each: loaded.append(each))
+    for button in ("download", "command", "python", "spec", "share"):
+        refusing.page.click(f"#{button}")
+        refusing.until(f"() => document.getElementById('said').textContent === {json.dumps(wrong)}")
+        assert refusing.page.locator("#said.fault").count() == 1
+    assert not loaded
+
+
+def test_what_is_typed_last_is_what_is_downloaded(studio):
+    studio.page.select_option("#suffix", ".json")
+    studio.page.get_by_label("n", exact=True).fill("9")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    assert len(json.loads(loading.value.path().read_text())["control_points"]) == 9
+
+
+def test_a_dxf_is_a_drawing_whatever_type_the_browser_gives_it(studio, tmp_path):
+    [_, _, (_, name, data)] = drawings()
+    (tmp_path / name).write_bytes(data)
+    studio.give(tmp_path / name)
+    studio.page.click("#drop-room")
+    studio.until(
+        "() => document.getElementById('said').textContent.startsWith('plate.dxf: polygon of 200 mm x 160 mm')"
+    )
+    assert studio.state()["boundary"]["kind"] == "polygon"
+    assert studio.page.locator("#photos figure").count() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "option"),
+    [
+        ("plate.svg", PLATE, "boundary"),
+        ("camera.yaml", "width: 640\nheight: 480\nfx: 700\nfy: 700\ncx: 320\ncy: 240\n", "camera"),
+        ("poses.csv", "tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n0,0,1.2,3.14159,0.3,0\n", "poses"),
+        ("dots.csv", "x_mm,y_mm\n0,90\n80,0\n-80,0\n0,-85\n", "points"),
+    ],
+)
+def test_it_begins_with_any_file_that_can_be_opened(opened, tmp_path, name, text, option):
+    with (
+        serving(free_port(), uploads(tmp_path, name, text)) as address,
+        opened(address, lambda url: url.startswith((address, "blob:"))) as page,
+    ):
+        studio = Studio(page)
+        if option == "boundary":
+            page.click("#drop-room")
+        studio.until(f"() => document.getElementById('said').textContent.startsWith('{name}: ')")
+        assert studio.state()[option]
+
+
+def test_keep_outs_of_the_sheet_of_the_room_lie_where_they_are_drawn(studio, tmp_path):
+    holes = uploads(tmp_path, "holes.svg", SHEET.format('<circle cx="50" cy="50" r="10"/>'))
+    plate = uploads(tmp_path, "plate.svg", PLATE)
+    studio.give(plate)
+    studio.page.click("#drop-room")
+    studio.page.wait_for_selector("#clear:not([hidden])")
+    studio.settle()
+    studio.page.reload()
+    studio.settle()
+    studio.give(holes)
+    studio.page.click("#drop-keep")
+    studio.page.wait_for_selector("#canvas .out")
+    [own] = mg.design(
+        **{name: each for name, each in studio.state().items() if name != "drawing_center"}
+    ).spec.keep_outs
+    [same] = mg.design(n=5, boundary=plate, keep_out=[holes]).spec.keep_outs
+    assert own == same
+    assert own.center == pytest.approx((-0.07, 0.05))
+
+
+def test_the_skip_link_keeps_the_design(studio):
+    type_in(studio, "n", "7")
+    before = studio.state()
+    studio.page.locator("#skip").focus()
+    studio.page.keyboard.press("Enter")
+    assert studio.page.evaluate("() => document.activeElement.id") == "marker"
+    assert studio.state() == before
+    studio.page.reload()
+    assert studio.dots() == 7
+
+
+def test_no_fast_edit_is_lost(studio):
+    dot = studio.page.locator("#canvas .dot").nth(1)
+    before = numbers_of(
+        {"points": re.sub(r"[^\d.,-]", "", re.search("at (.*) mm", dot.get_attribute("aria-label"))[1])}
+    )
+    dot.focus()
+    for _ in range(40):
+        studio.page.keyboard.press("ArrowRight", delay=10)
+    assert numbers_of(studio.state())[1][0] - before[0][0] == pytest.approx(40, abs=0.01)
+    studio.page.click("[data-mode=add]")
+    box = studio.page.locator("#canvas svg").bounding_box()
+    for k in range(30):
+        studio.page.mouse.click(box["x"] + box["width"] / 2 + 4 * k - 60, box["y"] + box["height"] / 2 + 5)
+    assert studio.dots() == 35
+
+
+def test_a_link_that_is_no_design_is_told_and_shown_in_the_form(refusing):
+    refusing.page.evaluate(PASTE, link_of({"n": 3}))
+    refusing.page.wait_for_selector("#option-n[aria-invalid]")
+    assert "found n=3" in refusing.said()
+    assert refusing.page.locator("#option-n").input_value() == "3"
+    refusing.page.click("#undo")
+    assert refusing.dots() == 5
+    assert refusing.page.locator("#option-n").input_value() == ""
+    refusing.page.click("#redo")
+    refusing.page.wait_for_selector("#option-n[aria-invalid]")
+    assert refusing.page.locator("#option-n").input_value() == "3"
+    # A page that begins with it has nothing to copy.
+    refusing.page.reload()
+    refusing.page.wait_for_selector("#option-n[aria-invalid]")
+    assert refusing.page.locator("#option-n").input_value() == "3"
+    refusing.page.click("#command")
+    refusing.until("() => document.getElementById('said').textContent.includes('found n=3')")
+
+
+def link_of(state):
+    import base64
+
+    return "http://127.0.0.1:1/gone/#" + base64.urlsafe_b64encode(json.dumps(state).encode()).decode().rstrip("=")
+
+
+def test_a_drawing_that_is_no_room_does_not_look_like_one(refusing, tmp_path):
+    type_in(refusing, "dot", "30mm")
+    refusing.give(uploads(tmp_path, "tiny.svg", PLATE.replace("300mm", "3mm")))
+    refusing.page.click("#drop-room")
+    refusing.page.wait_for_selector("#said.fault")
+    assert not refusing.said().startswith("tiny.svg: ")
+
+
+def test_photographs_are_taken_with_the_camera_of_the_state(studio, tmp_path):
+    from PIL import Image
+
+    from markergen.render import Optics, render_view
+
+    setting = mg.Camera(640, 480, 800, 800, 320, 240)
+    turned, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
+    image = render_view(mg.design(n=5).marker, setting, turned, place, Optics(), np.random.default_rng(1))
+    Image.fromarray(image).save(tmp_path / "seen.png")
+    studio.give(uploads(tmp_path, "camera.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n"))
+    studio.until("() => document.getElementById('said').textContent.startsWith('camera.yaml')")
+    studio.page.reload()
+    studio.settle()
+    assert studio.state()["camera"]["fx"] == 800
+    studio.give(tmp_path / "seen.png")
+    studio.until("() => /found, 5 dots. 0.8\\d* m away/.test(document.getElementById('photos').textContent)")
+    type_in(studio, "n", "5")
+    studio.page.evaluate(PASTE, link_of({"n": 5}))
+    studio.until("() => document.getElementById('said').textContent === 'The design of the link.'")
+    studio.give(tmp_path / "seen.png")
+    studio.until("() => /Give a camera file/.test(document.querySelector('#photos figure').textContent)")
+
+
+class Sheet:
+    """Millimeters of the drawing, as long as it does not change."""
+
+    def __init__(self, studio):
+        studio.settle()
+        self._page = studio.page
+        self._width = 1e3 * float(studio.page.locator("#canvas svg").get_attribute("viewBox").split()[2])
+
+    def at(self, x, y):
+        box = self._page.locator("#canvas svg").bounding_box()
+        scale = min(box["width"], box["height"]) / self._width
+        return box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
+
+    def click(self, *places):
+        for place in places:
+            self._page.mouse.click(*self.at(*place), delay=20)
+
+    def drag(self, start, end, keep=False):
+        self._page.mouse.move(*self.at(*start))
+        self._page.mouse.down()
+        self._page.mouse.move(*self.at(*end), steps=4)
+        if not keep:
+            self._page.mouse.up()
+
+
+@pytest.mark.parametrize("kind", ["circle", "rectangle"])
+def test_a_room_that_is_drawn_off_center_takes_its_center_and_all_that_is_there_along(studio, kind):
+    type_in(studio, "keep_out", "circle:10mm@40mm,-40mm")
+    dots = studio.page.locator("#canvas .dot")
+    dots.nth(1).focus()
+    studio.page.keyboard.press("ArrowRight")
+    before = numbers_of(studio.state())
+    sheet = Sheet(studio)
+    studio.page.click("[data-mode=room]")
+    if kind == "circle":
+        sheet.drag((40, -40), (40, 20))
+    else:
+        sheet.click((0, -90), (80, 10))
+        studio.page.keyboard.press("Enter")
+    studio.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
+    state = studio.state()
+    [keep] = state["keep_out"]
+    x, y = (float(each.removesuffix("mm")) for each in keep.partition("@")[2].split(","))
+    room = mg.design(**{**state, "points": None, "n": 5, "dot": None, "restarts": 1}).spec.boundary
+    np.testing.assert_allclose(room.center, 0, atol=1e-6)
+    assert room.radius == pytest.approx(0.06 if kind == "circle" else np.hypot(0.04, 0.05), rel=0.02)
+    np.testing.assert_allclose((x, y), 0, atol=1.2)
+    # Dots that were placed by hand stay where they are, beside the keep-out.
+    moved = np.array(numbers_of(state)) - before
+    np.testing.assert_allclose(moved, np.tile([x - 40, y + 40], (5, 1)), atol=1e-6)
+
+
+def test_an_outline_that_crosses_itself_stays_a_draft(refusing):
+    before = refusing.state()
+    sheet = Sheet(refusing)
+    refusing.page.click("[data-mode=room]")
+    for place in ((-60, -60), (60, 60), (60, -60), (-60, 40)):
+        sheet.click(place)
+    refusing.page.keyboard.press("Enter")
+    refusing.page.wait_for_selector("#said.fault:has-text('outlines that do not cross')")
+    assert "[[" not in refusing.said()
+    assert refusing.state() == before
+    # Its corners are taken back, one by one, and drawn anew.
+    assert refusing.page.locator("#canvas .draft").count() == 1
+    refusing.page.keyboard.press("Control+z")
+    refusing.page.keyboard.press("Control+z")
+    sheet.click((-60, 60), (-90, 0))
+    refusing.page.keyboard.press("Enter")
+    refusing.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
+    [outline] = refusing.state()["boundary"]["outlines"]
+    assert len(outline) == 4
+    assert all(value == round(value, 6) for corner in outline for value in corner)
+
+
+def test_undo_takes_back_a_corner_before_the_design(studio):
+    type_in(studio, "n", "6")
+    assert studio.dots() == 6
+    sheet = Sheet(studio)
+    studio.page.click("[data-mode=keep]")
+    sheet.click((-30, -30), (30, 30))
+    studio.page.keyboard.press("Control+z")
+    studio.page.keyboard.press("Control+z")
+    assert studio.page.locator("#canvas .draft").count() == 0
+    assert studio.dots() == 6
+    studio.page.keyboard.press("Control+z")
+    assert studio.dots() == 5
+
+
+def test_typing_numbers_keeps_the_focus(studio):
+    type_in(studio, "relief", "10mm")
+    studio.settle()
+    studio.page.click("#table summary")
+    studio.page.get_by_label("x of dot 0 in mm").fill("12.5")
+    studio.page.keyboard.press("Tab")
+    assert studio.state()["points"].startswith("12.5mm")
+    assert studio.page.evaluate("() => document.activeElement.ariaLabel") == "y of dot 0 in mm"
+    assert studio.page.get_by_label("z of dot 0 in mm").input_value() == "0.00"
+    studio.page.get_by_label("Remove dot 1").click()
+    assert studio.dots() == 4
+    assert studio.page.evaluate("() => document.activeElement.ariaLabel") == "Remove dot 1"
+
+
+@pytest.mark.parametrize("camera", [False, True])
+def test_the_copied_command_makes_the_download_whatever_was_drawn(studio, tmp_path, camera):
+    studio.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    if camera:
+        studio.give(uploads(tmp_path, "camera.yaml", "width: 640\nheight: 480\nfx: 700\nfy: 700\ncx: 320\ncy: 240\n"))
+        studio.until("() => document.getElementById('said').textContent.startsWith('camera.yaml')")
+    else:
+        sheet = Sheet(studio)
+        studio.page.click("[data-mode=room]")
+        sheet.click((-120, -90), (100, 80))
+        studio.page.keyboard.press("Enter")
+        studio.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
+        type_in(studio, "keep_out", "circle:10mm@30mm,20mm")
+        assert len(studio.state()["keep_out"]) == 1
+    loaded, words = {}, {}
+    for suffix in (".json", ".toml"):
+        studio.page.select_option("#suffix", suffix)
+        with studio.page.expect_download() as loading:
+            studio.page.click("#download")
+        loaded[suffix] = loading.value.path().read_bytes()
+    for button in ("command", "spec"):
+        studio.page.click(f"#{button}")
+        studio.until(f"() => document.getElementById('said').textContent.startsWith('Copied the {button}')")
+        words[button] = studio.page.evaluate("() => navigator.clipboard.readText()")
+    assert words["spec"].encode() == loaded[".toml"]
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    typed = words["command"].replace("\nmarkergen ", f"\n{shlex.quote(sys.executable)} -m markergen ")
+    subprocess.run(["bash", "-e"], input=typed.encode(), cwd=empty, check=True, capture_output=True)
+    assert (empty / "marker.json").read_bytes() == loaded[".json"]
+
+
+def test_a_drawing_is_asked_for_its_unit_and_layer(studio, tmp_path):
+    import ezdxf
+
+    bare = PLATE.replace('width="300mm" height="300mm" ', "")
+    studio.give(uploads(tmp_path, "bare.svg", bare))
+    studio.page.wait_for_selector("#drop-said.fault:has-text('a unit of length')")
+    assert studio.page.locator("#drop-room").is_disabled()
+    studio.page.select_option("#drop-unit", "cm")
+    studio.page.wait_for_selector("#drop-said:has-text('polygon of 2 m x 1.6 m')")
+    studio.page.select_option("#drop-unit", "mm")
+    studio.page.wait_for_selector("#drop-said:has-text('polygon of 200 mm x 160 mm')")
+    studio.page.click("#drop-room")
+    studio.until("() => document.getElementById('said').textContent.startsWith('bare.svg: polygon of 200 mm')")
+    drawing = ezdxf.new(units=ezdxf.units.MM)
+    for name, size in (("PLATE", 120), ("FRAME", 300)):
+        points = [(0, 0), (size, 0), (size, size), (0, size)]
+        drawing.modelspace().add_lwpolyline(points, close=True, dxfattribs={"layer": name})
+    drawing.saveas(tmp_path / "layers.dxf")
+    studio.give(tmp_path / "layers.dxf")
+    studio.page.fill("#drop-layer", "PLAT")
+    studio.page.keyboard.press("Enter")
+    studio.page.wait_for_selector("#drop-said.fault:has-text(\"'PLATE'\")")
+    studio.page.fill("#drop-layer", "FRAME")
+    studio.page.keyboard.press("Enter")
+    studio.page.wait_for_selector("#drop-said:has-text('polygon of 300 mm x 300 mm')")
+    studio.page.fill("#drop-layer", "PLATE")
+    studio.page.click("#drop-room")
+    studio.until("() => document.getElementById('said').textContent.startsWith('layers.dxf')")
+    assert studio.state()["boundary"]["outlines"] == [[[-0.06, -0.06], [0.06, -0.06], [0.06, 0.06], [-0.06, 0.06]]]
+    # Fields that the page has no drawing for are not there.
+    for name in ("boundary_unit", "layer", "origin"):
+        assert studio.page.locator(f"#option-{name}").count() == 0
+
+
+def test_dots_and_regions_are_drawn_by_keyboard(studio):
+    press = studio.page.keyboard.press
+    studio.page.locator("[data-mode=add]").focus()
+    press("Enter")
+    for _ in range(3):
+        press("Tab")
+    assert studio.page.evaluate("() => document.activeElement.dataset.mode") == "keep"
+    press("Tab")
+    assert studio.page.evaluate("() => document.activeElement.tagName") == "svg"
+    press("Shift+ArrowRight")
+    press("ArrowUp")
+    assert studio.said() == "The cross is at 10.00, 1.00 mm."
+    press("Space")
+    assert studio.dots() == 6
+    assert numbers_of(studio.state())[5] == [10, 1]
+    studio.page.locator("[data-mode=keep]").focus()
+    press("Enter")
+    press("Tab")
+    press("Shift+ArrowDown")
+    press("Space")
+    for key in ("Shift+ArrowLeft", "Shift+ArrowDown"):
+        press(key)
+    press("Space")
+    press("Enter")
+    studio.page.wait_for_selector("#canvas .out")
+    assert studio.page.evaluate("() => document.activeElement.dataset.mode") == "move"
+    [keep] = studio.state()["keep_out"]
+    assert sorted(map(tuple, keep["outlines"][0])) == [(0.0, -0.019), (0.0, -0.009), (0.01, -0.019), (0.01, -0.009)]
+    studio.page.locator("[data-mode=room]").focus()
+    press("Enter")
+    for _ in range(3):
+        press("Tab")
+    assert studio.page.evaluate("() => document.activeElement.tagName") == "svg"
+
+
+def test_a_dot_that_leaves_the_view_can_be_reached(studio):
+    sheet = Sheet(studio)
+    dot = studio.page.locator("#canvas .dot").nth(0).locator(".mark").bounding_box()
+    studio.page.mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+    studio.page.mouse.down()
+    studio.page.mouse.move(*sheet.at(0, 320), steps=5)
+    studio.page.mouse.up()
+    studio.settle()
+    assert numbers_of(studio.state())[0][1] == pytest.approx(320, abs=3)
+    box, drawn = (
+        studio.page.locator("#canvas svg").bounding_box(),
+        studio.page.locator("#canvas .dot").nth(0).bounding_box(),
+    )
+    assert drawn["y"] > box["y"]
+    studio.page.click("#undo")
+    studio.settle()
+
+
+def test_escape_ends_dragging_where_it_began(studio):
+    before = studio.state()
+    box = studio.page.locator("#canvas .dot").nth(1).locator(".mark").bounding_box()
+    place = studio.page.locator("#canvas .dot").nth(1).get_attribute("transform")
+    studio.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    studio.page.mouse.down()
+    studio.page.mouse.move(box["x"] + 60, box["y"] + 60, steps=5)
+    assert studio.page.locator("#canvas .dot").nth(1).get_attribute("transform") != place
+    studio.page.keyboard.press("Escape")
+    studio.page.mouse.move(box["x"] + 90, box["y"] + 60, steps=2)
+    studio.page.mouse.up()
+    assert studio.state() == before
+    assert studio.page.locator("#canvas .dot").nth(1).get_attribute("transform") == place
+    assert studio.page.locator("#undo").is_disabled()
+
+
+def test_keep_outs_are_moved_and_removed_one_by_one(studio):
+    type_in(studio, "keep_out", "circle:10mm@40mm,-40mm | rect:10mmx20mm")
+    studio.page.wait_for_selector("#canvas .out")
+    sheet = Sheet(studio)
+    studio.page.click("[data-mode=keep]")
+    sheet.drag((-50, 50), (-50, 65))
+    studio.page.wait_for_selector("#canvas .out:nth-child(3)")
+    # What is typed stays in its field.
+    assert studio.page.locator("#option-keep_out").input_value() == "circle:10mm@40mm,-40mm | rect:10mmx20mm"
+    assert "1 drawn" in studio.page.locator("label[for=option-keep_out]").inner_text()
+    sheet = Sheet(studio)
+    sheet.drag((-50, 50), (-20, 50))
+    studio.until("() => /at -20/.test(document.querySelectorAll('#canvas .out')[2].ariaLabel)")
+    outs = studio.page.locator("#canvas .out")
+    outs.nth(1).focus()
+    for _ in range(3):
+        studio.page.keyboard.press("ArrowRight")
+    studio.until("() => / 3.00, 0.00 mm/.test(document.querySelectorAll('#canvas .out')[1].ariaLabel)")
+    state = studio.state()["keep_out"]
+    assert state[1] == "rect:10mmx20mm@3.0mm,0.0mm"
+    assert state[2]["center"] == pytest.approx([-0.02, 0.05], abs=1e-3)
+    outs.nth(0).focus()
+    studio.page.keyboard.press("Delete")
+    studio.page.wait_for_selector("#canvas .out:nth-child(3)", state="detached")
+    assert studio.state()["keep_out"] == state[1:]
+    studio.page.click("#clear")
+    studio.page.wait_for_selector("#canvas .out:nth-child(2)", state="detached")
+    assert studio.state()["keep_out"] == state[1:2]
+    assert studio.page.locator("#clear").is_hidden()
+
+
+def test_a_target_takes_the_place_of_a_number_of_dots(studio):
+    type_in(studio, "n", "8")
+    assert studio.dots() == 8
+    type_in(studio, "target", "0.5deg@0.7m")
+    assert studio.state() == {"target": "0.5deg@0.7m"}
+    assert studio.page.locator("#said.fault").count() == 0
+    type_in(studio, "n", "6")
+    assert studio.state() == {"n": "6"}
+
+
+def test_a_rig_is_a_state_with_a_link_a_command_and_a_way_back(studio, tmp_path):
+    poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    rig = {"shape": "pair", "n": 4, "plate": "100mm", "restarts": 1, "poses": poses}
+    type_in(studio, "n", "6")
+    assert studio.dots() == 6
+    studio.page.evaluate(PASTE, link_of(rig))
+    studio.until("() => document.getElementById('said').textContent === 'The design of the link.'", 120)
+    assert studio.state() == rig
+    assert studio.page.locator("#body").is_visible()
+    studio.page.select_option("#suffix", ".json")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    loaded = json.loads(loading.value.path().read_text())
+    studio.page.select_option("#suffix", ".toml")
+    with studio.page.expect_download() as loading:
+        studio.page.click("#download")
+    assert loading.value.suggested_filename == "rig.toml"
+    assert tomllib.loads(loading.value.path().read_text()) == rig
+    studio.page.click("#command")
+    studio.until("() => document.getElementById('said').textContent.startsWith('Copied: markergen rig pair ')")
+    typed = shlex.split(studio.said().partition(": ")[2].replace("rig.json", str(tmp_path / "rig.json")))
+    assert main(typed[1:]) == 0
+    # The page turns 800.0 into 800.
+    assert json.loads((tmp_path / "rig.json").read_text()) == loaded
+    studio.page.click("#undo")
+    studio.page.wait_for_selector("#body", state="hidden")
+    assert studio.dots() == 6
+    studio.page.click("#redo")
+    studio.page.wait_for_selector("#body:not([hidden])")
+    studio.page.click("#back")
+    assert studio.dots() == 6
+    studio.page.click("#undo")
+    studio.page.wait_for_selector("#body:not([hidden])")
+    studio.page.reload()
+    studio.page.wait_for_selector("#body:not([hidden])", timeout=120_000)
+    assert studio.state() == rig

@@ -131,20 +131,29 @@ def test_command_python_and_spec_make_the_marker_of_the_state(tmp_path, monkeypa
     assert mg.Marker.load("typed.json") == mg.Marker.load("spec.json") == marker
 
 
-def test_a_drawn_boundary_goes_to_the_spec_file() -> None:
+def test_the_command_of_a_drawn_boundary_writes_its_spec() -> None:
     drawn = {"kind": "polygon", "outlines": [[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]]}
-    found = words({"boundary": drawn, "n": 4})
-    assert "--template marker.toml" in found["command"]
+    found = words({"boundary": drawn, "n": 4, "objective": "a\nEOF\n"})
     assert tomllib.loads(found["spec"])["boundary"] == drawn
+    first, *spec, last, command = found["command"].split("\n")
+    assert (first, last) == ("cat > marker.toml <<'EOF'", "EOF")
+    assert "\n".join([*spec, ""]) == found["spec"]
+    assert "EOF" not in spec
+    assert command == "markergen design --template marker.toml -o marker.pdf"
+
+
+def test_what_a_page_notes_beside_the_options_is_no_option() -> None:
+    assert plain({"n": "4", "drawing_center": [0.1, 0.2]}) == {"n": 4}
 
 
 def test_a_page_can_show_all_options() -> None:
     found = json.loads(json.dumps(declared_options()))
     names = {option["name"] for group in found["groups"] for option in group["options"]}
     assert {"n", "points", "radius", "camera", "paper", "mount"} <= names
-    assert not names & {"output", "template"}
+    assert not names & {"output", "template", "boundary_unit", "layer", "origin"}
+    assert "mm" in found["choices"]["boundary_unit"]
     assert {"pose", "condition"} <= {*found["choices"]["objective"]}
-    assert {".pdf", ".step"} <= {each["suffix"] for each in found["formats"]}
+    assert {".pdf", ".step", ".toml"} <= {each["suffix"] for each in found["formats"]}
 
 
 def test_values_that_are_not_finite_become_null() -> None:
@@ -173,3 +182,14 @@ def test_every_template_that_is_listed_is_a_state() -> None:
             assert request_of(each["shape"], plain(each["options"], RigKeywords)).spec.camera.width
         else:
             assert spec_of_options(each["options"]).camera.width
+
+
+def test_a_rig_is_said_by_its_shape_and_its_own_options() -> None:
+    found = words({"shape": "wall 3x2", "n": "4", "drawing_center": [0, 0]})
+    assert found["command"] == "markergen rig 'wall 3x2' --n 4 -o rig.json"
+    assert tomllib.loads(found["spec"]) == {"shape": "wall 3x2", "n": 4}
+    assert "mg.rig(\n    'wall 3x2',\n    n=4,\n)\ndesign.rig.save(\"rig.json\")" in found["python"]
+    camera = {"width": 640, "height": 480, "fx": 700, "fy": 700, "cx": 320, "cy": 240}
+    assert "\nmarkergen rig --template rig.toml -o rig.json" in words({"shape": "cube", "camera": camera})["command"]
+    with pytest.raises(InputError, match="the shape of a rig"):
+        words({"shape": "plates.csv"})

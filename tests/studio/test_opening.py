@@ -86,6 +86,22 @@ def test_every_kind_of_file_is_known():
     assert len(spec_from_mapping({"poses": poses}).poses) == 1
 
 
+def test_a_drawing_is_a_room_about_its_center_and_a_keep_out_about_another():
+    drawn = opened("plate.svg", SQUARE, origin=(0.01, -0.02))
+    room, keep_out = (spec_from_mapping({"boundary": drawn[name]}).boundary for name in ("boundary", "keep_out"))
+    assert room.center == pytest.approx((0, 0))
+    assert np.subtract(keep_out.center, (-0.01, 0.02)) == pytest.approx(drawn["center"])
+    assert drawn["words"] == "polygon of 200 mm x 100 mm"
+
+
+def test_a_drawing_is_asked_for_what_it_does_not_say():
+    assert opened("plate.geojson", GEO)["asked"]["expected"] == "a unit of length in plate.geojson"
+    assert opened("plate.json", GEO)["asked"]["found"].startswith("none: the drawing is 223.6")
+    assert opened("plate.geojson", GEO, "mm")["words"] == "polygon of 200 mm x 100 mm"
+    assert "m" in opened("plate.geojson", GEO, "parsec")["asked"]["remedy"]
+    assert opened("plate.svg", SQUARE, None, "HOLES")["asked"]["expected"] == "a known layer in plate.svg"
+
+
 def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
     identity = tuple(map(tuple, np.eye(3).tolist()))
     rig = Rig((RigMarker("one", pentagon, identity, (0.0, 0.0, 0.0)),))

@@ -71,7 +71,7 @@ def test_every_answer_forbids_what_is_not_our_own(studio):
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
 
 
-@pytest.mark.parametrize("name", ["look", "more", "words", "view", "export", "scene", "optimize", "rig"])
+@pytest.mark.parametrize("name", ["look", "more", "words", "view", "export", "scene", "optimize", "rig", "region"])
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b'{"options": 5}', b"[" * 100_000, b"\xff"])
 def test_what_is_no_request_is_told_in_one_line(studio, name, body):
     answer = studio.post(name, body)
@@ -112,8 +112,8 @@ def test_a_request_has_a_size_limit(studio, monkeypatch):
 def test_a_shared_address_names_no_files(studio, options, name, value):
     """Nothing is read or written, whatever the state says."""
     asked = {"options": {**options, name: value}}
-    for request in ("export", "view", "look", "more", "words", "scene", "optimize"):
-        answer = studio.post(request, {**asked, "suffix": ".json"})
+    for request in ("export", "view", "look", "more", "words", "scene", "optimize", "region"):
+        answer = studio.post(request, {**asked, "suffix": ".json", "move": {"index": 0, "by": [0, 0]}})
         assert answer.status == 422, request
         assert re.search("in the studio|expected options of a layout", answer.json["line"]), request
 
@@ -155,7 +155,8 @@ def test_the_page_begins_with_a_file(tmp_path, studio, options):
     (tmp_path / "marker.json").write_bytes(made)
     # Opened before anything is served: what cannot be used ends the command.
     studio_app(TOKEN, 1, tmp_path / "marker.json")
-    assert studio.get("options").json["opened"] is None
+    assert studio.get("options").json["file"] is None
+    assert studio.get("file").status == 404
     assert studio.post("open", made, X_Name="marker.json").json["options"]["points"] == options["points"]
 
 

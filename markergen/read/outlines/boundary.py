@@ -173,8 +173,15 @@ def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Bounda
     path, layer = _split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
-    drawn = parse_boundary(path, unit, layer, "file")
-    return polygon_from([placed(contour, 1.0, shift, 12) for contour in drawn.contours()], "file")
+    return moved(parse_boundary(path, unit, layer, "file"), shift)
+
+
+def moved(region: Boundary, origin: Sequence[float]) -> Boundary:
+    """Return a region as it is seen from another origin, in whole picometers."""
+    if isinstance(region, Circle):
+        x, y = (round(value - start, 12) + 0.0 for value, start in zip(region.center, origin, strict=True))
+        return Circle(region.size, (x, y))
+    return polygon_from([placed(contour, 1.0, origin, 12) for contour in region.contours()], "file")
 
 
 def _split(text: str) -> tuple[str, str | None]:

@@ -1,19 +1,32 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
 import { Gone, Refused, ask, by, capital, lines, make, mm, said } from "./dom.js";
+import { read, written } from "./address.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
+import { files } from "./files.js";
 import { form } from "./options.js";
-import { photographs } from "./photos.js";
 
 const AFTER = 500, RETRY = 2000, KEPT = 200;
+const COPIES = ["command", "python", "spec", "share"];
 
-let known = null, options = {}, look = null, body = null, camera = null;
+let known = null, options = {}, look = null, body = null;
+/* Rigs of this page by their states, and the latest state that is none of a rig. */
+const rigs = new Map();
+let flat = {};
 let past = [], future = [], pose = null, search = null, before = null, sized = null;
-let fields, drawing, globe, spatial;
+let fields, drawing, globe, spatial, numbers, take;
+
+/* The newest state as the server takes it; raises what was wrong with it. */
+async function settled() {
+  if (options.shape) return options;
+  await running;
+  if (fault) throw fault;
+  return look.options;
+}
 
 /* What requests are about: a rig or marker that was opened or designed, or else the options. */
-const about = () => body || { options: look ? look.options : options };
+const about = async () => body || { options: await settled() };
 
 function told(error) {
   if (error.name === "AbortError") return;
@@ -25,37 +38,41 @@ function told(error) {
 
 /* --- the address and the past ------------------------------------------------------------------------------- */
 
-function written(state) {
-  const bytes = new TextEncoder().encode(JSON.stringify(state));
-  return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-}
+const address = () => history.replaceState(null, "", written(options));
 
-const address = () => history.replaceState(null, "", `#${written(options)}`);
-
-function read(fragment) {
-  if (fragment.length < 2) return null;
-  try {
-    const bytes = Uint8Array.from(atob(fragment.slice(1).replaceAll("-", "+").replaceAll("_", "/")), (each) => each.charCodeAt(0));
-    const state = JSON.parse(new TextDecoder().decode(bytes));
-    return state && typeof state === "object" && !Array.isArray(state) ? state : null;
-  } catch {
-    return null;
-  }
-}
-
-/* Take another state; `step` puts the present one into the past. */
+/* Take another state; `step` puts the present one into the past. Returns a promise of whether the server takes it. */
 function become(state, step = true) {
   const before = JSON.stringify(options), after = JSON.stringify(state);
+  if (state.shape && !rigs.has(after)) return design(state, step);
   if (step && before !== after) {
     past = [...past, before].slice(-KEPT);
     future = [];
     search?.abort();
   }
+  if (state.shape && !options.shape) flat = options;
   options = JSON.parse(after);
-  stands(null);
   address();
+  if (state.shape) {
+    fields.show(options);
+    fields.refuse();
+    return stand({ rig: rigs.get(after).rig }, rigs.get(after).summary.split("\n")[0], true);
+  }
+  stands(null);
   buttons();
   return refresh();
+}
+
+/* A state with a shape is that of a rig, its options those of `markergen rig`; it is taken when a search has made it. */
+async function design(state, step) {
+  if (search) {
+    said("Stop the search first.", true);
+    return false;
+  }
+  const { shape, ...others } = state;
+  const end = await searching("rig", { shape, options: others });
+  if (!end) return false;
+  rigs.set(JSON.stringify(state), end);
+  return become(state, step);
 }
 
 /* Whether a body stands in the place of the marker. */
@@ -67,7 +84,7 @@ function stands(subject) {
 }
 
 function travel(from, to) {
-  if (!from.length || search) return;
+  if (!from.length || search || drawing.held()) return;
   to.push(JSON.stringify(options));
   become(JSON.parse(from.pop()), false);
 }
@@ -75,67 +92,87 @@ function travel(from, to) {
 function buttons() {
   by("undo").disabled = !past.length || Boolean(search);
   by("redo").disabled = !future.length || Boolean(search);
-  by("clear").hidden = !options.keep_out && typeof options.boundary !== "object";
-  for (const id of ["command", "python", "share"]) by(id).disabled = Boolean(body);
+  by("clear").hidden = ![options.boundary, ...keepOuts()].some(isDrawn);
+  for (const id of COPIES) by(id).disabled = Boolean(body) && !body.designed;
   by("optimize").textContent = search ? "Stop" : "Optimize";
+  // It would search for a marker that is not shown.
+  by("optimize").disabled = Boolean(body) && !search;
 }
 
 /* --- what the state is worth ---------------------------------------------------------------------------------- */
 
 const PAGE = crypto.randomUUID();
-let asked = 0, shown = 0, running = false, again = false, timer = null, slow = null;
+let begun = false, asked = 0, running = null, fault = null, timer = null, slow = null;
 
-/* One request at a time; the newest state is asked for when the last answer is there. */
-async function refresh() {
+/* Ask what the newest state is worth. Returns a promise of whether the server takes it. */
+function refresh() {
+  if (options.shape) return Promise.resolve(true);
   asked += 1;
   by("main").setAttribute("aria-busy", "true");
   slow?.abort();
   clearTimeout(timer);
-  if (running) {
-    again = true;
-    return;
-  }
-  running = true;
-  try {
-    do {
-      again = false;
-      const number = asked;
-      const answer = await (await ask("look", { options })).json();
-      found();
-      if (number < shown) continue;
-      shown = number;
-      look = answer;
-      if (Array.isArray(options.points)) {
-        options = { ...options, points: look.options.points };
-        address();
-      }
-      show();
-    } while (again);
-  } catch (error) {
-    told(error);
-  } finally {
-    running = false;
-  }
-  if (again) return refresh();
-  by("main").setAttribute("aria-busy", "false");
-  timer = setTimeout(rest, AFTER);
+  running ||= catchUp();
+  return running;
 }
 
-function show() {
-  drawing.draw(look);
-  fields.show(options, { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` });
-  fields.refuse();
-  by("printed").replaceChildren(...fields.told(look.options).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+/* One request at a time; the newest state is asked for when the last answer is there. */
+async function catchUp() {
+  try {
+    for (let number = 0; number !== asked;) {
+      number = asked;
+      try {
+        const answer = await (await ask("look", { options })).json();
+        if (options.shape) break;
+        look = answer;
+        fault = null;
+        found();
+        show(number);
+      } catch (error) {
+        fault = error;
+        if (number === asked) refused(error);
+      }
+    }
+  } finally {
+    running = null;
+  }
+  by("main").setAttribute("aria-busy", String(!begun));
+  timer = setTimeout(rest, AFTER);
+  return !fault;
+}
+
+/* Numbers follow every answer. Dots and fields are those of the newest state: newer ones are not replaced by older ones. */
+function show(number) {
+  if (number === asked) {
+    if (Array.isArray(options.points)) {
+      options = { ...options, points: look.options.points };
+      address();
+    }
+    drawing.draw(look);
+    fill();
+    if (by("table").open) numbers(look);
+    by("printed").replaceChildren(...fields.told(look.options).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+    facts.problems(look.problems);
+    if (!search) said(look.start ? `${capital(look.start)} to start from. Optimize searches for the best layout; or move the dots.` : "");
+  }
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
-  if (by("table").open) listed();
-  facts.problems(look.problems);
-  if (!search) said(look.start ? `${capital(look.start)} to start from. Optimize searches for the best layout; or move the dots.` : "");
   document.title = `${look.dots.length} dots - markergen studio`;
-  document.body.dataset.shown = shown;
+  document.body.dataset.shown = number;
 }
 
-const listed = () => facts.numbers(by("table").querySelector(".scroll"), look, (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
+const fill = () => {
+  fields.show(options, look ? { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` } : {});
+  fields.refuse();
+};
+
+/* The form has what is refused; all else is that of the last state that was taken. */
+function refused(error) {
+  if (error instanceof Refused) {
+    fill();
+    if (look) drawing.draw(look);
+  }
+  told(error);
+}
 
 /* What takes seconds is asked for when nothing has changed for a while. */
 async function rest() {
@@ -146,7 +183,7 @@ async function rest() {
   slow = new AbortController();
   try {
     facts.later(await (await ask("more", { options: look.options, page: PAGE }, { signal: slow.signal })).json());
-    document.body.dataset.rested = shown;
+    document.body.dataset.rested = document.body.dataset.shown;
   } catch (error) {
     if (error instanceof Refused) facts.failed(error.message);
     else told(error);
@@ -170,7 +207,7 @@ async function see() {
   viewing?.abort();
   viewing = new AbortController();
   try {
-    const answer = await ask("view", { ...about(), pose: picked }, { signal: viewing.signal });
+    const answer = await ask("view", { ...(body || { options: look.options }), pose: picked }, { signal: viewing.signal });
     const old = by("view").src;
     by("view").src = URL.createObjectURL(await answer.blob());
     if (old.startsWith("blob:")) URL.revokeObjectURL(old);
@@ -225,41 +262,70 @@ function sizeless(state) {
   return dot === sized ? others : state;
 }
 
+/* Options that say the same in another way, or belong to another value: who gives one leaves out the others. */
+const INSTEAD = {
+  n: ["points", "target"], target: ["points", "n"], points: ["n", "target"], camera: ["camera_covariance"],
+  radius: ["boundary", "drawing_center"], boundary: ["radius", "drawing_center"],
+};
+
 function changed(name, value) {
   const next = name === "dot" ? { ...options } : { ...sizeless(options) };
   if (value === null) delete next[name];
   else next[name] = value;
-  if (name === "n" || name === "target") delete next.points;
-  else if (next.points && options.dot && name !== "dot") next.dot = options.dot;
-  if (name === "points") delete next.n;
-  if (name === "camera") delete next.camera_covariance;
-  if (name === "radius" && value !== null) delete next.boundary;
-  if (name === "boundary" && value !== null) delete next.radius;
+  if (name === "keep_out" && keepOuts().some(isDrawn)) next.keep_out = [...(value || []), ...keepOuts().filter(isDrawn)];
+  if (value !== null || name === "camera") for (const each of INSTEAD[name] || []) delete next[each];
+  if (next.points && options.dot && name !== "dot") next.dot = options.dot;
   become(next);
 }
 
-function drawn(mode, shape) {
-  if (mode === "keep") become({ ...options, keep_out: [...[options.keep_out || []].flat(), shape] });
-  else {
-    // The marker's origin is the center of its room.
-    const { radius, boundary, points, ...others } = sizeless(options), room = shape.kind === "circle" ? { radius: `${mm(shape.radius)}mm` } : { boundary: shape };
-    become({ ...others, n: others.n || look.dots.length, ...room });
-  }
-  pick("move");
+const keepOuts = () => [options.keep_out || []].flat();
+const isDrawn = (shape) => typeof shape === "object";
+
+let turn = Promise.resolve();
+
+/* Take a region that was drawn or moved into the state, one after the other; a promise of whether it can be. */
+function region(change) {
+  turn = turn.then(async () => {
+    try {
+      for (;;) {
+        const from = options, answer = await (await ask("region", { options: from, ...change })).json();
+        // What has changed meanwhile is kept.
+        if (options !== from) continue;
+        become(answer.options);
+        return true;
+      }
+    } catch (error) {
+      if (look) drawing.draw(look);
+      told(error);
+      return false;
+    }
+  });
+  return turn;
 }
 
+async function drawn(mode, shape) {
+  const taken = await region({ [mode === "keep" ? "keep_out" : "room"]: shape });
+  if (taken) pick("move");
+  return taken;
+}
+
+const KEYS = "By keyboard: Tab into the drawing, move the cross with the arrow keys;";
+const DRAWN = `Ctrl+Z takes back a corner, Escape all. ${KEYS} Space sets a corner.`;
 const HINTS = {
-  move: "Drag a dot, or Tab to it and use the arrow keys: 1 mm, with Shift 10 mm, with Alt 0.1 mm; Delete removes it.",
-  add: "Click where a dot should be.",
-  remove: "Click a dot to remove it.",
-  room: "Click the corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle. Escape starts anew.",
-  keep: "A region without dots: click its corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle.",
+  move: "Drag a dot or a keep-out, or Tab to it and use the arrow keys: 1 mm, with Shift 10 mm, with Alt 0.1 mm; Delete removes it, Escape ends dragging.",
+  add: `Click where a dot should be. ${KEYS} Space adds a dot.`,
+  remove: "Click a dot or a keep-out to remove it.",
+  room: `Click the corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle. ${DRAWN} Its center becomes the marker's origin.`,
+  keep: `A region without dots: click its corners, and the first one again or Enter to close; two opposite corners make a rectangle. Drag from the center for a circle. ${DRAWN}`,
 };
 
 function pick(mode) {
   for (const button of by("modes").querySelectorAll("[data-mode]")) button.setAttribute("aria-pressed", String(button.dataset.mode === mode));
   by("hint").textContent = HINTS[mode];
+  const within = by("canvas").firstChild === document.activeElement;
   drawing.mode(mode);
+  // Who has drawn by keyboard goes on from there.
+  if (within && mode === "move") by("modes").querySelector("[data-mode=move]").focus({ preventScroll: true });
 }
 
 /* --- searches ---------------------------------------------------------------------------------------------------- */
@@ -303,17 +369,18 @@ async function optimize() {
   if (!end) return;
   if (end.options) {
     if (!others.dot) sized = end.options.dot;
-    await become(end.options);
-    said(`Done: ${end.certificate.sentence}.`);
+    if (await become({ ...end.options, drawing_center: options.drawing_center })) said(end.certificate ? `Done: ${end.certificate.sentence}.` : "Done.");
   } else await stand({ marker: end.marker }, "Dots of several sizes serve these distances; change an option to begin anew.");
 }
 
 /* --- bodies in three dimensions ------------------------------------------------------------------------------------ */
 
-async function stand(subject, note) {
+/* Show a body; of one that was designed here the state says how. */
+async function stand(subject, note, designed = false) {
   try {
     const answer = await (await ask("scene", subject)).json();
     stands({ ...subject });
+    Object.defineProperty(body, "designed", { value: designed });
     Object.defineProperty(body, "look", { value: { ...answer, room: { outlines: [], radius: 0.1 }, dots: [] } });
     by("body-note").textContent = [note, answer.expected].filter(Boolean).join(". ");
     const { show } = await import("./rig3d.js");
@@ -326,62 +393,22 @@ async function stand(subject, note) {
     see();
     said(note);
     by("body").scrollIntoView({ block: "nearest" });
+    return true;
   } catch (error) {
     told(error);
+    return false;
   }
 }
 
-/* --- files --------------------------------------------------------------------------------------------------------- */
-
-const opened = {
-  options: (answer) => become(answer.options),
-  rig: (answer) => stand({ rig: answer.rig }, answer.title),
-  boundary: async (answer) => {
-    by("drop").returnValue = "";
-    by("drop").showModal();
-    await new Promise((done) => by("drop").addEventListener("close", done, { once: true }));
-    const use = by("drop").returnValue;
-    if (use === "keep_out") return become({ ...options, keep_out: [...[options.keep_out || []].flat(), answer.boundary] });
-    if (use !== "boundary") return null;
-    const { radius, points, ...others } = sizeless(options);
-    return become({ ...others, n: others.n || look.dots.length, boundary: answer.boundary });
-  },
-  camera: (answer) => {
-    camera = { camera: answer.camera, camera_covariance: answer.camera_covariance };
-    return become({ ...options, ...camera });
-  },
-  poses: (answer) => become({ ...options, poses: answer.poses }),
-  points: (answer) => {
-    const { n, ...others } = options;
-    return become({ ...others, points: answer.points });
-  },
-};
-
-const KINDS = { boundary: "a drawing", camera: "a camera", poses: "poses of the camera", points: "places of dots", rig: "a rig" };
-
-async function take(files) {
-  const pictures = [], others = [];
-  for (const file of files) (/^image\/(?!svg)/.test(file.type) ? pictures : others).push(file);
-  for (const file of others) {
-    try {
-      const answer = await (await ask("open", file, { headers: { "X-Name": encodeURIComponent(file.name) } })).json();
-      const kind = answer.options === null && answer.marker ? "marker" : Object.keys(opened).find((name) => answer[name]);
-      if (kind === "marker") await stand({ marker: answer.marker }, answer.title);
-      else await opened[kind](answer);
-      const title = answer.title === file.name ? KINDS[kind] : answer.title;
-      if (answer.note || kind !== "options") said(`${file.name}: ${answer.note || title || kind}`);
-    } catch (error) {
-      told(error instanceof Refused ? new Refused({ ...error.found, line: `${file.name}: ${error.message}` }) : error);
-    }
-  }
-  if (pictures.length) await photographs(by("photos"), pictures, () => ({ ...about(), ...camera })).catch(told);
-}
+/* --- what leaves the page ------------------------------------------------------------------------------------------- */
 
 async function download() {
   const suffix = by("suffix").value;
   said(`Writing ${suffix} …`);
   try {
-    const answer = await ask("export", { ...about(), suffix });
+    // A spec is that of the state, of a rig as well; a file that stands there has none.
+    const what = suffix === ".toml" && body?.designed !== false ? { options: await settled() } : await about();
+    const answer = await ask("export", { ...what, suffix });
     const name = decodeURIComponent(/filename\*=UTF-8''([^;]+)/.exec(answer.headers.get("Content-Disposition") || "")?.[1] || `marker${suffix}`);
     const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
     link.click();
@@ -392,12 +419,14 @@ async function download() {
   }
 }
 
+const COPIED = { share: "the link: it holds the whole design", python: "the Python", spec: "the spec, a file for markergen design --template" };
+
 async function copy(what) {
   try {
-    const words = what === "share" ? location.href : (await (await ask("words", { options: look.options })).json())[what];
+    const state = await settled(), words = what === "share" ? location.href : (await (await ask("words", { options: state })).json())[what];
     try {
       await navigator.clipboard.writeText(words);
-      said(what === "share" ? "Copied the link: it holds the whole design." : `Copied: ${words.split("\n").slice(0, 4).join(" ")}`);
+      said(COPIED[what] ? `Copied ${COPIED[what]}.` : words.includes("\n") ? "Copied the command; it writes its spec, marker.toml, first." : `Copied: ${words}`);
     } catch {
       said(`Copy this: ${words}`);
     }
@@ -408,34 +437,29 @@ async function copy(what) {
 
 /* --- begin --------------------------------------------------------------------------------------------------------- */
 
-async function build(shape, sized) {
-  if (search) return;
-  const end = await searching("rig", { shape, options: sized });
-  if (end) await stand({ rig: end.rig }, end.summary?.split("\n")[0] || shape);
-}
-
 const typing = ({ target }) => /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName) && target.type !== "checkbox";
 
 function listen() {
-  by("undo").addEventListener("click", () => travel(past, future));
+  const undo = () => drawing.back() || travel(past, future);
+  by("undo").addEventListener("click", undo);
   by("redo").addEventListener("click", () => travel(future, past));
   document.addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || typing(event)) return;
     const key = event.key.toLowerCase();
-    if (key === "z") event.shiftKey ? travel(future, past) : travel(past, future);
+    if (key === "z") event.shiftKey ? travel(future, past) : undo();
     else if (key === "y") travel(future, past);
     else return;
     event.preventDefault();
   });
   by("optimize").addEventListener("click", optimize);
-  by("back").addEventListener("click", () => become(options, false));
+  by("back").addEventListener("click", () => become(options.shape ? flat : options, Boolean(options.shape)));
   by("open").addEventListener("click", () => by("files").click());
   by("files").addEventListener("change", async () => {
     await take([...by("files").files]);
     by("files").value = "";
   });
   by("download").addEventListener("click", download);
-  for (const id of ["command", "python", "share"]) by(id).addEventListener("click", () => copy(id));
+  for (const id of COPIES) by(id).addEventListener("click", () => copy(id));
   by("theme").addEventListener("change", () => {
     if (by("theme").value) document.documentElement.dataset.theme = by("theme").value;
     else delete document.documentElement.dataset.theme;
@@ -443,10 +467,15 @@ function listen() {
   });
   for (const button of by("modes").querySelectorAll("[data-mode]")) button.addEventListener("click", () => pick(button.dataset.mode));
   by("clear").addEventListener("click", () => {
-    const { keep_out, boundary, ...others } = options;
-    become(typeof boundary === "string" ? { ...others, boundary } : others);
+    const { keep_out, boundary, drawing_center, ...others } = options, typed = keepOuts().filter((each) => !isDrawn(each));
+    become({ ...others, ...(typed.length && { keep_out: typed }), ...(!isDrawn(boundary) && { boundary, drawing_center }) });
   });
-  by("table").addEventListener("toggle", () => by("table").open && look && listed());
+  by("table").addEventListener("toggle", () => by("table").open && look && numbers(look));
+  by("skip").addEventListener("click", (event) => {
+    // The address holds the design.
+    event.preventDefault();
+    by("marker").focus();
+  });
   by("find").addEventListener("input", () => fields.find(by("find").value));
   by("photos-away").addEventListener("click", () => {
     by("photos").replaceChildren();
@@ -457,13 +486,12 @@ function listen() {
   by("template").addEventListener("change", () => {
     const chosen = known.templates.find((each) => each.name === by("template").value);
     by("template").value = "";
-    if (chosen?.shape) build(chosen.shape, chosen.options);
-    else if (chosen) become(chosen.options);
+    if (chosen) become({ ...(chosen.shape && { shape: chosen.shape }), ...chosen.options });
   });
   by("rig").addEventListener("submit", (event) => {
     event.preventDefault();
     const shape = by("shape").value.trim() || "cube", edge = by("edge").value.trim();
-    build(shape, edge && !shape.startsWith("wall") && !shape.startsWith("pair") ? { edge } : {});
+    become({ shape, ...(edge && !shape.startsWith("wall") && !shape.startsWith("pair") && { edge }) });
   });
   for (const name of ["dragenter", "dragover"]) {
     document.addEventListener(name, (event) => {
@@ -483,7 +511,7 @@ function listen() {
     const state = !typing(event) && read(`#${event.clipboardData.getData("text").trim().split("#")[1] || ""}`);
     if (!state) return;
     event.preventDefault();
-    become(state).then(() => said("The design of the link."));
+    become(state).then((taken) => taken && said("The design of the link."));
   });
   window.addEventListener("hashchange", () => {
     const state = read(location.hash);
@@ -511,6 +539,13 @@ async function begin() {
   fields = form(by("form"), known, changed);
   drawing = editor(by("canvas"), {
     moving: (dots) => { before ??= JSON.stringify(options); options = placed(dots); refresh(); },
+    stayed: () => {
+      if (before) options = JSON.parse(before);
+      before = null;
+      refresh();
+    },
+    shifted: (index, by) => region({ move: { index, by } }),
+    dropped: (index) => become({ ...options, keep_out: keepOuts().filter((_, each) => each !== index) }),
     moved: (dots) => {
       const next = placed(dots);
       if (before) options = JSON.parse(before);
@@ -520,19 +555,20 @@ async function begin() {
     drawn,
     said,
   });
+  numbers = facts.numbers(by("table").querySelector(".scroll"), (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
+  take = files({ options: () => options, become, stand, about, said, told }, known.choices.boundary_unit);
   by("suffix").append(...known.formats.map((each) => make("option", { value: each.suffix, title: each.words }, each.suffix)));
   by("template").append(make("option", { value: "" }, "a template …"), ...known.templates.map((each) => make("option", { value: each.name }, `${each.name}: ${each.title}`)));
   listen();
   pick("move");
-  const opening = known.opened, linked = location.hash.length > 1, state = read(location.hash);
-  options = state || opening?.options || {};
-  await become(options, false);
+  const linked = location.hash.length > 1, state = read(location.hash);
+  if (state?.shape) await refresh();
+  await become(state || {}, false);
   if (linked && !state) said("The address holds no design; this is a new one.", true);
-  if (opening?.note && !linked) said(`${opening.title}: ${opening.note}`);
-  if (opening && !linked && !opening.options) {
-    if (opening.rig) await stand({ rig: opening.rig }, opening.title);
-    else if (opening.marker) await stand({ marker: opening.marker }, opening.title);
-  }
+  // As if it were opened here.
+  if (known.file !== null && !linked) await take([new File([await (await ask("file")).blob()], known.file)]);
+  begun = true;
+  by("main").setAttribute("aria-busy", String(Boolean(running)));
 }
 
 begin();

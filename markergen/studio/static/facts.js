@@ -63,39 +63,46 @@ export function failed(line) {
   for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(make("p", { class: "note" }, line));
 }
 
-/* The dots as numbers to type. A table of the same form is kept, and with it the focus and what is being typed. */
-export function numbers(element, look, set, remove) {
-  const axes = look.options.relief ? ["x", "y", "z"] : ["x", "y"], form = `${look.dots.length} ${axes.length}`;
-  if (element.dataset.form !== form) {
-    const held = [...element.querySelectorAll("tbody tr")].findIndex((row) => row.contains(document.activeElement));
-    element.replaceChildren(rows(look.dots.length, axes, set, remove));
-    element.dataset.form = form;
-    if (held >= 0) element.querySelectorAll("tbody button")[Math.min(held, look.dots.length - 1)].focus();
-  }
-  [...element.querySelectorAll("tbody tr")].forEach((row, index) => {
-    const dot = look.dots[index];
-    row.querySelector("th").textContent = `${index}${dot.kind === "ring" ? " ring" : ""}`;
-    row.querySelector(".size").textContent = mm(dot.diameter, 1);
-    row.querySelectorAll("input").forEach((input, axis) => {
-      const typing = input === document.activeElement && input.value !== input.defaultValue;
-      input.defaultValue = mm(dot[axes[axis]]);
-      if (!typing) input.value = input.defaultValue;
-    });
-  });
-}
+/* The dots as numbers to type; returns a function that shows a look. set(index, place) and remove(index) are called. */
+export function numbers(element, set, remove) {
+  let axes = "", rows = [];
 
-function rows(count, axes, set, remove) {
-  const cell = (index, axis) => make("td", {}, make("input", {
-    inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm`,
-    change: ({ target }) => {
-      const value = Number(target.value);
-      if (Number.isFinite(value) && target.value.trim()) set(index, { [axis]: value / 1e3 });
-      else target.value = target.defaultValue;
-    },
-  }));
-  return make("table", {},
-    make("thead", {}, make("tr", {}, ["dot", ...axes.map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
-    make("tbody", {}, Array.from({ length: count }, (_, index) => make("tr", {},
-      make("th", { scope: "row" }), axes.map((axis) => cell(index, axis)), make("td", { class: "size" }),
-      make("td", {}, make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove"))))));
+  const row = (index) => {
+    const cells = Object.fromEntries([...axes].map((axis) => [axis, make("input", { inputmode: "decimal", "aria-label": `${axis} of dot ${index} in mm` })]));
+    const parts = { cells, head: make("th", { scope: "row" }), size: make("td"), taken: make("button", { type: "button", "aria-label": `Remove dot ${index}`, click: () => remove(index) }, "Remove") };
+    for (const [axis, cell] of Object.entries(cells)) {
+      cell.addEventListener("change", () => {
+        const value = Number(cell.value);
+        if (Number.isFinite(value) && cell.value.trim()) set(index, { [axis]: value / 1e3 });
+        else cell.value = parts.shown[axis];
+      });
+    }
+    parts.row = make("tr", {}, parts.head, [...axes].map((axis) => make("td", {}, cells[axis])), parts.size, make("td", {}, parts.taken));
+    return parts;
+  };
+
+  const build = (count) => {
+    const focus = rows.findIndex((each) => each.taken === document.activeElement);
+    rows = Array.from({ length: count }, (_, index) => row(index));
+    element.replaceChildren(make("table", {},
+      make("thead", {}, make("tr", {}, ["dot", ...[...axes].map((axis) => `${axis} mm`), "size mm", "remove"].map((head) => make("th", { scope: "col" }, head)))),
+      make("tbody", {}, rows.map((each) => each.row))));
+    if (focus >= 0) rows[Math.min(focus, count - 1)].taken.focus();
+  };
+
+  // Only values change as long as the dots are as many: what has the focus keeps it.
+  return (look) => {
+    const wanted = look.options.relief ? "xyz" : "xy";
+    if (wanted !== axes || rows.length !== look.dots.length) {
+      axes = wanted;
+      build(look.dots.length);
+    }
+    look.dots.forEach((dot, index) => {
+      const { cells, head, size } = rows[index], shown = Object.fromEntries([...axes].map((axis) => [axis, mm(dot[axis])]));
+      head.textContent = `${index}${dot.kind === "ring" ? " ring" : ""}`;
+      size.textContent = mm(dot.diameter, 1);
+      for (const axis of axes) if (rows[index].shown?.[axis] !== shown[axis] || document.activeElement !== cells[axis]) cells[axis].value = shown[axis];
+      rows[index].shown = shown;
+    });
+  };
 }

@@ -46,7 +46,7 @@ function control(option, choices, change) {
   const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || option.metavar || ""), meant = worded(option.help);
   const common = { id, "aria-describedby": help };
   const list = choices && `${id}-list`;
-  let input;
+  let input, own = "";
   if (option.kind === "bool") {
     input = make("input", { ...common, type: "checkbox", change: () => change(input.checked === Boolean(option.default) ? null : input.checked) });
   } else {
@@ -54,6 +54,7 @@ function control(option, choices, change) {
       ...common, list, autocomplete: "off", spellcheck: "false", placeholder: usual,
       change: () => {
         const text = input.value.trim();
+        own = input.value;
         change(!text ? null : option.repeatable ? text.split(/\s*\|\s*/) : text);
       },
     });
@@ -77,10 +78,12 @@ function control(option, choices, change) {
         input.checked = given ? value : Boolean(option.default);
         return;
       }
-      const plain = !given || typed(value);
-      note.textContent = plain ? "" : "drawn or from a file";
-      input.placeholder = plain ? placeholder || usual : "type to replace it";
-      input.value = given && plain ? [value].flat().join(" | ") : "";
+      const values = !given ? [] : option.repeatable ? [value].flat() : [value], words = values.filter((each) => typeof each !== "object");
+      const others = values.length - words.length;
+      note.textContent = !others ? "" : option.repeatable ? `${words.length ? "and " : ""}${others} drawn or from a file` : "drawn or from a file";
+      input.placeholder = !others ? placeholder || usual : option.repeatable ? "type to add some" : "type to replace it";
+      // What is being typed is not overwritten.
+      if (input !== document.activeElement || input.value === own) input.value = own = words.join(" | ");
     },
     refuse(wrong) {
       if (wrong) {

@@ -2,7 +2,7 @@
 
 import { Gone, Refused, ask, by, digits, make, said } from "./dom.js";
 
-/* Detect in one photograph after the other; `subject()` says what to look for. */
+/* Detect in one photograph after the other; `subject()` is a promise of what to look for. */
 export async function photographs(element, files, subject) {
   by("photos-away").hidden = false;
   for (const file of files) {
@@ -17,7 +17,7 @@ export async function photographs(element, files, subject) {
     tell("looking …");
     into();
     try {
-      const request = new Blob([JSON.stringify(subject()), "\n", file]);
+      const request = new Blob([JSON.stringify(await subject()), "\n", file]);
       const found = await (await ask("detect", request, { headers: { "X-Name": encodeURIComponent(file.name) } })).json();
       picture.src = found.overlay;
       picture.hidden = false;
