@@ -176,6 +176,7 @@ def words(options: Any) -> dict[str, str]:
     import tomli_w
 
     shape = options.get("shape") if isinstance(options, Mapping) else None
+    table: type
     if shape is None:
         state, table, verb, noun, file = plain(options), DesignKeywords, "design", "marker", "marker.pdf"
         spec, first = tomli_w.dumps(state), []

@@ -1417,3 +1417,17 @@ def test_a_rig_is_a_state_with_a_link_a_command_and_a_way_back(studio, tmp_path)
     studio.page.reload()
     studio.page.wait_for_selector("#body:not([hidden])", timeout=120_000)
     assert studio.state() == rig
+
+
+def test_everyone_can_use_regions_and_the_question_about_a_drawing(address, opened, tmp_path):
+    state = {"points": "0mm,90mm; 90mm,0mm; -60mm,0mm; 0mm,-90mm", "dot": "20mm", "keep_out": ["circle:5mm@30mm,20mm"]}
+    link = address + "#" + link_of(state).partition("#")[2]
+    with opened(link, lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page:
+        studio = Studio(page)
+        studio.settle()
+        page.click("[data-mode=keep]")
+        assert page.locator("#canvas .out").count() == 1
+        assert obstacles(page) == []
+        studio.give(uploads(tmp_path, "bare.svg", PLATE.replace('width="300mm" height="300mm" ', "")))
+        page.wait_for_selector("#drop-said.fault")
+        assert obstacles(page) == []

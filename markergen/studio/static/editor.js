@@ -195,6 +195,8 @@ export function editor(element, hooks) {
     if (round) finish();
   });
   svg.addEventListener("pointercancel", () => held && release());
+  // Or a browser scrolls the page after all, and takes the finger's dot away.
+  svg.addEventListener("touchstart", (event) => (held || draft.length) && event.preventDefault(), { passive: false });
   svg.addEventListener("pointerdown", (event) => {
     if (event.button || !seen || closing) return;
     if (mode === "add" || drawing()) cross = point(event);
