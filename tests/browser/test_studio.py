@@ -804,7 +804,7 @@ def test_whoever_waits_for_a_server_that_is_gone_is_told(refusing, tmp_path):
     ("name", "text", "said"),
     [
         ("plate.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
-         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: a drawing"),
+         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: polygon of 200 mm x 160 mm"),
         ("cam.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n", "cam.yaml: a camera"),
     ],
 )  # fmt: skip
