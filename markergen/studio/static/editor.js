@@ -19,8 +19,8 @@ const stride = (event) => WAYS[event.key]?.map((way) => way * (event.altKey ? FI
 
 export function editor(element, hooks) {
   const svg = make("svg", { role: "group", "aria-label": "Marker, seen from the front; Tab goes from dot to dot", preserveAspectRatio: "xMidYMid meet" });
-  const floor = make("g"), regions = make("g"), layer = make("g"), over = make("g", { "aria-hidden": "true" }), sight = make("g", { "aria-hidden": "true" });
-  svg.append(floor, regions, layer, over, sight);
+  const floor = make("g"), regions = make("g"), axes = make("g", { "aria-hidden": "true" }), layer = make("g"), over = make("g", { "aria-hidden": "true" }), sight = make("g", { "aria-hidden": "true" });
+  svg.append(floor, regions, axes, layer, over, sight);
   element.append(svg);
   let seen = null, dots = [], mode = "move", extent = 0.2, held = null, draft = [], round = 0, shapes = [], outs = [], closing = false, cross = [0, 0];
 
@@ -47,7 +47,8 @@ export function editor(element, hooks) {
     const width = extent / 250;
     floor.replaceChildren(
       make("path", { class: "room", d: d(seen.room.outlines), "fill-rule": "evenodd", "stroke-width": width }),
-      ...(seen.room.holes || []).map((rings) => make("path", { class: "out", d: d(rings), "stroke-width": width })),
+      ...(seen.room.holes || []).map((rings) => make("path", { class: "out", d: d(rings), "stroke-width": width })));
+    axes.replaceChildren(
       make("line", { class: "axis", x1: -extent / 14, x2: extent / 7, y1: 0, y2: 0, "stroke-width": width }),
       make("line", { class: "axis", y1: extent / 14, y2: -extent / 7, x1: 0, x2: 0, "stroke-width": width }),
       make("text", { class: "axis-text", x: extent / 6.5, y: extent / 60, "font-size": extent / 22 }, "x"),
