@@ -48,8 +48,9 @@ def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
     writer = STEPCAFControl_Writer(XSControl_WorkSession(), False)
     writer.SetColorMode(True)
     writer.SetNameMode(True)
-    # Parametric curves on surfaces double the file size, and readers recompute them.
-    for setting in ("write.surfacecurve.mode", "write.precision.mode"):
+    # Parametric curves on surfaces double the file size, and readers recompute them. Settings are those of the process,
+    # and cadquery's exporter changes the last one.
+    for setting in ("write.surfacecurve.mode", "write.precision.mode", "write.stepcaf.subshapes.name"):
         Interface_Static.SetIVal_s(setting, 0)
     for setting in ("xstep.cascade.unit", "write.step.unit"):
         Interface_Static.SetCVal_s(setting, "MM")

@@ -6,21 +6,35 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
+from contextlib import contextmanager
 
 import pytest
 
 from markergen.cli import main
 
 
+@contextmanager
+def ended(process):
+    """A process that does not outlive a test that fails."""
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
+
+
 def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
     (tmp_path / "mine.toml").write_text('title = "Mine"\nn = 6\n')
     command = [sys.executable, "-m", "markergen", "studio", "mine.toml", "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True, cwd=tmp_path) as process, ended(process):
         line = process.stdout.readline()
         address = line.removeprefix("server at ").partition(";")[0]
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}options", timeout=30) as answer:
-            assert b'"opened":{"title":"Mine","options":{"n":6}}' in answer.read()
+            assert b'"file":"mine.toml"' in answer.read()
+        with urllib.request.urlopen(f"{address}file", timeout=30) as answer:
+            assert answer.read() == (tmp_path / "mine.toml").read_bytes()
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(address.rsplit("/", 2)[0] + "/", timeout=30)
         # While a search is going on that would take many times as long.

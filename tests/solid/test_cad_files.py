@@ -180,6 +180,15 @@ def test_another_process_writes_the_same_bytes(written, tmp_path):
     assert (tmp_path / "again").read_bytes() == data + write_brep(solids)
 
 
+def test_settings_of_others_in_this_process_do_not_count(written):
+    from OCP.Interface import Interface_Static
+
+    marker, solids, data = written
+    # As cadquery's exporter leaves it.
+    assert Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
+    assert write_step(solids, marker_name(marker)) == data
+
+
 def test_brep_is_read_with_the_same_solids(written, tmp_path):
     import cadquery
 
