@@ -113,7 +113,7 @@ def _counted(room: str, camera: str) -> Number:
 
 
 def _in_room(room: str, n: int) -> Sequence[Number]:
-    """Designs beside regular layouts and above the lower bound; how close a bound is depends on the machine as times do."""
+    """Designs beside regular layouts and above the lower bound, which depends on the machine as times do."""
     rows = [f"{room} {n} {objective} rms" for objective in ("pose", "rotation", "translation", "homography")]
     place, named = f"| {room}, {n} |", "python -m benchmarks.shapes --beside"
     return (
