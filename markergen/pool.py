@@ -26,6 +26,9 @@ BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "V
 _STARTING = threading.Lock()
 """Lock for starting processes: the environment and signal mask that they inherit belong to all threads."""
 
+IMPORTING_MS = 10_000
+"""Longest wait in ms for another thread that imports OpenCV."""
+
 MOST_WORKERS = 256
 
 
@@ -210,7 +213,9 @@ def _opencv_imported() -> None:
     """
     import cv2  # noqa: F401
 
-    while hasattr(sys, "OpenCV_LOADER"):
+    for _ in range(IMPORTING_MS):  # Its flag stays if that import failed.
+        if not hasattr(sys, "OpenCV_LOADER"):
+            break
         sleep(0.001)
 
 
