@@ -1,10 +1,12 @@
-"""A browser for pages: Chromium, offline, that tells what goes wrong in a page."""
+"""A browser for pages: Chromium, offline, that tells what goes wrong in a page; and pages of the studio."""
 
 import os
 import shutil
 from contextlib import contextmanager
 
 import pytest
+
+from tests.support.studio import Studio, free_port, serving
 
 ARGUMENTS = ("--no-sandbox", "--disable-background-networking", "--disable-component-update")
 
@@ -57,3 +59,32 @@ def opened(chromium):
         assert not wrong
 
     return opened
+
+
+@pytest.fixture(scope="session")
+def address():
+    pytest.importorskip("starlette", reason="no starlette: pip install 'markergen[studio]'")
+    with serving(free_port()) as found:
+        yield found
+
+
+@pytest.fixture
+def studio(address, opened):
+    with opened(address, lambda url: url.startswith((address, "blob:" + address[: address.index("/", 8)]))) as page:
+        found = Studio(page)
+        found.settle()
+        yield found
+
+
+@pytest.fixture
+def refusing(address, chromium):
+    """A page where requests may be refused, which browsers report as errors; nothing else may go wrong."""
+    context = chromium.new_context()
+    page, wrong = context.new_page(), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(address)
+    found = Studio(page)
+    found.settle()
+    yield found
+    context.close()
+    assert not wrong
