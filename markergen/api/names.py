@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterable
 
+from markergen.options import Option
+
 
 def _aggregates() -> Iterable[str]:
     from markergen.objectives.aggregates import AGGREGATES
@@ -83,6 +85,11 @@ NAMES: dict[str, Callable[[], Iterable[str]]] = {
     "template": _templates,
 }
 """Names by option; other values may be possible, too, such as a file or a size of paper."""
+
+
+def takes_names(option: Option) -> bool:
+    """Whether an option takes one of `NAMES`: the poses of a rig have none."""
+    return option.name in NAMES and not {"NAME", "UNIT"}.isdisjoint(option.metavar.split("|"))
 
 
 def names_of(option: str) -> list[str]:

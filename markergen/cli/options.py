@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from markergen.api.names import NAMES, names_of
+from markergen.api.names import names_of, takes_names
 from markergen.errors import InputError
 from markergen.options import Option, declared
 from markergen.units import parse_length
@@ -109,7 +109,7 @@ def _parameter(option: Option) -> Parameter:
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,
-        autocompletion=(lambda: names_of(option.name)) if option.name in NAMES else None,
+        autocompletion=(lambda: names_of(option.name)) if takes_names(option) else None,
     )
     kind = TYPES[option.kind]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])

@@ -9,7 +9,7 @@ from typing import Any
 
 from markergen import __version__
 from markergen.api.design import design, request_of
-from markergen.api.names import NAMES, names_of
+from markergen.api.names import names_of, takes_names
 from markergen.drawing.paper import find_paper
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
@@ -17,7 +17,7 @@ from markergen.exporters.png import pixels_per_meter
 from markergen.model.marker import Marker
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
-from markergen.options import GROUPS, REPEATABLE, declared
+from markergen.options import GROUPS, REPEATABLE, Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.rig import RigKeywords
 from markergen.read.layout import layout_of
@@ -44,39 +44,38 @@ KEPT = 16
 
 
 def declared_options() -> dict[str, Any]:
-    """All that a page needs to show the options: groups with help and defaults, choices, formats and templates."""
-    known = {name: option for name, option in declared(DesignKeywords).items() if name not in ELSEWHERE}
-    groups = [
-        {
-            "name": group,
-            "options": [
-                {
-                    "name": each.name,
-                    "flag": each.flag,
-                    "kind": each.kind,
-                    "help": each.help,
-                    "default": each.default,
-                    "shown": each.shown,
-                    "metavar": each.metavar,
-                    "repeatable": each.kind in REPEATABLE,
-                }
-                for each in known.values()
-                # Drawings are asked for theirs when they are opened.
-                if each.group == group and each.name not in DRAWING
-            ],
-        }
-        for group in GROUPS
-    ]
+    """All that a page needs: groups of options with help, defaults and choices; units, formats and templates."""
     return {
         "version": __version__,
-        "groups": [group for group in groups if group["options"]],
-        "choices": {name: names_of(name) for name in NAMES if name in known},
+        "forms": {"marker": _form(DesignKeywords), "rig": _form(RigKeywords)},
+        "units": names_of("boundary_unit"),
         "formats": [
             *({"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes),
             {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
         ],
         "templates": list(map(_template, templates())),
-        "defaults": {name: option.default for name, option in known.items() if option.default is not None},
+    }
+
+
+def _form(table: type) -> list[dict[str, Any]]:
+    """Groups of the options of a table that a state can have."""
+    # Drawings are asked for theirs when they are opened.
+    known = [each for each in declared(table).values() if each.name not in (*ELSEWHERE, *DRAWING)]
+    groups = ({"name": group, "options": [_field(each) for each in known if each.group == group]} for group in GROUPS)
+    return [group for group in groups if group["options"]]
+
+
+def _field(option: Option) -> dict[str, Any]:
+    return {
+        "name": option.name,
+        "flag": option.flag,
+        "kind": option.kind,
+        "help": option.help,
+        "default": option.default,
+        "shown": option.shown,
+        "metavar": option.metavar,
+        "repeatable": option.kind in REPEATABLE,
+        "choices": names_of(option.name) if takes_names(option) else [],
     }
 
 

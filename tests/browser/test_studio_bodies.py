@@ -56,6 +56,26 @@ def test_a_rig_is_designed_and_stands_in_three_dimensions(studio):
     assert studio.page.locator("#optimize").is_enabled()
 
 
+def test_a_rig_has_the_options_of_rigs_which_another_shape_keeps(studio):
+    studio.page.fill("#shape", "pair")
+    studio.page.click("#rig button")
+    studio.page.wait_for_selector("#body:not([hidden])", timeout=120_000)
+    assert studio.page.locator("#option-radius").count() == 0
+    type_in(studio, "n", "4")
+    studio.until("() => location.hash.length > 30", 120)
+    studio.page.fill("#shape", "prism:3")
+    studio.page.fill("#edge", "90mm")
+    studio.page.click("#rig button")
+    studio.until("() => document.getElementById('said').textContent.startsWith('prism')", 120)
+    assert studio.state() == {"n": "4", "shape": "prism:3", "edge": "90mm"}
+    assert studio.page.locator("#option-edge").input_value() == "90mm"
+    type_in(studio, "angle", "wide")
+    studio.page.wait_for_selector("#option-angle[aria-invalid]")
+    studio.page.click("#back")
+    assert studio.dots() == 5
+    assert studio.page.locator("#option-radius").count() == 1
+
+
 def test_a_rig_of_a_template_is_designed_and_stands(studio):
     studio.page.select_option("#template", "cube")
     studio.page.wait_for_selector("#stage canvas[data-ready], #stage p:has-text('WebGL')", timeout=120_000)

@@ -148,11 +148,18 @@ def test_what_a_page_notes_beside_the_options_is_no_option() -> None:
 
 def test_a_page_can_show_all_options() -> None:
     found = json.loads(json.dumps(declared_options()))
-    names = {option["name"] for group in found["groups"] for option in group["options"]}
-    assert {"n", "points", "radius", "camera", "paper", "mount"} <= names
-    assert not names & {"output", "template", "boundary_unit", "layer", "origin"}
-    assert "mm" in found["choices"]["boundary_unit"]
-    assert {"pose", "condition"} <= {*found["choices"]["objective"]}
+    marker, rig = (
+        {option["name"]: option for group in found["forms"][kind] for option in group["options"]}
+        for kind in ("marker", "rig")
+    )
+    assert {"n", "points", "radius", "camera", "paper", "mount"} <= marker.keys()
+    assert {"n", "plate", "angle", "without", "camera", "paper"} <= rig.keys()
+    assert not rig.keys() & {"points", "radius", "mount"}
+    assert not (marker.keys() | rig.keys()) & {"output", "template", "boundary_unit", "layer", "origin"}
+    assert "mm" in found["units"]
+    assert {"pose", "condition"} <= {*marker["objective"]["choices"]}
+    assert "paper" in marker["poses"]["choices"]
+    assert rig["poses"]["choices"] == []
     assert {".pdf", ".step", ".toml"} <= {each["suffix"] for each in found["formats"]}
 
 

@@ -15,7 +15,7 @@ let known = null, options = {}, look = null, body = null;
 const rigs = new Map();
 let flat = {};
 let past = [], future = [], pose = null, search = null, before = null, sized = null;
-let fields, drawing, globe, spatial, numbers, take;
+let fields, fitted, drawing, globe, spatial, numbers, take;
 
 /* The newest state as the server takes it; raises what was wrong with it. */
 async function settled() {
@@ -52,7 +52,10 @@ function become(state, step = true) {
   if (state.shape && !options.shape) flat = options;
   options = JSON.parse(after);
   address();
+  fit();
   if (state.shape) {
+    by("shape").value = options.shape;
+    if (options.edge) by("edge").value = options.edge;
     fields.show(options);
     fields.refuse();
     return stand({ rig: rigs.get(after).rig }, rigs.get(after).summary.split("\n")[0], true);
@@ -73,6 +76,15 @@ async function design(state, step) {
   if (!end) return false;
   rigs.set(JSON.stringify(state), end);
   return become(state, step);
+}
+
+/* The form has the options of what is designed: those of a rig are others. */
+function fit() {
+  const kind = options.shape ? "rig" : "marker";
+  if (kind === fitted) return;
+  fitted = kind;
+  by("find").value = "";
+  fields = form(by("form"), known.forms[kind], changed);
 }
 
 /* Whether a body stands in the place of the marker. */
@@ -150,7 +162,7 @@ function show(number) {
     drawing.draw(look);
     fill();
     if (by("table").open) numbers(look);
-    by("printed").replaceChildren(...fields.told(look.options).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+    printed(look.options);
     facts.problems(look.problems);
     if (!search) said(look.start ? `${capital(look.start)} to start from. Optimize searches for the best layout; or move the dots.` : "");
   }
@@ -164,6 +176,9 @@ const fill = () => {
   fields.show(options, look ? { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` } : {});
   fields.refuse();
 };
+
+/* On paper stand the options of a state. */
+const printed = (state) => by("printed").replaceChildren(...fields.told(state).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
 
 /* The form has what is refused; all else is that of the last state that was taken. */
 function refused(error) {
@@ -386,6 +401,7 @@ async function stand(subject, note, designed = false) {
     const { show } = await import("./rig3d.js");
     spatial?.dispose();
     by("stage").replaceChildren();
+    printed(designed ? options : {});
     const bytes = Uint8Array.from(atob(answer.glb), (each) => each.charCodeAt(0));
     spatial = show(by("stage"), bytes.buffer, body.look);
     globe.update(body.look);
@@ -491,7 +507,9 @@ function listen() {
   by("rig").addEventListener("submit", (event) => {
     event.preventDefault();
     const shape = by("shape").value.trim() || "cube", edge = by("edge").value.trim();
-    become({ shape, ...(edge && !shape.startsWith("wall") && !shape.startsWith("pair") && { edge }) });
+    // Of a rig that is there, the other options are kept.
+    const { shape: last, edge: old, ...others } = options.shape ? options : {};
+    become({ ...others, shape, ...(edge && !shape.startsWith("wall") && !shape.startsWith("pair") && { edge }) });
   });
   for (const name of ["dragenter", "dragover"]) {
     document.addEventListener(name, (event) => {
@@ -536,7 +554,7 @@ async function begin() {
     }
   }
   found();
-  fields = form(by("form"), known, changed);
+  fit();
   drawing = editor(by("canvas"), {
     moving: (dots) => { before ??= JSON.stringify(options); options = placed(dots); refresh(); },
     stayed: () => {
@@ -556,7 +574,7 @@ async function begin() {
     said,
   });
   numbers = facts.numbers(by("table").querySelector(".scroll"), (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
-  take = files({ options: () => options, become, stand, about, said, told }, known.choices.boundary_unit);
+  take = files({ options: () => options, become, stand, about, said, told }, known.units);
   by("suffix").append(...known.formats.map((each) => make("option", { value: each.suffix, title: each.words }, each.suffix)));
   by("template").append(make("option", { value: "" }, "a template …"), ...known.templates.map((each) => make("option", { value: each.name }, `${each.name}: ${each.title}`)));
   listen();

@@ -32,10 +32,8 @@ const refusal = (line) => worded(line)
   .replace(/^expected options of markergen\.\w+, found/, "expected values that the fields take, found")
   .replace(/see help\(.*\)$/, "each field says what it takes");
 
-/* A line of text whose options of the command do not break. */
-export const prose = (line) => line.split(/(--[a-z][a-z-]*)/).map((part) => (part.startsWith("--") ? make("code", {}, part) : part));
 export const capital = (line) => `${line[0].toUpperCase()}${line.slice(1)}`;
-export const sentence = (line) => prose(`${capital(line)}.`);
+export const sentence = (line) => worded(`${capital(line)}.`);
 
 /* Significant digits; a word for what is missing or not finite. */
 export function digits(value, count = 3) {

@@ -1,6 +1,6 @@
 /* The right side: what to expect of a layout, what limits it, and what stands beside it. */
 
-import { by, digits, make, mm, prose, sentence, table } from "./dom.js";
+import { by, digits, make, mm, sentence, table, worded } from "./dom.js";
 
 const MOST = 5;
 const SOURCES = { image: "image", print: "print", calibration: "calibration" };
@@ -22,7 +22,7 @@ export function now(look) {
   shares.forEach((share, index) => { bar.children[index].style.width = `${100 * share}%`; });
   by("limits").replaceChildren(bar,
     make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${digits(100 * shares[index], 2)} %`))),
-    ...look.limits.map((line) => make("p", {}, prose(line))));
+    ...look.limits.map((line) => make("p", {}, worded(line))));
   const value = (number) => (number === null ? "does not fit" : `${digits(number, 4)} ${objective.unit}`);
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;

@@ -4,12 +4,13 @@ import { label, make, worded } from "./dom.js";
 
 const OPEN = ["Layout", "Camera and poses", "Dots and labels"];
 
-/* Fill a form; change(name, value) is called with text, a boolean, a list, or null for the default. */
-export function form(element, known, change) {
+/* Fill a form with groups of options; change(name, value) is called with text, a boolean, a list, or null for the default. */
+export function form(element, groups, change) {
   const fields = {};
-  for (const group of known.groups) {
+  element.replaceChildren();
+  for (const group of groups) {
     const body = group.options.map((option) => {
-      const field = control(option, known.choices[option.name], (value) => change(option.name, value));
+      const field = control(option, (value) => change(option.name, value));
       fields[option.name] = field;
       return field.row;
     });
@@ -42,10 +43,10 @@ export function form(element, known, change) {
 /* Whether a value can be typed. */
 const typed = (value) => typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
 
-function control(option, choices, change) {
+function control(option, change) {
   const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || option.metavar || ""), meant = worded(option.help);
   const common = { id, "aria-describedby": help };
-  const list = choices && `${id}-list`;
+  const { choices } = option, list = choices.length ? `${id}-list` : undefined;
   let input, own = "";
   if (option.kind === "bool") {
     input = make("input", { ...common, type: "checkbox", change: () => change(input.checked === Boolean(option.default) ? null : input.checked) });
