@@ -75,13 +75,17 @@ class Number:
 
 @dataclass(frozen=True)
 class Block:
-    """Lines of a file between two lines that must be in the output as they are, such as a table of results."""
+    """Lines of a file between two lines that must be in the output, such as a table of results.
+
+    They are there as they are; with a factor, their numbers may differ by it, and counts by one.
+    """
 
     file: str
     begin: str
     end: str
     named: str
     command: Command
+    factor: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ def faults(entry: Entry, outputs: dict[Command, str]) -> Iterator[str]:
     if isinstance(entry, Block):
         have = [line.strip() for line in outputs[entry.command].splitlines()]
         for line in block(entry).splitlines():
-            if line.strip() and line.strip() not in have:
+            if line.strip() and not any(alike(line.strip(), other, entry.factor) for other in have):
                 yield f"{entry.file}: not in what {entry.named} gives: {line}"
         return
     found = numbers_in(text_of(entry.file), entry.place)
@@ -177,6 +181,18 @@ def faults(entry: Entry, outputs: dict[Command, str]) -> Iterator[str]:
     for shown, value in zip(found, values, strict=False):
         if not agree(shown, value, entry.factor):
             yield f"{entry.file}: {shown} in the text, {value:.6g} by {entry.named}: {entry.place}"
+
+
+def alike(line: str, other: str, factor: float) -> bool:
+    """True if two lines are equal, or differ only in numbers, by a factor or in counts by one."""
+    if line == other or not factor or re.sub(_NUMBER, "#", line) != re.sub(_NUMBER, "#", other):
+        return line == other
+    return all(
+        one == two
+        or agree(one, value_of(two), factor)
+        or (one.isdigit() and two.isdigit() and abs(int(one) - int(two)) == 1)
+        for one, two in zip(re.findall(_NUMBER, line), re.findall(_NUMBER, other), strict=True)
+    )
 
 
 def agree(shown: str, value: float, factor: float = 0.0) -> bool:

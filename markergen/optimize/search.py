@@ -76,10 +76,11 @@ SHAKES, SHAKES_OF_MANY, SHAKE = 2, 4, 0.25
 """Number of perturbations of the best crowded layout per start, from `HOPPING` dots on, and their size as a fraction of
 the spacing."""
 
-HOPS, HOPS_OF_MANY, HOP, HOPPING = 192, 24, 0.5, 12
-"""Number of perturbations of the best layout of all, up to `MOST_DOTS` dots and for more, in turn of all dots by this
-fraction of the spacing and of one dot to anywhere; and number of dots from which on a room with corners or holes calls
-for them: exchanges then miss the best layout by up to a percent."""
+HOPS, FEWEST_HOPS, HOP, HOPPING, MOST_HOPPING = 192, 24, 0.5, 12, 40
+"""Number of perturbations of the best layout of all, and the least for many dots, in turn of all dots by this fraction
+of the spacing and of one dot to anywhere; number of dots from which on a room with corners or holes calls for them,
+as exchanges then miss the best layout by up to a percent; and that up to which all are made: for more dots there are as
+many as take the same time, which grows with the cube of the number of dots."""
 
 FINE_EDGE = 1200
 """Number of points on the edge that are tested for touching a dot."""
@@ -132,7 +133,7 @@ def search(
     if not found.value * (1 - GAIN) <= regular.value:
         found = regular
     if len(region.walls) > 1 and n >= HOPPING and np.isfinite(found.value):
-        hops = HOPS if n <= MOST_DOTS else HOPS_OF_MANY
+        hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / n) ** 3))
         found = task.hopped(found, min(hops, 3 * restarts or hops), rng.spawn(1)[0])
     if not np.isfinite(found.value):
         raise InputError(

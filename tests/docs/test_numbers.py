@@ -16,6 +16,7 @@ from docs.numbers import (
     Given,
     Number,
     agree,
+    alike,
     block,
     faults,
     numbers_in,
@@ -47,6 +48,16 @@ def test_rounding():
     assert agree("1,647", 1647)
     assert agree("10", 25, factor=3)
     assert not agree("10", 31, factor=3)
+
+
+def test_lines_of_a_block_may_differ_by_a_factor_and_counts_by_one():
+    line = "from -0.5 [8.54, 12.5] (n = 4), holds in 2, open in 66"
+    assert alike(line, line, 0)
+    assert not alike(line, line.replace("8.54", "8.63"), 0)
+    assert alike(line, line.replace("8.54", "8.63").replace("in 2", "in 3"), 1.05)
+    assert not alike(line, line.replace("8.54", "9.63"), 1.05)
+    assert not alike(line, line.replace("in 2", "in 4"), 1.05)
+    assert not alike(line, line.replace("open", "fails"), 1.05)
 
 
 def test_places_are_found_whatever_their_lines():
