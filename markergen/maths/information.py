@@ -62,16 +62,19 @@ def information(jacobian: Array) -> Array:
 
 
 def covariance(matrix: Array) -> Array:
-    """Inverse of an information matrix (..., k, k); inf throughout where it is singular."""
+    """Inverse of an information matrix (..., k, k); inf throughout where it is singular, by rounding as well."""
     try:
-        return np.asarray(np.linalg.inv(matrix), dtype=float)
+        inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
         # Where a point is outside the lens model's domain, all entries are nan.
         singular = np.asarray(~np.isfinite(matrix).all(axis=(-2, -1)))
         singular[~singular] = np.linalg.matrix_rank(matrix[~singular], hermitian=True) < matrix.shape[-1]
         inverse = np.full_like(matrix, np.inf)
         inverse[~singular] = np.linalg.inv(matrix[~singular])
-        return inverse
+    failed = ~np.all(np.diagonal(inverse, axis1=-2, axis2=-1) > 0, axis=-1)
+    if failed.any():
+        inverse[failed] = np.inf
+    return inverse
 
 
 def moved_information(matrix: Array, offset: Array) -> Array:

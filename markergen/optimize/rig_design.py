@@ -49,6 +49,9 @@ CLEARANCE = 0.3
 CROWDED = 0.5
 """Maximum fraction of the diameter that just fits: the dots of several plates must also differ in place."""
 
+ALIKE_PX = 1e-6
+"""Displacement of images below which layouts count as the same."""
+
 MOST_STORED = 400
 """Maximum number of poses stored in each marker."""
 
@@ -222,7 +225,7 @@ def design_rig(
     counts = np.array([len(each) for each in layouts.layouts])
     warnings = []
     if safety < APART_PX:
-        warnings.append(f"{sentence}: use fewer dots, more room, smaller --dot, or --tag")
+        warnings.append(f"{sentence}; use --tag, fewer dots, more room or smaller --dot")
     found = RigDesign(
         Rig(tuple(markers), provenance=stored),
         poses,
@@ -318,6 +321,8 @@ def _told_apart(layouts: RigLayouts, tags: Sequence[str]) -> tuple[str, float]:
     (one, other), least = min(safety.items(), key=lambda item: item[1])
     if not np.isfinite(least):
         return "the plates are told apart by their numbers of dots", least
+    if least < ALIKE_PX:
+        return f"nothing tells {one} from {other}: their layouts are the same", least
     return (
         f"the plates are told apart by their layouts while dots move by less than {least:.2g} px RMS; "
         f"then {one} fits as well as {other}",

@@ -217,4 +217,4 @@ def design_rig(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[
     """
     shape, asked = rig_of(shape, options)
     found = rig(shape, progress=tell.progress, **asked)
-    return {"rig": json.loads(rig_to_json(found.rig)), "summary": str(found), "warnings": found.warnings}
+    return {"rig": json.loads(rig_to_json(found.rig)), "summary": found.summary, "warnings": found.warnings}

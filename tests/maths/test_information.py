@@ -98,6 +98,18 @@ def test_displacement_weight_is_the_mean_square_displacement(setting):
     np.testing.assert_allclose(np.einsum("i,pij,j->p", twist, weight, twist), expected, rtol=1e-12)
 
 
+def test_what_is_singular_but_for_rounding_has_infinite_covariance():
+    rows = np.random.default_rng(0).normal(size=(200, 5, 6))
+    every = info.covariance(rows.swapaxes(-1, -2) @ rows)
+    variances = np.diagonal(every, axis1=-2, axis2=-1)
+    assert np.all(variances > 0)
+    assert np.isinf(every).all(axis=(-2, -1)).sum() > 20
+    # Of rounding alone, some come out negative.
+    one = next(each for each in rows.swapaxes(-1, -2) @ rows if np.linalg.det(each) < 0)
+    assert np.linalg.inv(one).diagonal().min() < 0
+    assert np.all(np.isinf(info.covariance(one)))
+
+
 def test_a_layout_that_determines_nothing_has_infinite_covariance():
     matrices = np.stack([np.eye(6), np.diag([1.0, 1, 1, 1, 1, 0]), np.full((6, 6), np.nan)])
     covariance = info.covariance(matrices)

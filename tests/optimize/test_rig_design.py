@@ -114,6 +114,12 @@ def test_a_rig_with_tags():
     assert not found.warnings
 
 
+def test_plates_that_look_the_same_are_warned_about():
+    found = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")
+    assert found.warnings == (found.told_apart + "; use --tag, fewer dots, more room or smaller --dot",)
+    assert found.told_apart.endswith("their layouts are the same")
+
+
 def test_files_are_checked_before_the_search(tmp_path):
     with pytest.raises(InputError, match=r"output suffix for a rig"):
         mg.rig("pair", output=tmp_path / "x.nothing", **QUICK)

@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, capital, lines, make, mm, said } from "./dom.js";
+import { Gone, Refused, ask, by, capital, lines, make, mm, said, worded } from "./dom.js";
 import { read, written } from "./address.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
@@ -58,7 +58,8 @@ function become(state, step = true) {
     if (options.edge) by("edge").value = options.edge;
     fields.show(options);
     fields.refuse();
-    return stand({ rig: rigs.get(after).rig }, rigs.get(after).summary.split("\n")[0], true);
+    const { rig, summary, warnings } = rigs.get(after);
+    return stand({ rig }, [summary.split("\n")[0], ...warnings.map((each) => worded(capital(each)))].join(". "), true);
   }
   stands(null);
   buttons();
