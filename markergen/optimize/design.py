@@ -334,23 +334,31 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
         homography, or no layout was found with the demanded label safety.
     """
-    found = _design(spec, progress, traced, watch)
-    spec = found.spec
-    if spec.dot is not None or spec.gap or spec.points or not found.dots.diameter:
-        return found
-    setting, image = found.setting, spec.image_noise
-    close = crowding(found.marker.xyz, found.dots.diameter, setting.camera, setting.poses, image)
-    if close is None or close.gap >= found.dots.diameter:
+    wanted: list[float] = []
+    found = _design(spec, progress, traced, watch, wanted)
+    gap = wanted[0] if wanted else _wanted_gap(found.marker.xyz, found.dots, found.setting, found.spec)
+    if not gap:
         return found
     try:
-        apart = _design(replace(spec, gap=close.gap), progress, traced, watch)
+        apart = _design(replace(found.spec, gap=gap), progress, traced, watch)
     except InputError as error:
-        log.info("no gap of %s: %s", format_length(close.gap), error)
-        return found
+        log.info("no gap of %s: %s", format_length(gap), error)
+        return _design(spec, progress, traced, watch) if wanted else found
     return replace(apart, seconds=found.seconds + apart.seconds)
 
 
-def _design(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | None) -> Design:
+def _wanted_gap(points: Array, dots: DotSize, setting: Setting, spec: Spec) -> float:
+    """Gap in m that keeps images of dots apart, of which nothing is said; 0 if none does, or they are apart."""
+    if spec.dot is not None or spec.gap or spec.points or not dots.diameter:
+        return 0.0
+    close = crowding(points, dots.diameter, setting.camera, setting.poses, spec.image_noise)
+    return 0.0 if close is None or close.gap >= dots.diameter else close.gap
+
+
+def _design(
+    spec: Spec, progress: Progress | None, traced: bool, watch: Watch | None, wanted: list[float] | None = None
+) -> Design:
+    """Design once; a gap that is seen to be wanted before the search has ended, ends it, and is added to `wanted`."""
     begin = perf_counter()
     choice = settled(spec, progress)
     spec = choice.spec if choice else spec
@@ -380,7 +388,16 @@ def _design(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | 
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
         points = number(upright(optimum.points, objective, region, lambda turned: _safe(turned, spec, setting)))
     else:
-        optimum = search(objective, region, spec.n, rng, *more)
+
+        def enough(layout: Array) -> bool:
+            if wanted is None or spec.relief:
+                return False
+            gap = _wanted_gap(layout, dots, setting, spec)
+            if gap:
+                wanted.append(gap)
+            return gap > 0
+
+        optimum = search(objective, region, spec.n, rng, *more, enough)
         if spec.relief:
             flat, room = optimum.points, ReliefRoom(region, spec.relief, eyes_of(poses))
             optimum, others = search_relief(objective, room, flat, rng, *more), {"flat": flat}

@@ -6,6 +6,7 @@ poses, which is enough to rank layouts; only the best ones are polished for all 
 polished as well, so that no result is worse than one of them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -103,6 +104,7 @@ def search(
     progress: Progress | None = None,
     rough: Objective | None = None,
     record: Record | None = None,
+    enough: Callable[[Array], bool] | None = None,
 ) -> Optimum:
     """Find the layout of n control points in the region that minimizes the objective.
 
@@ -119,6 +121,8 @@ def search(
         Called with the stage, the amount done, and the total.
     record : callable or None
         Called with the layouts before and after each step (see `markergen.optimize.trace`).
+    enough : callable or None
+        Whether a layout (n, 2), which hops would improve, needs no improvement.
 
     Raises
     ------
@@ -132,7 +136,8 @@ def search(
     regular = task.from_regular(rng.spawn(1)[0], restarts)
     if not found.value * (1 - GAIN) <= regular.value:
         found = regular
-    if len(region.walls) > 1 and n >= HOPPING and np.isfinite(found.value):
+    hopping = len(region.walls) > 1 and n >= HOPPING and np.isfinite(found.value)
+    if hopping and not (enough and enough(found.points)):
         hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / n) ** 3))
         found = task.hopped(found, min(hops, 3 * restarts or hops), rng.spawn(1)[0])
     if not np.isfinite(found.value):
