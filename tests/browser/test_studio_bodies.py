@@ -25,6 +25,10 @@ def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
     with studio.page.expect_download() as loading:
         studio.page.click("#download")
     assert loading.value.path().stat().st_size > 1000
+    # A search makes it again.
+    studio.page.click("#command")
+    studio.until("() => document.getElementById('said').textContent.includes('markergen design --n auto --radius 400mm')")
+    assert "--points" not in studio.said()
     studio.page.click("#back")
     studio.settle()
 

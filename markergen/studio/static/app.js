@@ -19,7 +19,7 @@ let fields, fitted, drawing, globe, spatial, numbers, take;
 
 /* The newest state as the server takes it; raises what was wrong with it. */
 async function settled() {
-  if (options.shape) return options;
+  if (body?.designed) return options;
   await running;
   if (fault) throw fault;
   return look.options;
@@ -386,7 +386,9 @@ async function optimize() {
   if (end.options) {
     if (!others.dot) sized = end.options.dot;
     if (await become({ ...end.options, drawing_center: options.drawing_center })) said(end.certificate ? `Done: ${end.certificate.sentence}.` : "Done.");
-  } else await stand({ marker: end.marker }, "Dots of several sizes serve these distances; change an option to begin anew.");
+  } else if (await become({ ...others, ...count })) {
+    await stand({ marker: end.marker }, "Dots of several sizes serve these distances; change an option to begin anew.", true);
+  }
 }
 
 /* --- bodies in three dimensions ------------------------------------------------------------------------------------ */
