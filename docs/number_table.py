@@ -1,15 +1,25 @@
-"""Every number of README and docs: the command that gives it, or what it is if none does."""
+"""Numbers of README and docs, and the commands that give them."""
 
 from collections.abc import Callable, Sequence
 from itertools import starmap
 
-from docs.numbers import Block, Command, Entry, Given, Number
-
-README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
-PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
-CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
-FAQ = "docs/faq.md"
-CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
+from docs.numbers import (
+    CALIBRATE,
+    CHOOSING,
+    COMPARISON,
+    DESIGN,
+    DETECT,
+    ERROR,
+    PAPER,
+    README,
+    RIGS,
+    THEORY,
+    VALIDATE,
+    Block,
+    Command,
+    Entry,
+    Number,
+)
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
 POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
@@ -507,240 +517,3 @@ MEASURED: Sequence[Entry] = (
     ),
 )
 """Places whose numbers are compared, by file."""
-
-DEFAULT = "a default or a limit of the program"
-SETTING = "a condition of the numbers beside it"
-STANDARD = "a standard, a product's version, or a law of geometry"
-MEANING = "what a word means here"
-EXAMPLE = "an example of what to type, or of a size"
-
-GIVEN: Sequence[Given] = tuple(
-    Given(file, place, reason)
-    for file, reason, places in (
-        (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
-        (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
-        (
-            CALIBRATE,
-            SETTING,
-            [
-                "off by # mm along each axis, # % longer along x and bulging by # mm, in",
-                "measured to # px",
-                "the same, # % of the dots false by # to # px",
-            ],
-        ),
-        (RIGS, DEFAULT, ["(short axis # px)"]),
-        (RIGS, MEANING, ["a dot more than # px off", "more than # degrees or # %"]),
-        (
-            RIGS,
-            SETTING,
-            [
-                "A cube of # mm with",
-                "# x # px, f = # px, from # to # m",
-                "plates of # m, # m apart",
-                "| ArUco tags by aprilcube, exact print | # | # | #, # | # | # |",
-                "| this wall, 640x480 | # | # | # | # |",
-                "| GridBoard, 640x480 | # | # | # | # |",
-                "| this wall, 1920x1080 | # | # | # | # |",
-                "| GridBoard, 1920x1080 | # | # | # | # |",
-                "all faces, print good to # mm |",
-                "alone, print good to # mm |",
-            ],
-        ),
-        (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
-        (
-            README,
-            STANDARD,
-            ["Python # or newer, make", "supports Python # to #:", "runs on #, and parts of it were run on #, on #,"],
-        ),
-        (
-            README,
-            SETTING,
-            [
-                "degrees for # px of noise, dots of # mm inside a disk of # m:",
-                "(tilt 40 to # degrees, azimuth within 30)",
-                "With the same circle of # m, the same poses",
-                "A print error of # mm costs",
-                "RMS rotation error in degrees with its # % interval",
-                "A calibration off by # px in fx and fy and # px",
-                "Dots on pillars of 20 or # mm",
-                "(point dots, # px of noise;",
-            ],
-        ),
-        (DESIGN, DEFAULT, ["cannot keep them to # % is refused"]),
-        (DESIGN, SETTING, ["cone:distance=#..1.5,tilt=40..70,azimuth=-30..30,roll=0", "a loss of # % leaves"]),
-        (DESIGN, DEFAULT, ["a disk of `--radius`, # mm by default", "approximated to # um", "a distance of #..1.5 m"]),
-        (
-            DESIGN,
-            DEFAULT,
-            [
-                "sources is within # % of the least",
-                "a print good to # mm unless",
-                "In # % of the poses the images of its dots are at least # px",
-                "and # px or more apart",
-                "it is # px or more; of more",
-                "are at least # px apart from",
-            ],
-        ),
-        (DESIGN, SETTING, ["f = #, *lens*", "one size serve # to # m:"]),
-        (
-            DESIGN,
-            DEFAULT,
-            [
-                "is more than # times as far",
-                "Dots are # times as large",
-                "sees whole, # px or more inside",
-                "and # px large (a key ring # px)",
-                "is at most # times the least that",
-            ],
-        ),
-        (DESIGN, MEANING, ["0.109 deg (# %) for", "found in # % of the views nothing"]),
-        (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
-        (
-            VALIDATE,
-            DEFAULT,
-            [
-                "(default 1000, noise # px)",
-                "the rotation bound exceeds # degrees",
-                "as of a grid turned by # degrees",
-                "- **# %**: interval",
-                "over that of its square (# and # are tried",
-                "(standard deviation; that of the design, or # mm)",
-                "standard deviation | # |",
-                "with # px of blur, noise of # grey levels",
-                "reported more than # px from",
-                "its second difference exceeds # % of the first",
-                "rotate the pose by # % of its standard",
-                "what # % of such series give (by drawing series from the expected errors, # % wider)",
-                "their share is above # %",
-                "off by # px in fx and fy and # px in cx",
-            ],
-        ),
-        (
-            VALIDATE,
-            MEANING,
-            ["rotated by # degrees", "the # % interval for", "*In # %* is", "# % region;", "is the # % Clopper"],
-        ),
-        (VALIDATE, SETTING, ["for a radius of # px, a contrast of # grey levels, a blur of # px and noise of # grey"]),
-        (VALIDATE, EXAMPLE, ["gave # deg in the hardest case where # was expected"]),
-        (
-            DETECT,
-            DEFAULT,
-            [
-                "gives no frame for # s",
-                "(along each axis; that of the design, or # mm)",
-                "`design` takes # px along",
-                "blur_px=#` therefore",
-            ],
-        ),
-        (
-            DETECT,
-            MEANING,
-            ["the d = # m - # degrees of freedom", "median, # % |", "keep their rough ellipse, # px along"],
-        ),
-        (
-            DETECT,
-            SETTING,
-            [
-                "Of dots of # px (the",
-                "of those of # px @ %",
-                "at # px and @ px at # px",
-            ],
-        ),
-        (DETECT, SETTING, ["One thread, 640 x # px", "A frame of 640 x # px"]),
-        (
-            PRINT,
-            DEFAULT,
-            [
-                "(`--overlap`, # mm)",
-                "50 or # mm that is within # % is assumed",
-                "off by # % or more are probably",
-                "off by # % of the outermost",
-                "which is # um (a quarter of a pixel for a PNG below # dpi)",
-            ],
-        ),
-        (PRINT, MEANING, ['"actual size" or # %', "printed at # %"]),
-        (PRINT, STANDARD, ["turned by # degrees", "a principal point # px larger"]),
-        (
-            FABRICATE,
-            DEFAULT,
-            [
-                "inlays of a second material, # mm deep | # mm |",
-                "pockets # mm deep, and discs that fit them | # mm,",
-                "stay inlays | # mm |",
-                "engraved # mm deep, and a DXF of the same name | # mm |",
-                "a recess # mm deep",
-                "on the control points | # mm |",
-                "which assumes # mm",
-                "nozzle diameter, # mm by default",
-                "largest common one up to # mm",
-                "the recess # mm of the plate remains",
-                "an `--edge` (# mm)",
-                "are engraved # mm deep",
-                "`--tolerance` (# um)",
-                "compares to # um",
-            ],
-        ),
-        (FABRICATE, EXAMPLE, ["*of diameter* # mm", "by # degrees; `--foot`", "for a disc of # mm |"]),
-        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,"]),
-        ("docs/simulators.md", STANDARD, ["density of PLA (# kg"]),
-        (
-            PAPER,
-            SETTING,
-            [
-                "f = # px",
-                "disk of radius # m |",
-                "| noise | # px | # px, and also # px |",
-                "`metric` with noise of # px is computed in full, the others and noise of # px",
-                "noise of #, # and # px",
-                "coordinates, # px, or without",
-                "noise of # px, and of # px where",
-                "relief of 20 and # mm. Over",
-                "points at # px. In frontal",
-                "at # px @ to @ times, and at # px @ to",
-                "tilted by # or # degrees it is @ to @ times at # px.",
-                "times, at 1 and # px",
-                "times as much at # px, and @ to @ times at # px",
-                "is left at # px, and with five points or more all of it at # px",
-                "poses at # px, the rotation bound",
-                "@ deg (# mm) and @ deg (# mm)",
-            ],
-        ),
-        (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
-        (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
-        (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),
-        (CHOOSING, SETTING, ["(here off by # px in fx", "by # px in the principal point)", "made to # mm (`--relief"]),
-        (
-            CHOOSING,
-            DEFAULT,
-            ["no longer *found*: take # px along", "# px at the least.", "glued flat: # mm is the tool"],
-        ),
-        (
-            ERROR,
-            SETTING,
-            [
-                "a disk of # mm, a camera of 640 x # px with a focal length of # px, half",
-                "tilted by 20 to # degrees:",
-                "(Noise of # grey levels",
-                "tilted by # degrees.) Hundredths",
-                "a print good to # mm.) *First",
-                "(Tilted by # degrees; a print good to # mm, and a calibration off by # px in fx and fy and # px in",
-            ],
-        ),
-        (ERROR, DEFAULT, ["Keep dots at # px"]),
-        (ERROR, STANDARD, ["largest at # degrees or so"]),
-        (THEORY, SETTING, ["rotation for # px of noise"]),
-        (COMPARISON, SETTING, ["640 x # px are few", "in a circle of # mm", "a print error of # mm of"]),
-        (COMPARISON, DEFAULT, ["dots of # px and a ring"]),
-        (COMPARISON, MEANING, ["with its # % interval"]),
-        (FAQ, EXAMPLE, ["seen at # degrees or more"]),
-        (FAQ, STANDARD, ["by (cx + #) s - # for"]),
-        (STUDY, DEFAULT, ["times out after # s"]),
-        (START, STANDARD, ["Python # or newer"]),
-        (START, SETTING, ["tilted by 20 to # degrees"]),
-        (CONVENTIONS, DEFAULT, ["an edge (# mm)", "polygons within # um", "at most # um off"]),
-        (CONVENTIONS, MEANING, ["a hole of # mm is # mm in every file", "are for # px;", "a TE over # %"]),
-        (CONVENTIONS, STANDARD, ["are # px larger"]),
-    )
-    for place in places
-)
-"""Numbers without a command."""

@@ -4,8 +4,9 @@
     python -m docs.numbers --only docs/paper.md  those of one file
     python -m docs.numbers --quick 60            only commands that take less than a minute
 
-`docs/number_table.py` has an entry for each place with numbers; a new one is a new entry. A number that the text rounds
-must be what its command prints, rounded alike. Times depend on the machine, so they may differ by a factor.
+`docs/number_table.py` has an entry for each place with numbers, `docs/given_numbers.py` for those without a command.
+A number that the text rounds must be what its command prints, rounded alike. Times depend on the machine, so they may
+differ by a factor.
 """
 
 import argparse
@@ -24,6 +25,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).parent.glob("*.md"))))
 """Files that are searched for numbers."""
+
+README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
+PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
+CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
+FAQ = "docs/faq.md"
+CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 
 GENERATED = ("docs/cli.md", "docs/templates.md")
 """Files that `make docs` writes."""

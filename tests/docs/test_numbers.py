@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from docs import numbers
-from docs.number_table import GIVEN, MEASURED
+from docs.given_numbers import GIVEN
+from docs.number_table import MEASURED
 from docs.numbers import (
     GENERATED,
     PAGES,
