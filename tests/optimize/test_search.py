@@ -30,6 +30,22 @@ def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
+def test_hops_follow_unless_what_was_found_is_enough(criterion):
+    room = polygon_from([np.array([[0, 0], [0.3, 0], [0.3, 0.1], [0, 0.1]])])
+    stages, seen = [], []
+
+    def progress(stage, *_):
+        stages.append(stage)
+
+    begin = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress, enough=seen.append)
+    assert stages[-1] == "hops"
+    stages.clear()
+    end = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress, enough=lambda _: True)
+    assert "hops" not in stages
+    np.testing.assert_array_equal(seen[0], end.points)
+    assert begin.value <= end.value
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("n", [4, 7])
 def test_seeds_agree_in_every_shape(rooms, criterion, n):
