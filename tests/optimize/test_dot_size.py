@@ -9,7 +9,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import pose_jacobian
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Circle, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.poses import PoseDistribution
@@ -29,6 +29,8 @@ from markergen.optimize.dot_size import (
 )
 from markergen.read.poses import poses_from
 from markergen.render import Optics, render_view
+
+PLATE = polygon_from([np.array([[-0.08, -0.05], [0.08, -0.05], [0.08, 0.05], [-0.08, 0.05]])])
 
 
 @pytest.fixture(scope="module")
@@ -215,8 +217,9 @@ def test_a_blur_fills_gaps_between_dots():
     assert "--gap 4.7mm" in said
 
 
-def test_a_design_of_which_nothing_else_is_said_keeps_images_of_dots_apart():
-    spec = Spec(n=12, boundary=Circle(0.08), poses="cone:distance=0.8..1.2,tilt=0..60,count=30", restarts=1)
+@pytest.mark.parametrize("boundary", [Circle(0.08), PLATE], ids=["disk", "plate"])
+def test_a_design_of_which_nothing_else_is_said_keeps_images_of_dots_apart(boundary):
+    spec = Spec(n=12, boundary=boundary, poses="cone:distance=0.8..1.2,tilt=0..60,count=30", restarts=1)
     found = design(spec)
     assert found.spec.gap > 0
     assert not [said for said in found.warnings if "apart" in said]
