@@ -108,7 +108,7 @@ GIVEN: Sequence[Given] = tuple(
                 "is at most # times the least that",
             ],
         ),
-        (DESIGN, MEANING, ["0.109 deg (# %) for", "found in # % of the views nothing"]),
+        (DESIGN, MEANING, ["0.092 deg (# %) for", "found in # % of the views nothing"]),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
             VALIDATE,
