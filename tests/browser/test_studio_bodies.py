@@ -27,7 +27,8 @@ def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
     assert loading.value.path().stat().st_size > 1000
     # A search makes it again.
     studio.page.click("#command")
-    studio.until("() => document.getElementById('said').textContent.includes('markergen design --n auto --radius 400mm')")
+    studio.until("() => document.getElementById('said').textContent.startsWith('Copied: ')")
+    assert "markergen design --n auto --radius 400mm" in studio.said()
     assert "--points" not in studio.said()
     studio.page.click("#back")
     studio.settle()
