@@ -1,6 +1,7 @@
 """What many tests start from: the paper's setting, and the regular pentagon that `design` makes of it."""
 
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -24,6 +25,9 @@ from markergen.objectives.criteria import regular_polygon
 settings.register_profile("ci", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("work", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ci" if os.environ.get("CI") else "work")
+
+# Shells start what runs in the background with Ctrl-C ignored, and programs that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
