@@ -87,9 +87,8 @@ FIGURES = {
     ERROR: Command("python -m docs.figures error -o .", 180),
     THEORY: Command("python -m docs.figures theory -o .", 20),
 }
-STUDIED = Command(
-    "markergen study paper -o quarter --scale 0.25 && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500
-)
+QUARTER = "markergen study paper -o quarter --scale 0.25"
+STUDIED = Command(f"{QUARTER} && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500)
 
 
 SIDED = "--n 5 --dot 10mm --poses cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
@@ -246,7 +245,7 @@ which of equally good optima a few descents end."""
 def _paper(place: str, tests: Sequence[str], compute: Callable[..., Sequence[float]] | None = None) -> Number:
     """Place with values of single tests, each a claim with its setting and what it measures."""
     rows = [(STUDIED, f'{test.rpartition(",")[0]},"{test.rpartition(",")[2].replace(";", ",")}",#') for test in tests]
-    return Number(PAPER, place, "markergen study paper -o quarter --scale 0.25", rows, compute, MACHINES)
+    return Number(PAPER, place, QUARTER, rows, compute, MACHINES)
 
 
 def _ippe(noise: str, numbers: Sequence[int], at: str = "") -> list[str]:
@@ -506,14 +505,7 @@ MEASURED: Sequence[Entry] = (
         )
         for name in names
     ),
-    Block(PAPER, "<!-- sentences -->", "<!-- end -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
-    Block(
-        PAPER,
-        "<!-- claims -->",
-        "<!-- end of claims -->",
-        "markergen study paper -o quarter --scale 0.25",
-        STUDIED,
-        MACHINES,
-    ),
+    Block(PAPER, "<!-- sentences -->", "<!-- end -->", QUARTER, STUDIED),
+    Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", QUARTER, STUDIED, MACHINES),
 )
 """Places whose numbers are compared, by file."""
