@@ -57,7 +57,7 @@ numbers: $(VENV)/developed $(VENV)/kernel
 clean:
 	rm -rf $(VENV) out
 
-$(VENV)/python: 
+$(VENV)/python:
 	$(PYTHON) -c 'import sys; sys.exit("markergen needs Python >= 3.11, found " + sys.version.split()[0] + "; call make PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip

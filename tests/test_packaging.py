@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 import markergen
 from markergen.detect.kernel_build import LIBRARY
@@ -67,6 +68,37 @@ def test_every_requirement_is_pinned_by_version_alone():
 
 def test_the_version_is_one():
     assert PROJECT["project"]["version"] == markergen.__version__
+
+
+def test_the_citation_is_of_this_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == markergen.__version__
+    assert citation["license"] == PROJECT["project"]["license"]
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in PROJECT["project"]["authors"]
+    ]
+
+
+@pytest.mark.parametrize(
+    "path", [*sorted((ROOT / ".github").rglob("*.yml")), ROOT / ".pre-commit-config.yaml"], ids=lambda path: path.name
+)
+def test_what_the_code_host_reads_is_yaml(path):
+    assert isinstance(yaml.safe_load(path.read_text(encoding="utf-8")), dict)
+
+
+def test_every_supported_python_is_tested():
+    supported = [name for line in PROJECT["project"]["classifiers"] for name in re.findall(r":: (3\.\d+)$", line)]
+    job = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))["jobs"]["test"]
+    assert job["strategy"]["matrix"]["python"] == supported
+    assert PROJECT["project"]["requires-python"] == f">={supported[0]}"
+    assert PROJECT["tool"]["cibuildwheel"]["build"] == f"cp{supported[0].replace('.', '')}-manylinux_*"
+
+
+def test_hooks_run_the_pinned_versions():
+    pinned = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines())
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    (ruff,) = (hook["rev"] for hook in hooks if hook["repo"].endswith("/ruff-pre-commit"))
+    assert ruff == f"v{pinned['ruff']}"
 
 
 def test_every_schema_goes_into_the_wheel():
