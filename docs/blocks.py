@@ -34,7 +34,7 @@ MINUTES = 5
 
 @dataclass
 class Block:
-    """A block: where it begins, what it is (sh, python, file or text; empty if nothing tells), and its marks."""
+    """A block: where it begins, what it is (sh, python, file or text; empty if nothing shows it), and its marks."""
 
     line: int
     kind: str

@@ -116,9 +116,9 @@ def _in_three_rooms(camera: str) -> Number:
 
 
 def _counted(room: str, camera: str) -> Number:
-    command, said = RIVALS[room, camera], "# | # | # | # | # | #"
+    command, errors = RIVALS[room, camera], "# | # | # | # | # | #"
     sources = [(command, f"{room} {camera} # # @ # # @"), (command, f"{room} {camera} 5 @ @ # # @")]
-    return Number(DESIGN, f"| {room}, {camera} | {said} |", BESIDE_AUTO, sources)
+    return Number(DESIGN, f"| {room}, {camera} | {errors} |", BESIDE_AUTO, sources)
 
 
 def _in_room(room: str, n: int) -> Sequence[Number]:
@@ -380,7 +380,7 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(
         DESIGN,
-        "All that the grey levels tell is # deg for the dots in the disk and the paper's camera, and # for",
+        "All that the grey levels give is # deg for the dots in the disk and the paper's camera, and # for",
         BESIDE_AUTO,
         [
             (RIVALS["disk", "paper"], "auto dots @/@ @ @ to @ @ #"),

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 WIDTH, HEIGHT = 1440, 1180
 COLORS = 128
-"""More are not told from these, and make larger files."""
+"""More are not distinguished from these, and make larger files."""
 PATIENCE_MS = 300_000
 
 
@@ -63,10 +63,10 @@ def main() -> None:
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert server.stdout
-        told = re.search(r"http://\S+/", server.stdout.readline())
-        if not told:
+        address = re.search(r"http://\S+/", server.stdout.readline())
+        if not address:
             sys.exit("expected the address of the studio, found none; see what it says above")
-        pictures(told[0], given.chromium, given.light, given.dark)
+        pictures(address[0], given.chromium, given.light, given.dark)
     finally:
         server.terminate()
         server.wait(20)

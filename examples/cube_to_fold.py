@@ -1,4 +1,4 @@
-"""A cube with a marker on every face, told apart by tags: rig.json, sheets of its faces, and a net to fold and glue."""
+"""A cube with a marker on every face, distinguished by tags: rig.json, sheets of faces, and a net to fold and glue."""
 
 import sys
 from pathlib import Path

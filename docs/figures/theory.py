@@ -1,4 +1,4 @@
-"""What the condition number tells, and where another dot would help: figures and tables of docs/theory.md."""
+"""What the condition number shows, and where another dot would help: figures and tables of docs/theory.md."""
 
 from typing import TYPE_CHECKING
 

@@ -82,6 +82,17 @@ def test_every_room_on_the_map_is_there():
     assert packages <= set(re.findall(r"`(\w+)`", text))
 
 
+@pytest.mark.parametrize(
+    "path",
+    [*pages(), *(ROOT / name for name in ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md"))],
+    ids=lambda path: path.name,
+)
+def test_pages_show_and_report(path):
+    """Programs and files do not tell; "c tells" is the name of a claim."""
+    text = path.read_text(encoding="utf-8").replace("*c tells*", "")
+    assert not re.findall(r".*\b(?:told|said|tells)\b.*", text)
+
+
 OTHERS = {"--aprilcube", "--packages-select", "--nthreads", "--nworkers"}
 """Flags of other programs, which pages name outside their commands."""
 

@@ -91,8 +91,10 @@ def run_paper(
         If a file cannot be written; finished cells are kept.
     """
     cells = cells_of(options)
-    told = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
-    results = run_cells(work, cells, folder, {"study": "paper", **options.as_dict()}, engine, resume, told, seconds_of)
+    estimated = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
+    results = run_cells(
+        work, cells, folder, {"study": "paper", **options.as_dict()}, engine, resume, estimated, seconds_of
+    )
     written = []
     for name, data in _files(gather(options, results)):
         write_atomic(folder / name, data)
@@ -114,10 +116,10 @@ def estimated_seconds(options: PaperOptions, workers: int | None = None) -> floa
 def _with_estimate(progress: CellProgress, seconds: float) -> CellProgress:
     """Progress that reports an estimate of the time left until it can be measured."""
 
-    def tell(done: int, total: int, left: float) -> None:
+    def report(done: int, total: int, left: float) -> None:
         progress(done, total, seconds if isnan(left) else left)
 
-    return tell
+    return report
 
 
 def _files(study: PaperResults) -> Iterator[tuple[str, bytes]]:

@@ -29,17 +29,17 @@ class MarkerNode(Node):
         self.tf = TransformBroadcaster(self)
         self.camera: Camera | None = None
         self.before: list[Found] = []
-        self.create_subscription(CameraInfo, "camera_info", self.told(self.calibrate), qos_profile_sensor_data)
-        self.create_subscription(Image, "image", self.told(self.detect), qos_profile_sensor_data)
+        self.create_subscription(CameraInfo, "camera_info", self.guarded(self.calibrate), qos_profile_sensor_data)
+        self.create_subscription(Image, "image", self.guarded(self.detect), qos_profile_sensor_data)
 
-    def told(self, callback: Any) -> Any:
-        def guarded(message: Any) -> None:
+    def guarded(self, callback: Any) -> Any:
+        def call(message: Any) -> None:
             try:
                 callback(message)
             except InputError as error:
                 self.get_logger().error(str(error), throttle_duration_sec=5.0)
 
-        return guarded
+        return call
 
     def calibrate(self, message: CameraInfo) -> None:
         camera = Camera.from_message(message)
