@@ -7,7 +7,7 @@ What follows `python -m benchmarks` goes to pytest, such as `-k descent`. `pytho
 `benchmarks.shapes`, `benchmarks.trials` and `benchmarks.detection` take minutes and are run by name, as are
 `benchmarks.detection_quality`, how accurate and how often wrong detection is, `benchmarks.detection_photos`,
 `benchmarks.headline`, the error to plan with beside that of rendered views, and `benchmarks.rigs`, a cube and a wall
-beside those of tags.
+beside those of tags. `benchmarks.structure` measures the code itself.
 """
 
 import subprocess
