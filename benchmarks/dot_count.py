@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.shapes import shapes
+from markergen.compare.compare import compare_and_time
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Boundary, Circle, polygon_from
@@ -33,7 +34,6 @@ from markergen.model.marker import Marker
 from markergen.model.spec import AUTO, USUAL_PRINT, Spec
 from markergen.optimize.design import design
 from markergen.validation.bounds import budget_of
-from markergen.validation.compare import compare_and_time
 from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
 

@@ -23,6 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
+from markergen.compare.contestants.printed import lm_pose
+from markergen.compare.contestants.pupil import PupilTag
+from markergen.compare.contestants.pupil import Settings as PupilSettings
+from markergen.compare.contestants.tags import SquareTag, tag_in
 from markergen.detect import detect
 from markergen.detect.fiducials import FiducialSettings
 from markergen.estimators.budget import ErrorSources
@@ -37,10 +41,6 @@ from markergen.model.spec import ImageNoise
 from markergen.optimize.ranges import dot_information
 from markergen.render import DEFAULT_OPTICS, Patch, circle, render_patches, render_view
 from markergen.validation.bounds import image_covariance
-from markergen.validation.contestants.printed import lm_pose
-from markergen.validation.contestants.pupil import PupilTag
-from markergen.validation.contestants.pupil import Settings as PupilSettings
-from markergen.validation.contestants.tags import SquareTag, tag_in
 
 Array = NDArray[np.float64]
 Found = tuple[Array, Array, Array] | None

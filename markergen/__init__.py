@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from markergen.api.validate import validate
     from markergen.api.verify import verify
     from markergen.calibration.calibration import Calibration
+    from markergen.compare.comparison import Comparison
     from markergen.detect.detector import Detector, Found
     from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
     from markergen.model.camera import Camera
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from markergen.model.rig import Rig, RigMarker
     from markergen.optimize.design import Design
     from markergen.optimize.rig_design import RigDesign
-    from markergen.validation.comparison import Comparison
     from markergen.validation.rigs.validation import RigValidation
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification

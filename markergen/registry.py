@@ -47,8 +47,9 @@ class Registry(Generic[T]):
     ----------
     kind : str
         Name of an entry in messages ("objective").
-    package : str
-        Dotted name of the package (or single module) that holds the entries; imported at the first look-up.
+    packages : str
+        Dotted names of the packages (or single modules) that hold the entries, separated by blanks; imported at the
+        first look-up.
     entry_points : str
         Group of the entry points that add entries; empty for a closed table.
     entry : type
@@ -61,8 +62,8 @@ class Registry(Generic[T]):
     True
     """
 
-    def __init__(self, kind: str, package: str, entry_points: str = "", entry: Any = object) -> None:
-        self.kind, self._package, self._group, self._entry = kind, package, entry_points, entry
+    def __init__(self, kind: str, packages: str, entry_points: str = "", entry: Any = object) -> None:
+        self.kind, self._packages, self._group, self._entry = kind, packages.split(), entry_points, entry
         self._entries: dict[str, T] = {}
         self._outside: dict[str, str] = {}
         """Modules outside markergen that registered an entry, by its name."""
@@ -148,9 +149,10 @@ class Registry(Generic[T]):
 
     def _load(self) -> None:
         if not self._loaded:
-            package = importlib.import_module(self._package)
-            for module in pkgutil.iter_modules(getattr(package, "__path__", [])):
-                importlib.import_module(f"{self._package}.{module.name}")
+            for name in self._packages:
+                package = importlib.import_module(name)
+                for module in pkgutil.iter_modules(getattr(package, "__path__", [])):
+                    importlib.import_module(f"{name}.{module.name}")
             self._loaded = True
         luggage = _RECEIVED.get(self._group, ())
         if luggage is not self._luggage:

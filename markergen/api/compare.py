@@ -7,15 +7,15 @@ from os import PathLike
 from typing import Unpack
 
 from markergen.api.arguments import files_among
+from markergen.compare.compare import compare_and_time as run
+from markergen.compare.comparison import Comparison
+from markergen.compare.contestants import forms
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import File, Files, Progress, TargetLike, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
-from markergen.validation.compare import compare_and_time as run
-from markergen.validation.comparison import Comparison
-from markergen.validation.contestants import forms
 
 _log = logging.getLogger(__name__)
 

@@ -16,6 +16,10 @@ from markergen.options import Option, declared
 from markergen.units import parse_length
 
 Rows = list[tuple[str, str]]
+Json = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON; - is standard output.")
+]
+Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
 
 
 def length(text: str) -> float:
@@ -152,3 +156,10 @@ class GroupedCommand(TyperCommand):
         for title, records in {**groups, "Options": own}.items():
             with formatter.section(title):
                 formatter.write_dl(records)
+
+
+def rig_suffixes() -> Rows:
+    """Rows of help: the suffixes that a rig is written to, and what for."""
+    from markergen.exporters import RIG_EXPORTERS, catalog
+
+    return [(" ".join(suffixes), words) for suffixes, words in catalog(RIG_EXPORTERS)]

@@ -114,12 +114,12 @@ def _function(named: Callable[..., Any] | str) -> Callable[..., Any]:
 
 
 EXPORTERS: Registry[Exporter] = Registry(
-    "output suffix", "markergen.exporters.formats", "markergen.exporters", Exporter
+    "output suffix", "markergen.exporters.formats markergen.workshop.table", "markergen.exporters", Exporter
 )
 """Exporters by suffix with its dot, in lower case; a suffix may have two parts (``.opencv.yaml``)."""
 
 RIG_EXPORTERS: Registry[Exporter] = Registry(
-    "output suffix for a rig", "markergen.exporters.rigs", "markergen.rig_exporters", Exporter
+    "output suffix for a rig", "markergen.exporters.rigs markergen.workshop.table", "markergen.rig_exporters", Exporter
 )
 """Exporters of a whole rig, by suffix as in `EXPORTERS`; their `write` takes a `Rig` instead of markers."""
 

@@ -159,7 +159,7 @@ def check_outputs(
         if spec and options.sheet.colors.inverted and not holds_light(suffix, table):
             raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
-            from markergen.solid.kernel import import_kernel
+            from markergen.occt import import_kernel
 
             import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)

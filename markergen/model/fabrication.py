@@ -19,7 +19,7 @@ class Process:
     Attributes
     ----------
     make : callable
-        Function that makes a `markergen.solid.processes.Made` of a designed marker and the requested `Fabrication`, or
+        Function that makes a `markergen.workshop.processes.Made` of a designed marker and the `Fabrication`, or
         raises a one-line InputError.
     label : str
         Name on screen and paper, besides the one in the table: "milled".
@@ -46,7 +46,7 @@ class Process:
         return self.make(marker, fabrication)
 
 
-PROCESSES: Registry[Process] = Registry("process", "markergen.solid.processes", "markergen.processes", Process)
+PROCESSES: Registry[Process] = Registry("process", "markergen.workshop.processes", "markergen.processes", Process)
 """Processes by name. Their modules are in a higher layer, and are imported when one is looked up."""
 
 DEFAULT_PROCESS = "fdm"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.compare.baselines import line_up
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
@@ -27,7 +28,6 @@ from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
 from markergen.studio.state import KEPT, Options, design_of, plain, points_as_text, spec_of_options
 from markergen.validation import headline
-from markergen.validation.baselines import line_up
 from markergen.validation.bounds import budget_of
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms

@@ -11,7 +11,7 @@ from markergen.errors import InputError
 from markergen.guard import MOST_TRIANGLES, Content, in_child, start_child
 from markergen.model.marker import Marker
 from markergen.read.meshes import MeshObject
-from markergen.solid.step_parser import MOST_SIDES, SMALLEST_SIDE
+from markergen.read.meshes.step_parser import MOST_SIDES, SMALLEST_SIDE
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import (

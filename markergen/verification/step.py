@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-import markergen.solid
+import markergen.read.meshes
 from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import Content, in_child
 from markergen.model.marker import Marker
-from markergen.solid.kernel import missing_kernel
+from markergen.occt import missing_kernel
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, View
 
-PARSER = Path(markergen.solid.__file__).with_name("step_parser.py")
+PARSER = Path(markergen.read.meshes.__file__).with_name("step_parser.py")
 
 HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
 """Quoted strings, to skip, and numbers beyond 1e10 outside of them, on which Open CASCADE never finishes."""

@@ -10,10 +10,10 @@ import pytest
 from markergen.api import compare as module
 from markergen.api.compare import compare
 from markergen.cli import main
+from markergen.compare import compare as engine
+from markergen.compare import series as comparison_series
 from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.model.marker_json import to_json
-from markergen.validation import compare as engine
-from markergen.validation import comparison_series
 
 FEW = {"views": 4, "poses": "cone:count=20", "workers": 1}
 

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from markergen.cli import main
+from markergen.compare import compare
 from markergen.model.marker_json import to_json
-from markergen.validation import compare
 
 
 @pytest.fixture

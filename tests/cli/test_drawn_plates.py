@@ -17,8 +17,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import read_marker
 from markergen.read.outlines.reader import read_contours
 from markergen.read.spec_file import spec_from_mapping
-from markergen.solid.fabrication_content import workpiece
-from markergen.solid.processes import parts_of
+from markergen.workshop.drafting.content import workpiece
+from markergen.workshop.processes import parts_of
 
 THICK = 3.0
 FEW = ("--restarts", "2", "--dot", "14mm", "--poses", "cone:distance=0.6..0.8m,tilt=10..40,count=12,seed=1")

@@ -11,11 +11,11 @@ import typer
 import markergen as mg
 from markergen.cli import main
 from markergen.cli.commands import app
+from markergen.compare import compare
 from markergen.detect import kernel
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
 from markergen.render import Optics, render_view
-from markergen.validation import compare
 
 FEW = "cone:distance=0.4..0.6m,tilt=0..40,count=6"
 COMMANDS = {

@@ -6,7 +6,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, PROCESSES, Fabrication
-from markergen.solid.processes import Made, parts_of
+from markergen.workshop.processes import Made, parts_of
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
-from markergen.exporters.meshes import MeshedPart, write_glb
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
 from markergen.render import Optics, render_view
-from markergen.solid.mesh import Mesh
+from markergen.workshop.formats.meshes import MeshedPart, write_glb
+from markergen.workshop.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MOST_LINES = 40

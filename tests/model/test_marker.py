@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from markergen.compare.baselines import line_up
 from markergen.detect import Detector
 from markergen.detect.detection import detect
 from markergen.errors import InputError
@@ -29,7 +30,6 @@ from markergen.model.marker_json import from_json, to_json
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import FAMILIES, family_bits, family_size
 from markergen.render import DEFAULT_OPTICS, render_view
-from markergen.validation.baselines import line_up
 from markergen.validation.validation import validate
 from markergen.verification.check import verify
 

@@ -15,7 +15,7 @@ from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.model.tag import Tag, to_plane
 from markergen.solid.bodies import span_of
-from markergen.solid.processes import parts_of
+from markergen.workshop.processes import parts_of
 
 MATERIALS = ("light", "dark")
 """In the order of their extruders."""

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from markergen.solid import kernel
 from markergen.solid.bodies import Part
-from markergen.solid.kernel import NamedSolid
+from markergen.workshop import kernel
+from markergen.workshop.kernel import NamedSolid
 
 
 def build(part: Part) -> NamedSolid:

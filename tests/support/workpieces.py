@@ -9,8 +9,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import build_marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.fabrication_content import workpiece
-from markergen.solid.processes import parts_of
+from markergen.workshop.drafting.content import workpiece
+from markergen.workshop.processes import parts_of
 
 
 def ngon(n, radius, heights=0.0):

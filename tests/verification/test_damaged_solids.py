@@ -13,10 +13,10 @@ from markergen.model.boundary import polygon_from
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.cad_files import write_step
-from markergen.solid.kernel import solids_of
-from markergen.solid.processes import parts_of
 from markergen.verification import verify
+from markergen.workshop.cad_files import write_step
+from markergen.workshop.kernel import solids_of
+from markergen.workshop.processes import parts_of
 
 FABRICATION = Fabrication(engrave=False, foot=0.0, tolerance=1e-5)
 MESHES, NAMED = (".stl", ".3mf", ".glb"), (".3mf", ".glb")

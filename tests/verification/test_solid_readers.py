@@ -17,17 +17,17 @@ from spoiled_solids import glb, gltf, model, stl, with_model
 from markergen import guard
 from markergen.errors import InputError, MissingLibraryError
 from markergen.exporters import ExportOptions
-from markergen.exporters.meshes import VOLUMES
 from markergen.exporters.saving import save
 from markergen.geometry.contour import area
 from markergen.model.fabrication import Fabrication
 from markergen.read.meshes import MeshObject
-from markergen.solid.processes import parts_of
 from markergen.verification import step, verify
 from markergen.verification.check import verify_all
 from markergen.verification.mesh import surface_of
 from markergen.verification.step import read_brep, read_step
 from markergen.verification.surface import Ball, LevelFace, SolidPart, Surface, edge_of
+from markergen.workshop.formats.meshes import VOLUMES
+from markergen.workshop.processes import parts_of
 
 SMALL = Fabrication(engrave=False, tolerance=1e-5)
 

@@ -1,4 +1,4 @@
-"""Sheets to print, and outlines to cut."""
+"""Sheets to print."""
 
 from markergen.exporters import EXPORTERS, Exporter
 
@@ -22,7 +22,4 @@ EXPORTERS.register(".png")(
         sheet=True,
         check="markergen.exporters.png:check_image",
     )
-)
-EXPORTERS.register(".dxf")(
-    Exporter("markergen.exporters.dxf:export", "to cut and engrave, R2010 in mm; see --process laser", holds="flat")
 )

@@ -1,0 +1,67 @@
+"""``markergen calibrate``."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from markergen.cli import console
+from markergen.cli.options import Json, Report, with_options
+from markergen.options import VIEW
+from markergen.options.calibration import CalibrateKeywords
+
+
+@with_options(CalibrateKeywords)
+def calibrate(
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
+    photos: Annotated[
+        list[str], typer.Argument(metavar="PHOTO...", help="Image files, folders of them, or patterns such as '*.jpg'.")
+    ],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: estimated from the photos, too]",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="measured.json: the marker or rig as printed; camera.yaml: the camera; may be repeated.",
+        ),
+    ] = None,
+    report: Report = None,
+    json: Json = None,
+    **options: Any,
+) -> None:
+    """Measure a print by ten to forty photographs of it: every dot's x, y and z with their joint covariance, and the
+    camera if it is unknown.
+
+    detect and validate then use the dots of the print. docs/calibrate.md says how to take the photographs. Status 1 if
+    left-out photographs do not confirm what was measured, or it is no better than the design: the files are written.
+
+    \b
+    Example:
+      markergen calibrate marker.json photos/ --camera camera.yaml -o measured.json --report calibration.html
+      markergen calibrate marker.json photos/ --measured 0-2=244.1mm -o measured.json -o camera.yaml
+      markergen calibrate marker.json photos/ --geometry nominal -o camera.yaml
+      markergen calibrate cube.json photos/ --camera camera.yaml -o measured-cube.json
+    """
+    from markergen.api.calibrate import calibrate as measure
+
+    with console.progress_bar() as progress:
+        found = measure(
+            marker, photos, camera, save=output or (), report=report, json=console.file_of(json),
+            progress=progress, **options,
+        )  # fmt: skip
+    console.print_found(found, json)
+    if said := found.closing(console.is_stdout(json)):
+        (console.note if found.to_use else console.complain)(said)
+    if not found.to_use:
+        raise typer.Exit(console.FAILED)

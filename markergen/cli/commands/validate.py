@@ -1,0 +1,58 @@
+"""``markergen validate``."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from markergen.cli import console
+from markergen.cli.options import Json, Report, with_options
+from markergen.options import VIEW
+from markergen.options.declarations import ValidateKeywords
+
+
+@with_options(ValidateKeywords)
+def validate(
+    marker: Annotated[
+        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+    ],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: the camera of the design]",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
+    report: Report = None,
+    pictures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write failed, worst and typical views as PNG.")
+    ] = None,
+    json: Json = None,
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
+    ] = None,
+    **options: Any,
+) -> None:
+    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then detection
+    in synthetic views, and what limits the accuracy: image, print, or calibration.
+
+    \b
+    Example:
+      markergen validate marker.json --report report.html --fail-if 'estimators.lm.rotation_deg.rms > 1'
+    """
+    from markergen.api.validate import validate as prove
+    from markergen.validation.fail_if import parse
+
+    for expression in fail_if or []:
+        parse(expression)
+    files: dict[str, Any] = {"json": console.file_of(json), "report": report, "pictures": pictures}
+    with console.progress_bar() as progress:
+        found = prove(marker, camera, progress=progress, **files, **options)
+    console.print_found(found, json)
+    verdicts = [found.check(expression) for expression in fail_if or []]
+    for passed, said in verdicts:
+        (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {said}")
+    if not all(passed for passed, _ in verdicts):
+        raise typer.Exit(console.FAILED)

@@ -1,0 +1,1 @@
+"""Comparison of markers, tags and boards by synthetic views: contestants, statistics, results."""

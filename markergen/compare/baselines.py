@@ -1,0 +1,134 @@
+"""Contestants to compare a marker with: other markers, common layouts, tags and boards, all of one size."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from markergen.compare.contestants import KINDS, Arena, Contestant, forms
+from markergen.compare.contestants.layouts import DotMarker
+from markergen.compare.contestants.rigs import RigOfDots, RigOfTags
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.marker import Marker, check_supported
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_marker_or_rig
+from markergen.model.spec import Spec
+from markergen.objectives import Setting
+from markergen.read.poses import poses_from
+from markergen.units import format_length
+from markergen.validation.rigs.validation import rig_setting
+from markergen.validation.validation import setting_of
+
+DEFAULTS = (
+    "ngon", "square", "random", "aruco:DICT_4X4_50", "edges:aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5",
+    "circles:5x5", "checkerboard:9x9",
+)  # fmt: skip
+"""Default opponents of a single contestant: one of each that needs no further library."""
+
+RIG_DEFAULTS = ("aruco:DICT_4X4_50", "apriltag:36h11")
+"""Default opponents of a single rig."""
+
+
+def line_up(
+    texts: Sequence[str],
+    poses: str | PoseDistribution | None = None,
+    seed: int = 0,
+    given: Mapping[str, Marker | Rig] | None = None,
+) -> tuple[list[Contestant], Setting]:
+    """Make contestants from their texts, with the camera and poses that the first marker file was designed for.
+
+    Everything is as large as the circle of the first marker allows, with the white around it that it needs. If there
+    are rigs, all are rigs, or tags on each plate of the first one.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Contestants in the forms of `markergen.compare.contestants.listed`; a single one is compared with `DEFAULTS`.
+    poses : str, PoseDistribution or None
+        Poses to use instead, in any form that `poses_from` accepts.
+    seed : int
+        Seed for the random layouts.
+    given : mapping or None
+        Markers that are not in files, by the texts that stand for them.
+
+    Raises
+    ------
+    InputError
+        If a text has none of the forms, a file is not a marker, the markers differ in size, or a tag does not exist.
+    """
+    if seed < 0:
+        raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
+    if not texts:
+        raise InputError("contestants to compare", "none", f"name some: {forms()}")
+    known = given or {}
+    wanted = list(dict.fromkeys(texts))
+    loaded = {
+        text: known[text] if text in known else _read(text)
+        for text in wanted
+        if text in known or text.partition(":")[0] not in KINDS
+    }
+    rigs = {text: each for text, each in loaded.items() if isinstance(each, Rig)}
+    if rigs:
+        return _rig_line_up(wanted, rigs, poses)
+    wanted = list(dict.fromkeys([*texts, *DEFAULTS])) if len(texts) == 1 else wanted
+    markers = {text: _visible(text, each) for text, each in loaded.items() if isinstance(each, Marker)}
+    first = next(iter(markers.values()), None)
+    judged = setting_of(first, poses) if first else _default_setting(poses)
+    radius = judged.boundary.radius
+    for text, marker in markers.items():
+        if abs(marker.boundary.radius - radius) > 1e-9 * radius:
+            raise InputError(
+                f"markers in circles of one size, here of radius {format_length(radius)}",
+                f"{text} with {format_length(marker.boundary.radius)}",
+                "design it again with the same --radius",
+            )
+    # All are judged where the whole circle is visible, whatever their outlines, so that all have the same poses.
+    disk = Circle(radius)
+    height = max((marker.height for marker in markers.values()), default=0.0)
+    setting = Setting(judged.boundary, judged.camera, judged.poses.seen_whole(disk, judged.camera, height))
+    arena = Arena(setting, first, seed)
+    found: dict[str, Contestant] = {}
+    for text in wanted:
+        entry = DotMarker(text, markers[text]) if text in markers else KINDS[text.partition(":")[0]](text, arena)
+        found.setdefault(entry.name, entry)
+    return list(found.values()), setting
+
+
+def _rig_line_up(
+    wanted: Sequence[str], rigs: Mapping[str, Rig], poses: str | PoseDistribution | None
+) -> tuple[list[Contestant], Setting]:
+    first = next(iter(rigs.values()))
+    camera, distribution = rig_setting(first, poses)
+    found = list[Contestant]()
+    for text in wanted if len(wanted) > 1 else [*wanted, *RIG_DEFAULTS]:
+        if text in rigs:
+            for each in rigs[text].markers:
+                _visible(f"{each.name} of {text}", each.marker)
+            found.append(RigOfDots(text, rigs[text]))
+        elif text.partition(":")[0] in ("aruco", "apriltag"):
+            found.append(RigOfTags.on(first, text))
+        else:
+            raise InputError(
+                "a rig, or a tag on each of its plates", text, "give a rig.json, aruco:DICT or apriltag:FAMILY"
+            )
+    return found, Setting(Circle(first.radius), camera, distribution)
+
+
+def _read(text: str) -> Marker | Rig:
+    path = Path(text)
+    if path.suffix.lower() != ".json" and not path.exists():
+        raise InputError("a known contestant", repr(text), f"known: {forms()}")
+    return load_marker_or_rig(path)
+
+
+def _visible(text: str, marker: Marker) -> Marker:
+    check_supported(marker, "to compare")
+    if min(point.feature.diameter for point in marker.control_points) == 0:
+        raise InputError("dots that can be seen", f"a dot of diameter 0 in {text}", "design it with --dot above 0")
+    return marker
+
+
+def _default_setting(poses: str | PoseDistribution | None) -> Setting:
+    spec = Spec()
+    seen = poses_from(spec.poses if poses is None else poses).seen_whole(spec.boundary, spec.camera)
+    return Setting(spec.boundary, spec.camera, seen)

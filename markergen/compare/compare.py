@@ -1,0 +1,197 @@
+"""Compare markers, tags and boards: same poses, optics and noise, with the best settings for each."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.baselines import line_up
+from markergen.compare.series import TUNING, VIEWS, Choice, Observation, Series
+from markergen.compare.statistics import comparison_results
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.options import Progress
+from markergen.pool import map_counted, ranges, workers_for
+from markergen.render import DEFAULT_OPTICS, Optics
+from markergen.validation.metrics import statistics
+
+Array = NDArray[np.float64]
+
+TUNING_VIEWS = 60
+"""Number of views for choosing each peer's settings, separate from those that are evaluated."""
+NEARLY_ALL = 0.95
+"""Minimum share of the best setting's detections for a setting to be eligible, however accurate it is."""
+AT_ONCE = 10
+"""Number of views per chunk of work."""
+WORTH_A_WORKER = 60
+"""Number of images below which starting another process does not pay."""
+
+
+def compare(*arguments: Any, **options: Any) -> dict[str, Any]:
+    """Return the results of `compare_and_time` alone: the same for the same arguments."""
+    return compare_and_time(*arguments, **options)[0]
+
+
+def compare_and_time(
+    texts: Sequence[str],
+    views: int = 200,
+    seed: int = 0,
+    poses: str | PoseDistribution | None = None,
+    print_sigma: float = 0.0,
+    optics: Optics = DEFAULT_OPTICS,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    given: Mapping[str, Marker | Rig] | None = None,
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Compare markers, tags and boards in synthetic views.
+
+    Each is as large as the room of the first marker allows, surrounded by white. For every tag and board, the settings
+    of its detector with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from
+    the same Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance
+    for each of its points, which is used as a weight. Where the detector cannot tell a pattern from itself turned, the
+    pose nearest to the true one counts.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        See `line_up`.
+    views : int
+        Number of views that are evaluated, with the same poses for all.
+    print_sigma : float, m
+        Error of the print, see `Series`.
+    workers : int or None
+        Number of processes; None takes as many as the processors and the amount of work justify, 1 uses this process.
+    progress : callable or None
+        Called with the stage, the amount done, and the total.
+    given : mapping or None
+        Markers that are not in files, see `line_up`.
+
+    Returns
+    -------
+    results : dict
+        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, area of ``ink`` inside the circle
+        (``cm2`` and ``share``), the ``setting`` used to detect it and the candidates of its ``tuning``; how many views
+        were ``detected`` (``rate``), ``wrong`` or ``failed`` (see `pose_failed`; these are left out of the statistics)
+        and how many poses were ``flips``; statistics of ``rotation_deg``, ``translation_pct`` and ``point_px`` over its
+        detected views, the 95 % ``interval`` of the RMS and the ``bound``, the RMS of the photometric bound of an exact
+        print in them; the same over the ``common`` views (those that every contestant found, ignoring contestants never
+        found), and ``by_polar_angle`` and ``by_distance``; the ``pattern_bound`` over all views; the ``ratio`` of its
+        RMS to that of the first, over the views that both found, with the 95 % interval; and its ``failures``. One
+        whose library is missing is ``absent``. Intervals are bootstraps over views. The remaining keys describe the
+        conditions.
+    cpu_s : dict
+        Median processor time of detection and pose in one view, s, by name; it differs from run to run.
+
+    Raises
+    ------
+    InputError
+        If a contestant is unknown or a number out of range.
+    """
+    workers_for(workers, 1)
+    contestants, setting = line_up(texts, poses, seed, given)
+    if len(contestants) < 2:
+        raise InputError("two or more contestants", f"only {contestants[0].name}", "name another to compare it with")
+    options = [[(each, choice) for each in one.variants for choice in each.settings] for one in contestants]
+    candidates = [[each for each in one.variants if each.settings] for one in contestants]
+    counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
+    tuning = replace(counting, contestants=(*chain(*candidates),), count=TUNING_VIEWS, stage=TUNING)
+    to_tune = {k: tuple(each.settings) for k, each in enumerate(tuning.contestants)}
+    seen = iter(_observe(tuning, to_tune, workers, "settings", progress).values())
+    # By contestant and view, what all settings of all variants found.
+    tuned = [[[*chain(*view)] for view in zip(*(next(seen) for _ in each), strict=True)] for each in candidates]
+    choices: dict[int, tuple[Choice, ...]] = {who: (None,) for who, one in enumerate(contestants) if not one.absent}
+    for who, tried in enumerate(options):
+        if tried:
+            contestants[who], choice = tried[_best(tuned[who])]
+            choices[who] = (choice,)
+    counting = replace(counting, contestants=tuple(contestants))
+    found = _observe(counting, choices, workers, "views", progress)
+    missed = [[Observation(reason=each.absent)] * views for each in contestants]
+    observations = [[each[0] for each in found[who]] if who in found else missed[who] for who in range(len(missed))]
+    results = comparison_results(counting, setting, observations, _bounds(counting, list(choices), workers, progress))
+    for who, entry in enumerate(results["contestants"]):
+        entry["setting"] = contestants[who].describe(choices[who][0] if who in choices else None)
+        entry["tuning"] = [
+            {"size": each.size, "setting": each.describe(choice), **row}
+            for (each, choice), row in zip(options[who], _tuning_rows(tuned[who]), strict=True)
+        ]
+    seconds = {who: float(np.median([each.cpu_s for each in observations[who]])) for who in choices}
+    return results, {contestants[who].name: each for who, each in seconds.items()}
+
+
+def _observe(
+    series: Series,
+    choices: Mapping[int, tuple[Choice, ...]],
+    workers: int | None,
+    stage: str,
+    progress: Progress | None,
+) -> dict[int, list[list[Observation]]]:
+    """Observations of each contestant, by view and setting."""
+    tasks = [(who, settings, part) for part in ranges(series.count, AT_ONCE) for who, settings in choices.items()]
+    found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
+    parts = _shared(_observe_chunk, series, tasks, workers, stage, progress)
+    for (who, _, _), part in zip(tasks, parts, strict=True):
+        found[who] += part
+    return found
+
+
+def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:
+    """Photometric bounds (contestants, views, 2), deg and %; nan for contestants that are absent."""
+    tasks = [(who, part) for part in ranges(series.count, AT_ONCE) for who in present]
+    bounds = np.full((len(series.contestants), series.count, 2), np.nan)
+    parts = _shared(_bound_chunk, series, tasks, workers, "bounds", progress)
+    for (who, part), found in zip(tasks, parts, strict=True):
+        bounds[who, part] = found
+    return bounds
+
+
+def _shared(
+    function: Callable[[Series, Any], Any],
+    series: Series,
+    tasks: Sequence[Any],
+    workers: int | None,
+    stage: str,
+    progress: Progress | None,
+) -> list[Any]:
+    """Results of all tasks, whose last item is a range of views, shared out among processes."""
+    told = (lambda done, total: progress(stage, done, total)) if progress else None
+    images = sum(len(task[-1]) for task in tasks)
+    workers = workers_for(workers, 1 + images // WORTH_A_WORKER)
+    return map_counted(partial(function, series), tasks, workers, told, size=lambda task: len(task[-1]))
+
+
+def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, float]]:
+    who, views = task
+    return [series.bound(who, view) for view in views]
+
+
+def _observe_chunk(series: Series, task: tuple[int, tuple[Choice, ...], range]) -> list[list[Observation]]:
+    who, choices, views = task
+    return [series.observe(who, choices, view) for view in views]
+
+
+def _best(tuned: Sequence[Sequence[Observation]]) -> int:
+    """Index of the setting with the least RMS rotation error over the views found by all eligible settings."""
+    counts = np.array([[each.counts for each in view] for view in tuned])
+    rates = counts.mean(axis=0)
+    eligible = np.flatnonzero(rates >= NEARLY_ALL * rates.max())
+    common = counts[:, eligible].all(axis=1)
+    if not common.any():
+        return int(np.argmax(rates))
+    rotation = np.array([[each.rotation_deg for each in view] for view in tuned])[common][:, eligible]
+    return int(eligible[np.argmin(np.mean(rotation**2, axis=0))])
+
+
+def _tuning_rows(tuned: Sequence[Sequence[Observation]]) -> list[dict[str, Any]]:
+    rows = []
+    for k in range(len(tuned[0]) if tuned else 0):
+        kept = [view[k] for view in tuned if view[k].counts]
+        errors = statistics(np.array([each.rotation_deg for each in kept]))
+        rows.append({"rate": len(kept) / len(tuned), "rotation_deg": {key: errors[key] for key in ("rms", "median")}})
+    return rows

@@ -1,0 +1,342 @@
+"""The result of a comparison, with its tables and plot: to print, draw, save and process."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from markergen.files import Written
+from markergen.presentation.plots import axes_of, figure_bytes, log_axis
+from markergen.presentation.results import SavableResult, StrPath, json_bytes
+from markergen.presentation.tables import Table, data_frame, number, percent
+from markergen.validation.metrics import STATISTICS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_COLORS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#674ea7", "#134f5c", "#7f6000", "#444444")
+_LINES = ("-", "--", "-.", ":")
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_STEPS = (1, 2, 5)
+"""Mantissas of the tick labels on logarithmic axes."""
+_SHOWN = 8
+"""Maximum number of contestants in a repr."""
+
+
+class Comparison(SavableResult):
+    """The result of `markergen.compare`; ``print(comparison)`` shows what the command prints.
+
+    Parameters
+    ----------
+    results : mapping
+        Return value of `markergen.compare.compare.compare`.
+    written : sequence of Written
+        Files that were written together with the results.
+    cpu_s : mapping
+        Processor time of one view in s by name, which is printed but not saved: it differs from run to run.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> comparison = mg.compare("ngon:5", "square", views=4, poses="cone:count=20", workers=1)
+    >>> list(comparison.contestants)
+    ['ngon:5', 'square']
+    """
+
+    KINDS: ClassVar[Mapping[str, str]] = {".json": "json", ".svg": "plot", ".png": "plot"}
+
+    def __init__(
+        self, results: Mapping[str, Any], written: Sequence[Written] = (), cpu_s: Mapping[str, float] | None = None
+    ) -> None:
+        self._results, self.written, self.cpu_s = dict(results), tuple(written), dict(cpu_s or {})
+
+    @property
+    def results(self) -> Mapping[str, Any]:
+        """All results as plain JSON values, see `markergen.compare.compare.compare`; read-only."""
+        return MappingProxyType(self._results)
+
+    @property
+    def contestants(self) -> Mapping[str, Mapping[str, Any]]:
+        """Results of each contestant by name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
+        return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
+
+    def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
+        """Write files by suffix: .json for the results, .svg or .png for the plot of the errors; see `SavableResult`.
+
+        Parameters
+        ----------
+        json, plot : path or None
+            Files for the results, under any suffix, and for the plot.
+        """
+        return self.write(self.targets(paths, json=json, plot=plot).checked())
+
+    def to_json(self) -> bytes:
+        """Return the results as JSON text."""
+        return json_bytes(self._results)
+
+    def content(self, kind: str, path: Path) -> bytes:
+        """See `SavableResult.content`."""
+        return self.to_json() if kind == "json" else figure_bytes(partial(comparison_figure, self._results), path)
+
+    def to_frame(self) -> "DataFrame":
+        """Return a pandas data frame with one row per contestant.
+
+        Its columns are ``name``, ``size``, ``setting``, the share of views in which it was found (``rate``), ``wrong``,
+        ``failed``, ``flips``, mean, std, rms, median, p95 and max of ``rotation_deg``, ``translation_pct`` and
+        ``point_px`` (as in ``rotation_deg_rms``), the 95 % interval ``rotation_deg_low`` to ``rotation_deg_high`` of
+        the RMS, the photometric bound of the pattern ``bound_deg``, ``ink_cm2``, and the ``ratio`` of its RMS rotation
+        error to that of the first with the 95 % interval ``ratio_low`` to ``ratio_high``.
+
+        Raises
+        ------
+        MissingLibraryError
+            If pandas is not installed.
+        """
+        return data_frame([_row(entry) for entry in self._results["contestants"]])
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw median, RMS and 95th percentile of each contestant's rotation error, in the views that all found.
+
+        Parameters
+        ----------
+        ax : matplotlib axes or None
+            Axes to draw on; None makes a new figure, available as ``ax.figure``.
+        """
+        return draw_errors(self._results, axes_of(ax))
+
+    def parts(self) -> list[str | Table]:
+        """Return sentences and tables in the order in which the command prints them."""
+        results = self._results
+        return [
+            heading(results), *comparison_tables(results, self.cpu_s), *sentences(results)
+        ]  # fmt: skip
+
+    def __repr__(self) -> str:
+        entries = self._results["contestants"]
+        said = [f"{str(each['name'])[:80]} {number(each['rotation_deg']['rms'])} deg" for each in entries[:_SHOWN]]
+        more = [f"and {len(entries) - _SHOWN} more"] if len(entries) > _SHOWN else []
+        return f"<Comparison: {self._results['views']['count']} views; {', '.join([*said, *more])}>"
+
+
+def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
+    row = {key: entry[key] for key in ("name", "size", "setting", "count", "rate", "wrong", "failed", "flips")}
+    for key in ("rotation_deg", "translation_pct", "point_px"):
+        row |= {f"{key}_{name}": entry[key][name] for name in STATISTICS}
+    ratio = entry["ratio"]["rotation_deg"] or {"rms": None, "interval": (None, None)}
+    row["rotation_deg_low"], row["rotation_deg_high"] = entry["interval"]["rotation_deg"] or (None, None)
+    row |= {"bound_deg": entry["pattern_bound"]["rotation_deg"], "ink_cm2": entry["ink"]["cm2"]}
+    low, high = ratio["interval"]
+    return row | {"ratio": ratio["rms"], "ratio_low": low, "ratio_high": high}
+
+
+def comparison_tables(results: Mapping[str, Any], cpu_s: Mapping[str, float] | None = None) -> list[Table]:
+    """Results of `compare` as tables: accuracy, pattern and detector, common views, and the error by tilt and distance.
+
+    Parameters
+    ----------
+    cpu_s : mapping or None
+        Processor time of one view in s by name.
+    """
+    return [
+        _overview(results),
+        _patterns(results, cpu_s or {}),
+        _common(results),
+        _split(results, "by_polar_angle", "deg", "tilt"),
+        _split(results, "by_distance", "m", "distance"),
+    ]
+
+
+def heading(results: Mapping[str, Any]) -> str:
+    """Describe the views, poses, camera and optics."""
+    camera, poses, optics = results["camera"], results["poses"], results["optics"]
+    return (
+        f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
+        f"in a {results['room']}\n"
+        f"camera {camera['width']}x{camera['height']}, focal length {camera['fx']:g} px, "
+        f"blur {optics['blur_px']:g} px, noise {optics['noise_grey']:g} grey levels, "
+        f"levels {optics['dark']:g} to {optics['light']:g}"
+    )
+
+
+def sentences(results: Mapping[str, Any]) -> list[str]:
+    """State each contestant's size and detector setting, and the assumed print error."""
+    lines = [f"{name}: {entry['size']}; {entry['setting']}" for name, entry in _named(results)]
+    if results["print_sigma_mm"]:
+        lines.append(
+            f"Print error {results['print_sigma_mm']:g} mm per axis, of every dot and of every corner of a square."
+        )
+    else:
+        lines.append("Without print error: it hits all alike, and hides what the image would allow.")
+    return lines
+
+
+def _overview(results: Mapping[str, Any]) -> Table:
+    rows: list[list[str]] = []
+    for name, entry in _named(results):
+        ratio = entry["ratio"]["rotation_deg"]
+        within = f" ({_interval(ratio['interval'])})" if ratio and rows else ""
+        rows.append(
+            [
+                name,
+                "absent" if entry["absent"] else percent(entry["rate"]),
+                number(entry["rotation_deg"]["rms"]),
+                _interval(entry["interval"]["rotation_deg"]),
+                *(number(entry["rotation_deg"][key]) for key in ("median", "p95")),
+                (number(ratio["rms"], 2) if ratio else "-") + within,
+            ]
+        )
+    header = ["", "found", "RE rms", "95 %", "median", "p95", "ratio (95 %)"]
+    caption = (
+        "Over the views that each found; RE in deg. "
+        f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
+    )
+    return Table("Found, and how accurately", header, rows, caption)
+
+
+def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
+    rows = []
+    for name, entry in _named(results):
+        found, bound = entry["rotation_deg"]["rms"], entry["bound"]["rotation_deg"]
+        seconds = cpu_s.get(entry["name"])
+        rows.append(
+            [
+                name,
+                "-" if entry["absent"] else f"{entry['ink']['cm2']:.0f} cm2",
+                number(entry["pattern_bound"]["rotation_deg"]),
+                number(found / bound, 2) if found and bound else "-",
+                number(entry["translation_pct"]["rms"]),
+                number(entry["point_px"]["rms"]),
+                str(entry["wrong"]),
+                *([] if not cpu_s else ["-" if seconds is None else f"{1e3 * seconds:.0f} ms"]),
+            ]
+        )
+    header = ["", "ink", "RE bound", "RE/bound", "TE rms", "px rms", "wrong", *(["CPU"] if cpu_s else [])]
+    caption = (
+        "Bound: RMS over all views of what all grey levels would tell about the pose of an exact print. "
+        "RE/bound: what the detector makes of its pattern, in the views that it found; TE in %."
+        + (" CPU: median time of one view, in this run." if cpu_s else "")
+    )
+    return Table("Pattern and detector", header, rows, caption)
+
+
+def _common(results: Mapping[str, Any]) -> Table:
+    rows = [
+        [
+            name,
+            number(entry["common"]["rotation_deg"]["rms"]),
+            _interval(entry["common"]["interval"]["rotation_deg"]),
+            *(number(entry["common"]["rotation_deg"][key]) for key in ("median", "p95")),
+            number(entry["common"]["translation_pct"]["rms"]),
+            str(entry["flips"]),
+        ]
+        for name, entry in _named(results)
+    ]
+    views = results["views"]
+    header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
+    title = f"Over the {views['common']} of {views['count']} views found by all that found 90 %"
+    return Table(title, header, rows, "Flips are counted over all views.")
+
+
+def _interval(ends: Sequence[float] | None) -> str:
+    return f"{number(ends[0], 2)}–{number(ends[1], 2)}" if ends else "-"
+
+
+def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
+    groups = list(results["contestants"][0][by])
+    rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
+    title = f"RE rms, deg, by {words}"
+    caption = "Over the views that each found; in brackets how many those are, where not all."
+    return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
+
+
+def _cell(group: Mapping[str, Any]) -> str:
+    share = "" if group["rate"] == 1 else f" ({percent(group['rate'])})"
+    return number(group["rotation_deg"]["rms"]) + share
+
+
+def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Contestants with names that fit a column: files without their folders, unless two would be the same."""
+    names = [entry["name"] for entry in results["contestants"]]
+    short = [Path(name).name if name.endswith(".json") else name for name in names]
+    return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
+
+
+def comparison_figure(results: Mapping[str, Any]) -> "Figure":
+    """Plot rotation errors of all contestants and their RMS by tilt, over the views that all found; deg, log scale."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
+    draw_errors(results, left)
+    draw_by_tilt(results, right)
+    views = results["views"]
+    title = f"Rotation error over the {views['common']} of {views['count']} views found by all that found 90 %"
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
+    """Draw median, RMS with its interval, 95th percentile and bound of each rotation error, in one row each."""
+    entries = _with_short_names(results)
+    looks: dict[str, dict[str, Any]] = {
+        "median": {"marker": "o", "markerfacecolor": "white"},
+        "rms": {"marker": "D", "markerfacecolor": "#222222"},
+        "p95": {"marker": "|", "markersize": 11},
+        "bound": {"marker": "x", "markersize": 5},
+    }
+    for y, entry in enumerate(entries):
+        found = entry["common"]["rotation_deg"]
+        if not found["count"]:
+            missing = "not installed" if entry["absent"] else "not found"
+            ax.annotate(missing, (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
+            continue
+        ax.plot([found["median"], found["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
+        values = found | {"bound": entry["common"]["bound"]["rotation_deg"]}
+        words = {"p95": "95th percentile", "bound": "bound of the pattern"}
+        interval = entry["common"]["interval"]["rotation_deg"]
+        if interval:
+            ax.plot(interval, [y + 0.22, y + 0.22], color="#222222", linewidth=1, label="rms, 95 % interval")
+        for key, look in looks.items():
+            ax.plot(values[key], y, linestyle="none", color="#222222", zorder=2, label=words.get(key, key), **look)
+        ax.annotate(number(found["rms"], 2), (found["rms"], y), (0, 6), textcoords="offset points", ha="center",
+                    fontsize=8)  # fmt: skip
+    ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
+    ax.set_ylim(len(entries) - 0.4, -0.7)
+    low, high = ax.get_xlim()
+    log_axis(ax, "x", _STEPS if high < 50 * max(low, 1e-9) else (1,))
+    ax.set_xlabel("RE, deg")
+    ax.grid(axis="x", color="#dddddd")
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ax.legend(unique.values(), unique.keys(), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3)
+    return ax
+
+
+def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
+    """Draw the RMS of each contestant's rotation error over the polar angle."""
+    entries = _with_short_names(results)
+    groups = list(entries[0]["by_polar_angle"])
+    angles = [float(np.mean([float(end) for end in group.split("..")])) for group in groups]
+    for k, entry in enumerate(entries):
+        values = [entry["by_polar_angle"][group]["common"]["rotation_deg"]["rms"] for group in groups]
+        ax.plot(
+            angles, [value or np.nan for value in values], label=entry["name"], color=_COLORS[k % len(_COLORS)],
+            linestyle=_LINES[(k + k // len(_COLORS)) % len(_LINES)], markersize=5,
+            marker=_MARKS[(k + 3 * (k // len(_COLORS))) % len(_MARKS)],
+        )  # fmt: skip
+    log_axis(ax, "y", _STEPS)
+    ax.set_xticks(angles, groups)
+    ax.set_xlabel("tilt, deg")
+    ax.set_ylabel("RE rms, deg")
+    ax.grid(color="#dddddd")
+    ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
+    return ax
+
+
+def _with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [entry | {"name": name} for name, entry in _named(results)]

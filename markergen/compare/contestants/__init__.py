@@ -1,0 +1,14 @@
+"""Table of contestants for `compare`: each kind of marker, tag or board in a file of its own."""
+
+from markergen.compare.contestants.base import (
+    KINDS,
+    Absent,
+    Arena,
+    Contestant,
+    Kind,
+    Sighting,
+    forms,
+    listed,
+)
+
+__all__ = ["KINDS", "Absent", "Arena", "Contestant", "Kind", "Sighting", "forms", "listed"]

@@ -1,0 +1,287 @@
+"""What every contestant provides, and the table of their kinds."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.boundary import Circle
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.objectives import Setting
+from markergen.registry import Registry
+from markergen.render import Optics, Patch, expected_levels, render_patches
+from markergen.validation.bounds import photometric_bounds
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+Pose = tuple[Array, Array]
+"""Rotation (3, 3) and translation (3,), m, of the marker in the camera frame."""
+
+OURS = "our detector"
+PEERS = "pip install 'markergen[peers]'"
+"""How to install the libraries of contestants that have their own."""
+
+_INK_PX, _INK_DISTANCE = 500, 1000.0
+"""Radius in px at which ink is measured, and distance of the camera in radii, which leaves a perspective of 1e-3."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """Points and pose that a contestant's detector found in one image.
+
+    Attributes
+    ----------
+    ids : array (m,) of int
+        Rows of the contestant's `points` that were found; empty if it was not found.
+    pixels : array (m, 2), px
+    rotation, translation : arrays (3, 3) and (3,), m, or None
+        The pose T_camera_marker.
+    reason : str
+        Reason why nothing was found; empty otherwise.
+    """
+
+    ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    pixels: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    rotation: Array | None = None
+    translation: Array | None = None
+    reason: str = ""
+
+
+class Contestant(ABC):
+    """A marker of any kind: how to render and detect it and to estimate its pose.
+
+    Attributes
+    ----------
+    name : str
+        Name given by the user.
+    absent : str
+        Words that say which library is missing, and how to install it; empty if nothing is.
+    turns : int
+        Number of rotations about z that turn the labels of its points into themselves as far as its detector can tell.
+        Of so many poses that look the same to it, the nearest to the true one counts.
+    """
+
+    name: str
+    absent: str = ""
+    turns: int = 1
+
+    @property
+    @abstractmethod
+    def points(self) -> Array:
+        """Points (n, 3) in m that determine the pose, in the marker frame."""
+
+    @property
+    def variants(self) -> Sequence["Contestant"]:
+        """Patterns of this name from which the best is chosen together with its detector's settings."""
+        return (self,)
+
+    @property
+    def settings(self) -> Sequence[Any]:
+        """Candidate detector settings, of which the best is chosen; empty for our own detector."""
+        return ()
+
+    @property
+    @abstractmethod
+    def size(self) -> str:
+        """Size, in words."""
+
+    def describe(self, setting: Any) -> str:
+        """Describe how it is detected."""
+        del setting
+        return OURS
+
+    @abstractmethod
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """Independent displacements (k, 2) in m in one print, of the dots or of the corners of squares."""
+
+    @abstractmethod
+    def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
+        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
+
+    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
+        """Photometric bound of an exact print in one pose, deg and %; nan if it is not computed."""
+        del camera, poses, optics
+        return np.nan, np.nan
+
+    @abstractmethod
+    def area(self, radius: float) -> float:
+        """Area in m^2 that it has for its ink."""
+
+    @abstractmethod
+    def ink(self, radius: float) -> float:
+        """Area in m^2 that is ink."""
+
+    @abstractmethod
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """Detect it and estimate its pose."""
+
+
+class FlatContestant(Contestant):
+    """A contestant in one plane, rendered from patches."""
+
+    @abstractmethod
+    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
+        """Patches of a print with errors `moved` from `print_error`, as seen from a pose."""
+
+    def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
+        """See `Contestant.render`."""
+        return render_patches(self.patches(camera, pose, moved), camera, *pose, optics, rng)
+
+    def scene(self, camera: Camera) -> Callable[[Array, Array], list[Patch]]:
+        """Patches of an exact print by rotation (3, 3) and translation (3,), for `photometric_bounds`."""
+        exact = self.print_error(0.0, np.random.default_rng(0))
+        return lambda rotation, translation: self.patches(camera, (rotation, translation), exact)
+
+    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
+        """See `Contestant.bound`."""
+        found = photometric_bounds(self.scene(camera), camera, poses, optics)
+        return float(found.rotation_deg[0]), float(found.translation_pct[0])
+
+    def area(self, radius: float) -> float:
+        """See `Contestant.area`: that of a circle of this radius."""
+        return np.pi * radius**2
+
+    def ink(self, radius: float) -> float:
+        """See `Contestant.ink`: inside a circle of this radius about the origin."""
+        focal = _INK_PX * _INK_DISTANCE
+        camera = Camera(2 * _INK_PX + 1, 2 * _INK_PX + 1, focal, focal, _INK_PX, _INK_PX)
+        pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, _INK_DISTANCE * radius])
+        sharp = Optics(blur_px=0, noise_grey=0, dark=0, light=255)
+        level = expected_levels(self.scene(camera)(*pose), camera, *pose, sharp)
+        x, y = np.meshgrid(*[np.arange(2 * _INK_PX + 1) - _INK_PX] * 2)
+        inside = x**2 + y**2 <= (_INK_PX + 0.5) ** 2
+        return float(np.sum(1 - level[inside] / 255.0, dtype=float)) * (radius / _INK_PX) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Absent(FlatContestant):
+    """A contestant whose library is not installed: it keeps its row, and says what to install."""
+
+    name: str
+    absent: str
+
+    @property
+    def points(self) -> Array:
+        """See `Contestant.points`: none."""
+        return np.zeros((0, 3))
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return "not compared"
+
+    def describe(self, setting: Any) -> str:
+        """See `Contestant.describe`."""
+        del setting
+        return self.absent
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: none."""
+        del sigma, rng
+        return np.zeros((0, 2))
+
+    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
+        """See `FlatContestant.patches`: none."""
+        del camera, pose, moved
+        return []
+
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """See `Contestant.sight`: nothing."""
+        del image, camera, setting, print_sigma
+        return Sighting(reason=self.absent)
+
+
+@dataclass(frozen=True, eq=False)
+class Arena:
+    """What all contestants of one comparison share.
+
+    Attributes
+    ----------
+    setting : Setting
+        Boundary, camera and poses.
+    first : Marker or None
+        The first marker, whose dots the common layouts get.
+    seed : int
+        Seed for the random layouts.
+    """
+
+    setting: Setting
+    first: Marker | None = None
+    seed: int = 0
+
+    def scale(self, width: float, height: float, reach: float = 0.0) -> float:
+        """Largest scale at which a pattern of this width and height fits in the room, wherever and however turned.
+
+        In a disk it is limited by `reach`, the distance of its farthest point from its middle; by default, that of a
+        corner.
+        """
+        room = self.setting.boundary
+        if isinstance(room, Circle):
+            return room.radius / (reach or hypot(width, height) / 2)
+        return room.region.largest_rectangle(width, height)
+
+    @property
+    def square(self) -> float:
+        """Radius in m of the circle around the largest square in the room."""
+        return self.scale(sqrt(2), sqrt(2), 1.0)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of contestant, given by text: its name in the table, or ``name:arguments``.
+
+    Attributes
+    ----------
+    make : callable
+        Makes a contestant from the whole text and the arena. An ImportError means that its library is not installed.
+    form : str
+        How to write it, such as ``aruco:DICT[:ID]``.
+    summary : str
+        What it is, in a few words.
+    detector : str
+        What it is detected by; ours come first in lists.
+    requires : str
+        Distribution that has its detector; empty if markergen itself requires that. Such kinds come last in lists.
+    """
+
+    make: Callable[[str, Arena], Contestant]
+    form: str
+    summary: str
+    detector: str = OURS
+    requires: str = ""
+
+    def __call__(self, text: str, arena: Arena) -> Contestant:
+        """Make the contestant; without its library an `Absent` one.
+
+        Raises
+        ------
+        InputError
+            If the text has not the form.
+        """
+        try:
+            return self.make(text, arena)
+        except ImportError:
+            return Absent(text, f"needs {self.requires}: {PEERS}")
+
+
+KINDS: Registry[Kind] = Registry("contestant", "markergen.compare.contestants", entry=Kind)
+"""Kinds of contestants by the first word of their text."""
+
+
+def listed() -> list[tuple[str, str]]:
+    """Return the form of every kind, and what it is and how it is detected."""
+    kinds = sorted((bool(kind.requires), kind.detector != OURS, name) for name, kind in KINDS.items())
+    rows = [(KINDS[name].form, f"{KINDS[name].summary}, by {KINDS[name].detector}") for *_, name in kinds]
+    rig = "a rig, against other rigs, and ArUco and AprilTag tags on each of its plates"
+    return [("MARKER.json", f"a marker of dots, by {OURS}"), *rows, ("RIG.json", rig)]
+
+
+def forms() -> str:
+    """Return all forms of a contestant in one line."""
+    return ", ".join(form for form, _ in listed())

@@ -1,0 +1,111 @@
+"""Checkerboards, detected by cv2.findChessboardCornersSB."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import KINDS, Arena, Kind
+from markergen.compare.contestants.printed import Grey, Lattice, Printed, grid_size, ours
+from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.model.tag import cell_outlines, to_plane
+
+Array = NDArray[np.float64]
+
+FORM = "checkerboard:COLUMNSxROWS"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of cv2.findChessboardCornersSB: its flags by name, and a factor of enlargement before it."""
+
+    flags: tuple[str, ...] = ()
+    enlarge: int = 1
+
+    def describe(self) -> str:
+        """Describe in a few words the differences from a plain call."""
+        return ", ".join([*self.flags, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])]) or "no flags"
+
+
+SETTINGS = (
+    Settings(),
+    Settings(("ACCURACY",)),
+    Settings(("EXHAUSTIVE",)),
+    Settings(enlarge=2),
+    Settings(("EXHAUSTIVE",), 2),
+)
+"""Over the paper's poses, NORMALIZE_IMAGE misses half of the boards; ACCURACY in an enlarged image takes 0.8 s for
+errors a tenth smaller."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkerboard(Printed):
+    """A checkerboard; its detector tells the inner corners apart up to rotations that turn them into themselves."""
+
+    name: str
+    lattice: Lattice
+    radius: float
+
+    @property
+    def turns(self) -> int:  # type: ignore[override]
+        """See `Contestant.turns`."""
+        return self.lattice.turns
+
+    @property
+    def plane_points(self) -> Array:
+        """See `Printed.plane_points`: the inner corners, row by row from the top left."""
+        return self.lattice.inner
+
+    @property
+    def settings(self) -> Sequence[Settings]:
+        """See `Contestant.settings`."""
+        return SETTINGS
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return f"{len(self.points)} inner corners, squares of {1e3 * self.lattice.side:.4g} mm"
+
+    def describe(self, setting: Settings | None) -> str:
+        """See `Contestant.describe`."""
+        return f"cv2.findChessboardCornersSB, {(setting or SETTINGS[0]).describe()}"
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each corner of a square."""
+        return self.lattice.print_error(sigma, rng)
+
+    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
+        """See `Printed.outlines`: the top left square is black."""
+        del scale_px
+        columns, rows, side = self.lattice.columns, self.lattice.rows, self.lattice.side
+        black = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
+        exact = tuple(to_plane(outline, columns, rows, side) for outline in cell_outlines(black))
+        return self.lattice.displaced(exact, moved)
+
+    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+        """See `Printed.find`."""
+        import cv2
+
+        del camera
+        flags = sum(getattr(cv2, f"CALIB_CB_{name}") for name in setting.flags)
+        size = (self.lattice.columns - 1, self.lattice.rows - 1)
+        cv2.setRNGSeed(0)  # It draws from OpenCV's own generator, so that the same image had different answers.
+        found, corners = cv2.findChessboardCornersSB(enlarged(image, setting.enlarge), size, flags=flags)
+        if not found:
+            return FiducialDetection(reason="no checkerboard")
+        return FiducialDetection(np.arange(len(self.points)), ours(corners.reshape(-1, 2), setting.enlarge))
+
+
+def _board(text: str, arena: Arena) -> Checkerboard:
+    columns, rows, rest = grid_size(text, FORM, "checkerboard:9x9")
+    if rest or min(columns, rows) < 4:
+        raise InputError(f"{FORM}, 4x4 squares or more", repr(text), "write for example checkerboard:9x9")
+    side = arena.scale(columns, rows)
+    return Checkerboard(text, Lattice(columns, rows, side), side * hypot(columns, rows) / 2)
+
+
+KINDS.register("checkerboard")(Kind(_board, "checkerboard:CxR", "checkerboard of C x R squares", "OpenCV"))

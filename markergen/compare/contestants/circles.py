@@ -1,0 +1,172 @@
+"""OpenCV's circle grids, symmetric and asymmetric, detected by cv2.findCirclesGrid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import KINDS, Arena, Kind
+from markergen.compare.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
+from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.errors import InputError
+from markergen.maths.projection import center_offset, plane_homography
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+
+SHARE = 0.5
+"""Default diameter of a circle over the distance to the nearest, as in OpenCV's own patterns."""
+_ROUNDS = 3
+"""Rounds of correction for perspective; the second changes centers by less than 1e-3 px."""
+_LEAST_AREA_PX = 10.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of cv2.findCirclesGrid and its blob detector.
+
+    Attributes
+    ----------
+    step : float
+        Step between the thresholds at which blobs are sought, grey levels; OpenCV's default is 10.
+    enlarge : int
+        Factor of enlargement before the search, by cubic interpolation.
+    corrected : bool
+        Correct the centers of the images of circles for perspective, which OpenCV does not.
+    """
+
+    step: float = 10.0
+    enlarge: int = 1
+    corrected: bool = False
+
+    def describe(self) -> str:
+        """Describe in a few words the differences from a plain call."""
+        words = [f"threshold step {self.step:g}"]
+        words += [f"image x{self.enlarge}"] if self.enlarge > 1 else []
+        return ", ".join([*words, *(["our correction for perspective"] if self.corrected else [])])
+
+
+SETTINGS = tuple(Settings(step, k, corrected) for corrected in (False, True) for step in (10.0, 5.0) for k in (1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class CircleGrid(Printed):
+    """A grid of black circles; its detector tells them apart up to rotations that turn the grid into itself."""
+
+    name: str
+    columns: int
+    rows: int
+    asymmetric: bool
+    pitch: float
+    diameter: float
+    radius: float
+
+    @property
+    def turns(self) -> int:  # type: ignore[override]
+        """See `Contestant.turns`."""
+        if self.asymmetric:
+            return 1 if self.rows % 2 else 2
+        return 4 if self.columns == self.rows else 2
+
+    @property
+    def plane_points(self) -> Array:
+        """See `Printed.plane_points`: the centers, row by row from the top left."""
+        return self.pitch * unit_grid(self.columns, self.rows, self.asymmetric)
+
+    @property
+    def settings(self) -> Sequence[Settings]:
+        """See `Contestant.settings`."""
+        return SETTINGS
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return f"{len(self.points)} circles of {1e3 * self.diameter:.4g} mm"
+
+    def describe(self, setting: Settings | None) -> str:
+        """See `Contestant.describe`."""
+        return f"cv2.findCirclesGrid, clustering, {(setting or SETTINGS[0]).describe()}"
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each circle."""
+        return sigma * rng.standard_normal((len(self.points), 2))
+
+    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
+        """See `Printed.outlines`."""
+        return disk_outlines(self.plane_points + moved, self.diameter / 2, scale_px)
+
+    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+        """See `Printed.find`."""
+        import cv2
+
+        flags = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+        # Without clustering a third of the paper's views are missed, and the others are no better.
+        flags |= cv2.CALIB_CB_CLUSTERING
+        searched = enlarged(image, setting.enlarge)
+        blobs = _blob_detector(setting.step, setting.enlarge, searched.size / len(self.points))
+        found, centers = cv2.findCirclesGrid(searched, (self.columns, self.rows), flags=flags, blobDetector=blobs)
+        if not found:
+            return FiducialDetection(reason="no grid")
+        pixels = ours(centers.reshape(-1, 2), setting.enlarge)
+        ids = np.arange(len(pixels))
+        return FiducialDetection(ids, self._corrected(pixels, camera) if setting.corrected else pixels)
+
+    def _corrected(self, pixels: Array, camera: Camera) -> Array:
+        """Images (n, 2) of the circles' centers, from the centers of their images; without lens distortion exactly."""
+        corrected = pixels
+        for _ in range(_ROUNDS):
+            rotation, translation = lm_pose(self.points, corrected, camera)
+            if not np.isfinite(translation).all():
+                return pixels
+            homography = plane_homography(rotation[None], translation[None], camera.matrix)
+            corrected = pixels - center_offset(self.plane_points, self.diameter / 2, homography)
+        return corrected
+
+
+def unit_grid(columns: int, rows: int, asymmetric: bool) -> Array:
+    """Centers (columns rows, 2) about the origin with y up; neighbors along a row are 1 apart, asymmetric ones 2.
+
+    As in OpenCV, every other row of an asymmetric grid is displaced by half of that distance, to the right.
+    """
+    row, column = np.divmod(np.arange(columns * rows), columns)
+    x = 2 * column + row % 2 if asymmetric else column
+    place = np.stack([x, -row], axis=-1).astype(float)
+    return place - (place.min(axis=0) + place.max(axis=0)) / 2
+
+
+@lru_cache(maxsize=16)
+def _blob_detector(step: float, enlarge: int, most_px: float) -> Any:
+    import cv2 as untyped
+
+    cv2: Any = untyped
+    parameters = cv2.SimpleBlobDetector_Params()
+    parameters.thresholdStep = step
+    parameters.minDistBetweenBlobs = 3.0 * enlarge
+    parameters.minArea, parameters.maxArea = _LEAST_AREA_PX * enlarge**2, most_px
+    # Both leave out small or steeply tilted circles.
+    parameters.filterByInertia = parameters.filterByConvexity = False
+    return cv2.SimpleBlobDetector_create(parameters)
+
+
+def _grid(text: str, arena: Arena) -> CircleGrid:
+    kind = text.partition(":")[0]
+    form, example = f"{kind}:COLUMNSxROWS[:SHARE]", f"{kind}:5x5:{SHARE:g}"
+    columns, rows, rest = grid_size(text, form, example)
+    if min(columns, rows) < 3 or columns * rows > 2500:
+        raise InputError(f"{form}, of 3x3 circles or more", repr(text), f"write for example {example}")
+    share = share_of(rest, "a circle's diameter over the distance to the nearest", SHARE, 0.1, 0.9)
+    asymmetric = kind == "acircles"
+    unit = unit_grid(columns, rows, asymmetric)
+    # Distance of the nearest neighbors in units of the grid; the outermost rims lie on the circle.
+    nearest = np.sqrt(2) if asymmetric else 1.0
+    reach = float(np.linalg.norm(unit, axis=-1).max() + share * nearest / 2)
+    width, height = (np.ptp(unit, axis=0) + share * nearest).tolist()
+    pitch = arena.scale(width, height, reach)
+    return CircleGrid(text, columns, rows, asymmetric, pitch, float(share * nearest * pitch), pitch * reach)
+
+
+KINDS.register("circles")(Kind(_grid, "circles:CxR[:SHARE]", "symmetric grid of circles", "OpenCV"))
+KINDS.register("acircles")(Kind(_grid, "acircles:CxR[:SHARE]", "asymmetric grid of circles", "OpenCV"))

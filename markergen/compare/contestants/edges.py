@@ -1,0 +1,43 @@
+"""Square tags found by cv2.aruco, whose corners are the intersections of lines that we fit to their edges."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markergen.compare.contestants.base import KINDS, Arena, Kind
+from markergen.compare.contestants.printed import Grey
+from markergen.compare.contestants.tags import SquareTag, tag_in
+from markergen.compare.tag_edges import fit_edges
+from markergen.detect.fiducials import FiducialDetection, FiducialSettings, detect_fiducial
+from markergen.model.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeTag(SquareTag):
+    """A square tag, found by cv2.aruco with corners that are then fitted by us."""
+
+    @property
+    def settings(self) -> Sequence[Any]:
+        """See `Contestant.settings`: that which misses the fewest tags."""
+        return (FiducialSettings("subpix"),)
+
+    def describe(self, setting: Any) -> str:
+        """See `Contestant.describe`."""
+        return f"{super().describe(setting)}, then our lines fitted to the grey levels of its edges"
+
+    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
+        """See `Printed.find`."""
+        found = detect_fiducial(image, self.tag, setting, camera)
+        if not found.found:
+            return found
+        corners = fit_edges(image, found.pixels, self.tag.cells, camera)
+        return FiducialDetection(found.ids, corners) if corners is not None else FiducialDetection(reason="no edges")
+
+
+def _tag(text: str, arena: Arena) -> EdgeTag:
+    return EdgeTag(text, tag_in(text.partition(":")[2], arena.square), arena.square)
+
+
+KINDS.register("edges")(
+    Kind(_tag, "edges:aruco:DICT[:ID]", "ArUco (or apriltag) tag, our lines on its edges", "OpenCV")
+)

@@ -1,0 +1,104 @@
+"""Markers of dots, found by our detector: markers from files, and common layouts."""
+
+from dataclasses import dataclass
+from math import pi, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
+from markergen.detect import detect
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker, build_marker, light_marker
+from markergen.model.spec import Spec
+from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.dot_size import CLEARANCE, ROOM, choose_dots
+from markergen.optimize.problem import FeasibleRegion
+from markergen.render import Patch, seen_patches
+from markergen.validation.print_error import displaced, displacement
+from markergen.validation.validation import median_layout
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DotMarker(FlatContestant):
+    """One of our markers, found by our detector."""
+
+    name: str
+    marker: Marker
+
+    @property
+    def points(self) -> Array:
+        """See `Contestant.points`: the dots' centers."""
+        return self.marker.xyz
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return f"{len(self.marker)} dots of {self.marker.dot_words}"
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each dot independently, measured ones by their covariance."""
+        return displacement(self.marker, ErrorSources(print_sigma=sigma), rng, axes=2)
+
+    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
+        """See `FlatContestant.patches`."""
+        return seen_patches(displaced(self.marker, moved), camera, *pose)
+
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """See `Contestant.sight`."""
+        del setting
+        found = detect(image, self.marker, camera, ErrorSources(print_sigma=print_sigma))
+        if not found.found or found.pose is None:
+            return Sighting(reason=found.reason or "no pose")
+        index = {point.id: i for i, point in enumerate(self.marker.control_points)}
+        ids = np.array([index[int(i)] for i in found.ids], dtype=np.intp)
+        return Sighting(ids, found.pixels, found.pose.rotation, found.pose.translation)
+
+
+def _layout(text: str, arena: Arena) -> DotMarker:
+    """Make a common layout with dots of the first marker's size, and light ones if it has.
+
+    If those do not fit, or there is no marker, they get the size that `design` would choose; if a ring of those does
+    not fit, the corresponding share of the largest that do.
+    """
+    first, setting = arena.first, arena.setting
+    kind, colon, number = text.partition(":")
+    if colon and not (number.isdecimal() and kind != "square"):
+        raise InputError("square" if kind == "square" else f"{kind}:N, N a whole number", repr(text), "write it so")
+    n = 4 if kind == "square" else int(number) if colon else len(first) if first else Spec().n
+    spec = Spec(n=n, boundary=setting.boundary, camera=setting.camera)
+    name = kind if kind == "square" else f"{kind}:{n}"
+    sizes = [(first.dot_diameter, first.clearance)] if first else []
+    dots = choose_dots(spec, setting.poses)
+    for diameter, clearance in [*sizes, (dots.diameter, dots.clearance), _on_a_ring(n, setting.boundary)]:
+        region = FeasibleRegion(setting.boundary, diameter, clearance)
+        layouts = comparison_layouts(region, n, arena.seed).get(kind)
+        if layouts is not None:
+            made = build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance)
+            return DotMarker(name, light_marker(made) if first and first.light else made)
+    raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
+
+
+def _on_a_ring(n: int, boundary: Boundary) -> tuple[float, float]:
+    """Diameter and clearance in m of n dots on the inset rim, `ROOM` of the largest that keep their distance.
+
+    Neighbors at 2 (r - d/2 - c) sin(pi/n) are d + c apart, with c the default share of d, and r the radius of the
+    largest circle in the room.
+    """
+    center = boundary.region.largest_circle(1e-4 * boundary.radius)
+    radius = float(boundary.depth(np.array(center)))
+    sine = sin(pi / n)
+    largest = 2 * radius * sine / (1 + CLEARANCE + (1 + 2 * CLEARANCE) * sine)
+    diameter = float(np.floor(ROOM * largest * 1e4) / 1e4)
+    return diameter, CLEARANCE * diameter
+
+
+KINDS.register("ngon")(Kind(_layout, "ngon:N", "dots on a regular polygon"))
+KINDS.register("square")(Kind(_layout, "square", "four dots in a square"))
+KINDS.register("random")(Kind(_layout, "random:N", "the median of random layouts"))

@@ -1,0 +1,182 @@
+"""Flat patterns of others, black on a white disk: rendering, print errors, and poses from the points found."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, log2
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import FlatContestant, Image, Pose, Sighting
+from markergen.detect.fiducials import FiducialDetection
+from markergen.errors import InputError
+from markergen.estimators import Correspondences
+from markergen.estimators.lm import LM
+from markergen.model.camera import Camera
+from markergen.render import Patch, circle
+from markergen.render.patches import circle_vertices
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+
+class Printed(FlatContestant):
+    """A flat pattern in black on a white disk that contains it with the white it needs.
+
+    Attributes
+    ----------
+    radius : float
+        Radius of the disk, m.
+    """
+
+    radius: float
+
+    @property
+    @abstractmethod
+    def plane_points(self) -> Array:
+        """Points (n, 2) in m that its detector finds."""
+
+    @property
+    def points(self) -> Array:
+        """See `Contestant.points`."""
+        return np.pad(self.plane_points, ((0, 0), (0, 1)))
+
+    @abstractmethod
+    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
+        """Outlines (m, 2) in m of the ink of a print, to be filled even-odd; `scale_px` is 1 m in px of the image."""
+
+    @abstractmethod
+    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
+        """Find its points in an image."""
+
+    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
+        """See `FlatContestant.patches`."""
+        nearest = max(float(pose[1][2]) - self.radius, 0.1 * self.radius)
+        # Few different scales, so that what is drawn once serves many views.
+        scale_px = 2.0 ** ceil(log2(camera.focal.max() / nearest))
+        return _drawn(self, moved, scale_px) if moved.any() else _exact(self, moved.shape, scale_px)
+
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """See `Contestant.sight`. The pose is from Levenberg-Marquardt over all points found, like ours."""
+        del print_sigma
+        # Most libraries require 8 bits.
+        grey = image if image.dtype == np.uint8 else image >> 8
+        setting = self.settings[0] if setting is None else setting
+        found = self.find(np.ascontiguousarray(grey, dtype=np.uint8), camera, setting)
+        if not found.found:
+            return Sighting(reason=found.reason)
+        rotation, translation = lm_pose(self.points[found.ids], found.pixels, camera)
+        if not np.isfinite(translation).all():
+            return Sighting(reason="points that determine no pose")
+        return Sighting(found.ids, found.pixels, rotation, translation)
+
+
+def _drawn(pattern: Printed, moved: Array, scale_px: float) -> list[Patch]:
+    plate = Patch((circle(np.zeros(3), pattern.radius),), 1.0)
+    outlines = pattern.outlines(moved, scale_px)
+    return [plate, Patch(tuple(np.pad(outline, ((0, 0), (0, 1))) for outline in outlines), 0.0)]
+
+
+@lru_cache(maxsize=64)
+def _exact(pattern: Printed, shape: tuple[int, int], scale_px: float) -> list[Patch]:
+    return _drawn(pattern, np.zeros(shape), scale_px)
+
+
+def lm_pose(points: Array, pixels: Array, camera: Camera) -> Pose:
+    """Pose by Levenberg-Marquardt from points (m, 3) and their pixels (m, 2); nan if they determine none."""
+    rotation, translation = Correspondences.from_distorted(points, pixels[None], camera).once(LM).best
+    return rotation[0], translation[0]
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Corners of squares in rows and columns about the origin, each with its own print error.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Number of squares.
+    side : float
+        Side of a square, m.
+    """
+
+    columns: int
+    rows: int
+    side: float
+
+    @property
+    def inner(self) -> Array:
+        """Inner corners ((columns - 1)(rows - 1), 2) in m, row by row from the top left."""
+        x, y = np.meshgrid(np.arange(1.0, self.columns), np.arange(1.0, self.rows))
+        place = np.stack([x.ravel(), y.ravel()], axis=-1)
+        return self.side * (place - [self.columns / 2, self.rows / 2]) * [1, -1]
+
+    @property
+    def turns(self) -> int:
+        """Rotations that turn the inner corners into themselves."""
+        return 4 if self.columns == self.rows else 2
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """Displacements (k, 2) in m, row by row from the top left."""
+        return sigma * rng.standard_normal(((self.columns + 1) * (self.rows + 1), 2))
+
+    def displaced(self, outlines: tuple[Array, ...], moved: Array) -> tuple[Array, ...]:
+        """Outlines (m, 2) of a print; the inside of a square follows its four corners bilinearly."""
+        return tuple(outline + self.displacement(outline, moved) for outline in outlines) if moved.any() else outlines
+
+    def displacement(self, points: Array, moved: Array) -> Array:
+        """Displacement (m, 2) in m of points in the squares."""
+        grid = moved.reshape(self.rows + 1, self.columns + 1, 2)
+        place = points / self.side * [1, -1] + [self.columns / 2, self.rows / 2]
+        cell = np.clip(np.floor(place), 0, [self.columns - 1, self.rows - 1]).astype(int)
+        (u, v), (i, j) = (place - cell).T[..., None], cell.T
+        upper = (1 - u) * grid[j, i] + u * grid[j, i + 1]
+        lower = (1 - u) * grid[j + 1, i] + u * grid[j + 1, i + 1]
+        return np.asarray((1 - v) * upper + v * lower)
+
+
+def disk_outlines(centers: Array, radius: float, scale_px: float) -> tuple[Array, ...]:
+    """Outlines (m, 2) of disks about centers (n, 2), m, as fine as their image needs at `scale_px` px per m."""
+    rim = circle(np.zeros(3), radius, circle_vertices(radius * scale_px))[:, :2]
+    return tuple(center + rim for center in centers)
+
+
+def ours(pixels: Array, factor: int) -> Array:
+    """Convert pixels (..., 2) of an enlarged image: the corner of the top left pixel, (-0.5, -0.5), stays in place."""
+    return np.asarray((pixels + 0.5) / factor - 0.5, dtype=float)
+
+
+def grid_size(text: str, form: str, example: str) -> tuple[int, int, str]:
+    """Parse ``KIND:COLUMNSxROWS[:REST]``; returns columns, rows and the rest.
+
+    Raises
+    ------
+    InputError
+        If it is not written so.
+    """
+    size, _, rest = text.partition(":")[2].partition(":")
+    columns, cross, rows = size.partition("x")
+    if not (cross and columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):
+        raise InputError(form, repr(text), f"write for example {example}")
+    return int(columns), int(rows), rest
+
+
+def share_of(text: str, what: str, default: float, low: float, high: float) -> float:
+    """Parse a share between two limits, or return the default for empty text.
+
+    Raises
+    ------
+    InputError
+        If it is not a number between them.
+    """
+    if not text:
+        return default
+    try:
+        share = float(text)
+    except ValueError:
+        share = float("nan")
+    if not low <= share <= high:
+        raise InputError(f"{what} of {low:g} to {high:g}", repr(text), f"write for example {default:g}")
+    return share

@@ -1,0 +1,105 @@
+"""AprilTags, detected by AprilTag's own library as packaged in pupil-apriltags."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import KINDS, Arena, Kind
+from markergen.compare.contestants.printed import Grey, ours
+from markergen.compare.contestants.tags import SquareTag, tag_in
+from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+
+FAMILIES = ("16h5", "25h9", "36h11")
+_ORDER = [1, 0, 3, 2]
+"""Its corners in the order of ours. It counts from the bottom left of the official tag, counterclockwise; OpenCV's
+bitmaps, which are what we print, are the official ones turned by 180 degrees."""
+_OFFSET_PX = 0.5
+"""It counts pixels from the corner of the top left one."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of pupil_apriltags.Detector, and a factor of enlargement before it."""
+
+    quad_decimate: float = 1.0
+    quad_sigma: float = 0.0
+    refine_edges: bool = True
+    enlarge: int = 1
+
+    def describe(self) -> str:
+        """Describe in a few words."""
+        words = [f"quad_decimate {self.quad_decimate:g}", f"quad_sigma {self.quad_sigma:g}"]
+        words += [] if self.refine_edges else ["refine_edges 0"]
+        return ", ".join([*words, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
+
+
+SETTINGS = (
+    *(Settings(1.0, sigma, refine, k) for k in (1, 2) for sigma in (0.0, 0.8) for refine in (True, False)),
+    Settings(2.0),
+    Settings(2.0, enlarge=2),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PupilTag(SquareTag):
+    """An AprilTag that pupil-apriltags looks for."""
+
+    @property
+    def settings(self) -> Sequence[Any]:
+        """See `Contestant.settings`."""
+        return SETTINGS
+
+    def describe(self, setting: Any) -> str:
+        """See `Contestant.describe`."""
+        return f"pupil-apriltags, {(setting or SETTINGS[0]).describe()}"
+
+    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+        """See `Printed.find`."""
+        del camera
+        detector = _detector(self.tag.family.partition(":")[2], setting)
+        found = [each for each in detector.detect(enlarged(image, setting.enlarge)) if each.tag_id == self.tag.id]
+        if not found:
+            return FiducialDetection(reason=f"no tag with id {self.tag.id}")
+        best = max(found, key=lambda each: float(each.decision_margin))
+        corners = np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX
+        return FiducialDetection(np.arange(4), ours(corners, setting.enlarge))
+
+
+@cache
+def _detector(family: str, setting: Settings) -> Any:
+    import pupil_apriltags
+
+    class Kept(pupil_apriltags.Detector):  # type: ignore[misc]
+        def __del__(self) -> None:
+            """Do nothing: the library's destructor corrupts memory once there are two detectors of one family."""
+
+    return Kept(
+        families=f"tag{family}",
+        nthreads=1,
+        quad_decimate=setting.quad_decimate,
+        quad_sigma=setting.quad_sigma,
+        refine_edges=int(setting.refine_edges),
+    )
+
+
+def _tag(text: str, arena: Arena) -> PupilTag:
+    family = text.split(":")[1] if ":" in text else ""
+    if family not in FAMILIES:
+        raise InputError(f"a family that pupil-apriltags has: {', '.join(FAMILIES)}", repr(text), "write pupil:36h11")
+    tag = tag_in(f"apriltag{text.removeprefix('pupil')}", arena.square)
+    import pupil_apriltags  # noqa: F401  # without it the contestant is absent
+
+    return PupilTag(text, tag, arena.square)
+
+
+KINDS.register("pupil")(
+    Kind(_tag, "pupil:FAMILY[:ID]", "AprilTag", "AprilTag's own library", requires="pupil-apriltags")
+)

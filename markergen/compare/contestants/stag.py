@@ -1,0 +1,149 @@
+"""STag: a square with a circle inside, detected by stag-python.
+
+B. Benligiray, C. Topal, C. Akinlar, "STag: A stable fiducial marker system", Image and Vision Computing 89, 2019.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.compare.contestants.base import KINDS, Arena, Kind
+from markergen.compare.contestants.printed import Grey, Lattice, Printed, ours
+from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.errors import InputError
+from markergen.geometry.region import Region
+from markergen.model.camera import Camera
+from markergen.model.tag import UNITS
+
+Array = NDArray[np.float64]
+
+FORM, LIBRARY = "stag:HD21[:ID]", 21
+WORDS = (
+    0x338CB75E16F1,
+    0x0A4CF2F96D5B,
+    0xB7AA3C04A1A3,
+    0x5940FEBC08E4,
+    0x50A699CEF484,
+    0xE524172F884E,
+    0xE8C62C6414D7,
+    0xC3A066307C3E,
+    0x47A7CB050C71,
+    0x85C0A85FCCD8,
+    0xACC3B3516425,
+    0x6EE1700994EA,
+)
+"""Words of the library whose minimum Hamming distance is 21: 48 bits, the most significant first; 1 is black."""
+
+QUIET, CIRCLE, CODE, BIT, FILLER, SMOOTHING = 0.125, 0.4, 0.7, 0.062482177287080, 0.7, 0.012
+"""White around the black square, radius of the white circle in it, and diameter of the code, in sides of the square;
+radius of a bit in diameters of the code; radius of what fills the space between two black bits in those of a bit;
+radius to which the code's outline is rounded, in sides."""
+_QUADRANT = (
+    (0.088363142525988, 0.785398163397448), (0.206935928182607, 0.459275804122858),
+    (0.206935928182607, pi / 2 - 0.459275804122858), (0.313672146827381, 0.200579720495241),
+    (0.327493143484516, 0.591687617505840), (0.327493143484516, pi / 2 - 0.591687617505840),
+    (0.313672146827381, pi / 2 - 0.200579720495241), (0.437421957035861, 0.145724938287167),
+    (0.437226762361658, 0.433363129825345), (0.430628029742607, 0.785398163397448),
+    (0.437226762361658, pi / 2 - 0.433363129825345), (0.437421957035861, pi / 2 - 0.145724938287167),
+)  # fmt: skip
+"""Radius, in diameters of the code, and angle of the 12 bits in a quadrant."""
+_SEGMENTS = 128
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A factor of enlargement before stag.detectMarkers, which has no settings that change its accuracy."""
+
+    enlarge: int = 1
+
+    def describe(self) -> str:
+        """Describe in a few words."""
+        return f"image x{self.enlarge}" if self.enlarge > 1 else "image as it is"
+
+
+@dataclass(frozen=True, eq=False)
+class STag(Printed):
+    """An STag with its white border."""
+
+    name: str
+    number: int
+    side: float
+    radius: float
+
+    @property
+    def plane_points(self) -> Array:
+        """See `Printed.plane_points`: the corners of the black square."""
+        return self.side * UNITS
+
+    @property
+    def settings(self) -> Sequence[Settings]:
+        """See `Contestant.settings`."""
+        return Settings(1), Settings(2), Settings(3)
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return f"side {1e3 * self.side:.4g} mm"
+
+    def describe(self, setting: Settings | None) -> str:
+        """See `Contestant.describe`."""
+        return f"stag-python, {(setting or self.settings[0]).describe()}"
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each corner of the square."""
+        return Lattice(1, 1, self.side).print_error(sigma, rng)
+
+    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
+        """See `Printed.outlines`."""
+        del scale_px
+        exact = tuple(self.side * outline for outline in unit_outlines(self.number))
+        return Lattice(1, 1, self.side).displaced(exact, moved)
+
+    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+        """See `Printed.find`."""
+        import stag
+
+        del camera
+        corners, ids, _ = stag.detectMarkers(enlarged(image, setting.enlarge), LIBRARY)
+        own = [np.reshape(each, (4, 2)) for each, i in zip(corners, np.ravel(ids), strict=True) if i == self.number]
+        if not own:
+            return FiducialDetection(reason=f"no tag with id {self.number}")
+        return FiducialDetection(np.arange(4), ours(own[0].astype(float), setting.enlarge))
+
+
+@lru_cache(maxsize=16)
+def unit_outlines(number: int) -> tuple[Array, ...]:
+    """Outlines (m, 2) of the ink of an STag of side 1, to be filled even-odd."""
+    polar = np.array([(radius, angle + quadrant * pi / 2) for quadrant in range(4) for radius, angle in _QUADRANT])
+    places = CODE * polar[:, :1] * np.stack([np.cos(polar[:, 1]), np.sin(polar[:, 1])], axis=-1)
+    black = np.array([bit == "1" for bit in f"{WORDS[number]:048b}"])
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    pairs = np.argwhere(np.triu(apart < 4 * CODE * BIT, 1) & black[:, None] & black)
+    bits, gaps = (_disks(places[each], CODE * BIT) for each in (black, ~black))
+    ink = (bits | _disks(places[pairs].mean(axis=1), FILLER * CODE * BIT)) - gaps
+    for by in (SMOOTHING, -2 * SMOOTHING, SMOOTHING):
+        ink = ink.offset(by)
+    ink = ((ink | bits) - gaps) & Region.disk(0, 0, CODE / 2, _SEGMENTS)
+    square = Region.rectangle(-0.5, -0.5, 0.5, 0.5) - Region.disk(0, 0, CIRCLE)
+    return (square | ink).rings
+
+
+def _disks(centers: Array, radius: float) -> Region:
+    return Region.union([Region.disk(x, y, radius, _SEGMENTS) for x, y in centers.tolist()])
+
+
+def _stag(text: str, arena: Arena) -> STag:
+    library, _, number = text.partition(":")[2].partition(":")
+    number = number or "0"
+    if library != f"HD{LIBRARY}" or not (number.isdecimal() and int(number) < len(WORDS)):
+        raise InputError(f"{FORM}, an id of 0 to {len(WORDS) - 1}", repr(text), "write for example stag:HD21:0")
+    import stag  # noqa: F401  # without it the contestant is absent
+
+    return STag(text, int(number), sqrt(2) * arena.square / (1 + 2 * QUIET), arena.square)
+
+
+KINDS.register("stag")(Kind(_stag, FORM, "STag", "its own library", requires="stag-python"))

@@ -1,0 +1,5 @@
+"""Deprecated name of `markergen.workshop.processes`; it goes with the next release."""
+
+from markergen.solid import renamed
+
+__getattr__ = renamed(__name__, "markergen.workshop.processes")

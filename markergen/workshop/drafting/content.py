@@ -1,0 +1,444 @@
+"""Content of the fabrication drawing: the views, sections, tables, callouts and notes that describe a marker.
+
+`workpiece` describes the parts made by a process as plain data of `markergen.workshop.drafting.drawing`, which lays
+them out. What it says is meant to be enough: whoever has only the drawing can make the marker.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from math import atan2, ceil, degrees, dist, hypot
+
+from markergen.drawing.figure import size_words
+from markergen.drawing.scene import Box, union
+from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.marker import Marker, marker_name
+from markergen.solid.bodies import OFF, SAME, Part, Prism, cylinder, mm, size_of, span_of
+from markergen.solid.plate import plate_of
+from markergen.workshop import engraving
+from markergen.workshop.dot_geometry import SolidDot, dots_of
+from markergen.workshop.drafting.drawing import (
+    BackText,
+    Callout,
+    Control,
+    Datum,
+    Dimension,
+    DotLabel,
+    TitleBlock,
+    ViewFace,
+    Workpiece,
+    millimeters,
+)
+from markergen.workshop.drafting.sections import (
+    MOST_KINDS,
+    alike,
+    centered,
+    recesses_of,
+    sections_of,
+    upright,
+    use_words,
+)
+from markergen.workshop.drafting.tables import is_plain, listed_outlines, ranges, tables_of
+from markergen.workshop.drafting.tolerances import (
+    DIAMETER,
+    PLUS_MINUS,
+    PROFILE,
+    PlateHole,
+    datum_table,
+    datums_of,
+    dot_controls,
+    fit_table,
+    flat,
+    hole_control,
+    holes_of,
+    letters,
+    located,
+    tolerance_table,
+)
+from markergen.workshop.processes import Made
+from markergen.workshop.projection import BACK, elevation, seen
+
+MOST_PLACES = 2
+"""Maximum number of holes of a kind whose places are told in their callout; the table has them all."""
+
+RECESS = 0.2
+"""Excess in mm of a recess's size, and diameter of its position's zone."""
+
+BOXED = (
+    "Coordinates in tables and sizes in boxes are theoretically exact: the zones of the positions are centered there. "
+    "Sizes in parentheses are given elsewhere."
+)
+FRAME = (
+    "Marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in the plane of the dots that "
+    "are not raised."
+)
+MEASURE = (
+    "Take sizes from dimensions and tables, never from the drawing. The exact geometry is in the STEP file of the same "
+    "name."
+)
+AFTERWARDS = (
+    "What counts is where the centers of the dots are. Where they were measured on the finished marker, enter them "
+    "with: markergen rescale marker.json --measured-points dots.csv -o measured.json"
+)
+PATTERN = (
+    "CZ: all zones to the same datums together are one pattern (SIM, ISO 5458), which the datums leave free to turn or "
+    "to move."
+)
+REAMED = "Ream the holes for dowel pins to H7 after all else, in one setting with the dots where these are milled."
+APART = "The plates are separate: each is made by itself, and mounted so that all dots are at their coordinates."
+
+
+def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece:
+    """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
+    dots, parts, holes, datums = dots_of(marker), made.parts, holes_of(marker), datums_of(marker, made)
+    plates = [part for part in parts if part.is_plate]
+    sections = sections_of(marker, made, dots)
+    back = _back(made)
+    callouts = (
+        *_dot_callouts(dots, fabrication, made, datums),
+        *_hole_callouts(holes, made, datums, _box(marker)),
+        *_outline_callouts(marker, made, datums),
+        *_recess_callouts(made, datums),
+        *_tag_callout(marker),
+    )
+    return Workpiece(
+        block=TitleBlock(
+            name=marker_name(marker),
+            title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
+            process=PROCESSES[fabrication.process].label,
+            material=fabrication.material,
+            general=fabrication.general_tolerance,
+            finish=made.accuracy.finish,
+            edges=made.accuracy.edges,
+        ),
+        front=(*seen(parts), *_printed(marker, dots, parts)),
+        side=elevation(parts),
+        back=back,
+        engraved=_back_texts(made) if back else (),
+        size=size_of([body for part in parts for body in part.add]),
+        round=[plate.is_disk for plate in plates] == [True],
+        listed=any(each.plate for each in listed_outlines(marker, made)),
+        face=made.face,
+        flatness=flat(made),
+        datums=datums,
+        labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
+        holes=tuple(DotLabel(hole.label, hole.x, hole.y, max(hole.radius, hole.sink)) for hole in holes),
+        callouts=callouts,
+        heights=_heights(made),
+        sections=sections,
+        tables=(
+            *tables_of(marker, made),
+            *([datum_table(datums)] if datums else []),
+            tolerance_table(made, datums, fabrication.general_tolerance),
+            *fit_table(marker, made),
+        ),
+        key=_key(made, bool(back), bool(sections)),
+        notes=tuple(_notes(marker, made, callouts, back)),
+    )
+
+
+def _heights(made: Made) -> tuple[Dimension, ...]:
+    """Heights in the side view: the plate's thickness with its tolerance, and what stands on it."""
+    low, high = span_of([part for part in made.parts if part.is_plate])
+    face, highest, accuracy = made.face, span_of(made.parts)[1], made.accuracy
+    words = {(low, face): f"{millimeters(face - low)} {PLUS_MINUS}{millimeters(accuracy.thickness)}"}
+    if high > face + SAME:
+        words[face, high] = f"{millimeters(high - face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+    if highest > high + SAME:
+        words[face, highest] = f"({millimeters(highest - face)})"
+    if face < -SAME:
+        words[face, 0.0] = f"{millimeters(-face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+    return upright(words)
+
+
+def _back(made: Made) -> tuple[ViewFace, ...]:
+    """View of the back without its letters, if anything is engraved there."""
+    # Pillars are behind the plate, and would count as material below its holes.
+    plates = [replace(part, add=part.add[:1]) for part in made.parts if part.is_plate]
+    blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
+    boxes = [text.box for text in _back_texts(made)]
+    faces = []
+    for face in seen(plates, BACK):
+        left, bottom, right, top = face.box
+        x, y = (left + right) / 2, (bottom + top) / 2
+        floor = bool(face.material) and face not in blank
+        if not floor:
+            faces.append(face)
+        elif not any(box[0] <= x <= box[2] and box[1] <= y <= box[3] for box in boxes):
+            faces.append(replace(face, material="engraved"))
+    return tuple(faces) if boxes or any(face.material == "engraved" for face in faces) else ()
+
+
+def _back_texts(made: Made) -> tuple[BackText, ...]:
+    """What is engraved, with x to the left as in the view of the back."""
+    boxes = [(text, text.box) for text in made.engraved]
+    return tuple(
+        BackText(text.lines, text.height, (-right, low, -left, high)) for text, (left, low, right, high) in boxes
+    )
+
+
+def _key(made: Made, back: bool, sections: bool) -> tuple[tuple[str, str], ...]:
+    """What fills and hatches mean, of those that there are."""
+    dark = any(part.material == "dark" for part in made.parts)
+    seen_dark = "dark surface" + ("" if dark else " (engraved)" if made.marked else " (printed)")
+    return (
+        ("dark", seen_dark),
+        *((("cut-light", "light material, cut"),) if sections else ()),
+        *((("cut-dark", "dark material, cut"),) if sections and dark else ()),
+        *((("engraved", "engraved on the back"),) if back else ()),
+    )
+
+
+def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) -> tuple[ViewFace, ...]:
+    """Dots and tag printed on a sheet, which are neither parts nor engraved nor holes."""
+    low, _ = span_of(parts)
+    if any(not part.is_plate or part.marked for part in parts):
+        return ()
+    cut = [body for part in parts for body in part.cut]
+    printed = [
+        cylinder(dot.x, dot.y, dot.radius, -1.0, 0.0, dot.inner)
+        for dot in dots
+        if not any(body.span[0] < low + SAME for body in centered(cut, dot.x, dot.y))
+    ]
+    faces = list(seen([Part("dot", "dark", tuple(printed))])) if printed else []
+    if marker.tag and printed:
+        rings = tuple(Contour(tuple((mm(x), mm(y)) for x, y in ring.tolist())) for ring in marker.tag.outlines)
+        faces.append(ViewFace(rings, "dark"))
+    return tuple(replace(face, fine=True) for face in faces)
+
+
+def _dot_callouts(
+    dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
+) -> list[Callout]:
+    found = []
+    kinds, controls = alike(dots), dot_controls(made, datums)
+    if len(kinds) > MOST_KINDS:
+        places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
+        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
+    # S stands for a sphere (ISO 129).
+    sphere = "S" if PROCESSES[fabrication.process].balls else ""
+    for (radius, inner), some in kinds:
+        names = f"{'ring' if inner else 'dot'}{'s' if len(some) > 1 else ''} {ranges([dot.id for dot in some])}"
+        places = tuple((dot.x, dot.y, dot.radius) for dot in some)
+        lines = _dot_lines(_times(some), f"{sphere}{DIAMETER}", radius, inner, some[0], made)
+        found.append(Callout((*lines, names), places, controls=controls))
+    return found
+
+
+def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot, made: Made) -> list[str]:
+    """Diameters of a kind of dot, with their fits or tolerances."""
+    outer, core = millimeters(2 * radius), millimeters(2 * inner)
+    fits = {(kind, round(fit.disc.diameter, 6)): fit for kind, fit in made.fits}
+    bottom = span_of(made.parts)[0]
+    through = any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+    if (fit := fits.get(("dot", round(2 * radius, 6)))) and not through:
+        bore = fits.get(("core", round(2 * inner, 6)))
+        lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
+        lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
+        return lines
+    off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
+    ring = f" / {DIAMETER}{core}" if inner else ""
+    return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
+
+
+def _box(marker: Marker) -> Box:
+    """Box around the plates."""
+    return union(*(box(outer) for outer, *_ in plate_of(marker).outlines))
+
+
+def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:
+    """Callouts of holes of a kind; a hole that is a datum has its own."""
+
+    def kind(hole: PlateHole) -> tuple[str, str, float, float]:
+        return hole.use, hole.name, hole.radius, hole.sink
+
+    def as_datum(hole: PlateHole) -> str:
+        return hole_control(hole, made, datums)[1]
+
+    found = []
+    kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
+    if many := len(kinds) > MOST_KINDS:
+        rest = [hole for hole in holes if not as_datum(hole)]
+        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in rest)
+        zones: dict[Control, list[str]] = {}
+        for hole in rest:
+            zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
+        controls = [replace(each, of=_labels(names) if len(zones) > 1 else "") for each, names in zones.items()]
+        found.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
+    for some in kinds:
+        pitch, first = _pitch(some, plate)
+        for letter, group in groupby(sorted(some, key=as_datum), key=as_datum):
+            if not many or letter:
+                found.append(_hole_callout(list(group), len(some), pitch, first, made, datums))
+    return found
+
+
+def _hole_callout(
+    group: Sequence[PlateHole], count: int, pitch: float, angle: float, made: Made, datums: Sequence[Datum]
+) -> Callout:
+    """Callout of holes, which may be some of the `count` that are evenly spaced on their pitch circle."""
+    first = group[0]
+    control, letter = hole_control(first, made, datums)
+    limits = f" {first.limits.words}" if first.limits else ""
+    names = _labels([hole.label for hole in group])
+    lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
+    if first.sink:
+        lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
+    if pitch:
+        on = f"on a circle [{DIAMETER}{millimeters(2 * pitch)}]"
+        if len(group) <= MOST_PLACES:
+            at = ", ".join(f"[{round(_angle(hole), 3):g}\xb0]" for hole in group)
+            lines += [f"{names}, {on}", f"at {at}"]
+        elif len(group) == count:
+            lines += [f"{names}, {on}", f"from [{angle:g}\xb0], evenly spaced"]
+        else:
+            lines += [f"{names} of {count} evenly spaced", f"from [{angle:g}\xb0], {on}"]
+    elif len(group) <= MOST_PLACES:
+        lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
+    else:
+        lines.append(f"{names}, places in the table")
+    places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in group)
+    return Callout(tuple(lines), places, pitch, (control,), letter)
+
+
+def _pitch(holes: Sequence[PlateHole], plate: Box) -> tuple[float, float]:
+    """Radius of the circle about the origin that holes are evenly spaced on, and the first one's angle in degrees.
+
+    Both are 0 if there is none, or if it leaves the plate: then the places are told one by one.
+    """
+    radii = [hypot(*hole.place) for hole in holes]
+    room = min(-plate[0], -plate[1], plate[2], plate[3])
+    if len(holes) < 2 or min(radii) < SAME or max(radii) - min(radii) > 1e-5 or max(radii) > room:
+        return 0.0, 0.0
+    angles = sorted(map(_angle, holes))
+    step = 360 / len(holes)
+    even = all(abs(angle - angles[0] - k * step) < 1e-4 for k, angle in enumerate(angles))
+    return (round(radii[0], 6), round(angles[0], 3)) if even else (0.0, 0.0)
+
+
+def _angle(hole: PlateHole) -> float:
+    """Direction of a hole from the origin, from 0 to below 360 degrees."""
+    return round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360
+
+
+def _labels(names: Sequence[str]) -> str:
+    """``H1 to H4``."""
+    return ", ".join(
+        " to ".join(f"H{number}" for number in run.split(" to "))
+        for run in ranges([int(name[1:]) for name in names]).split(", ")
+    )
+
+
+def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[Callout]:
+    """Callouts of the radii of outlines, and of an outline or a hole that needs a table."""
+    plates = plate_of(marker).outlines
+    arcs: dict[float, list[tuple[float, float, float]]] = {}
+    for contour in (ring for plate in plates for ring in plate):
+        sides = contour.sides
+        for k, side in enumerate(sides) if contour.as_circle is None else ():
+            # Consecutive arcs of one circle, as for more than half a turn, count once.
+            if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
+                (x, y), (u, v), bulge = side
+                middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
+                arcs.setdefault(round(radius_of(side), 4), []).append(middle)
+    found = [Callout((f"{_times(some)}R{millimeters(r)}",), tuple(some)) for r, some in sorted(arcs.items())]
+    if len(arcs) > MOST_KINDS:
+        places = tuple(place for some in arcs.values() for place in some)
+        found = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
+    profile = Control("profile", millimeters(PROFILE), letters(datums))
+    for each in listed_outlines(marker, made):
+        x, y = max(flattened(each.contour, OFF))
+        words, control = [each.words, "see the table"], profile
+        if each.recess:
+            words.append(_depth_words(each.recess, made))
+            # The zone is outside of the outline, by which the recess may only be larger.
+            control = replace(profile, zone=f"{millimeters(RECESS / 2)} UZ-{millimeters(RECESS / 4)}")
+        found.append(Callout(tuple(words), ((x, y, 0.0),), controls=(control,)))
+    return found
+
+
+def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
+    found = []
+    for recess in filter(is_plain, recesses_of(made)):
+        left, bottom, right, top = recess.box
+        over = f" +{millimeters(RECESS)} / 0"
+        size = (
+            f"recess {DIAMETER}{millimeters(right - left)}{over}"
+            if recess.outer.as_circle
+            else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
+        )
+        middle = (left + right) / 2, (bottom + top) / 2
+        at = (f"center at x [{millimeters(middle[0])}], y [{millimeters(middle[1])}]",) if hypot(*middle) > SAME else ()
+        lines = (size, *at, _depth_words(recess, made))
+        control = located(RECESS, datums)
+        if not recess.outer.as_circle:
+            control = replace(control, zone=control.zone.removeprefix(DIAMETER))
+        # On the rim, away from the axes.
+        x, y = max((x, y) for x, y in flattened(recess.outer, OFF) if y <= (bottom + 3 * top) / 4)
+        found.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
+    return found
+
+
+def _depth_words(recess: Prism, made: Made) -> str:
+    return f"{millimeters(recess.top - recess.bottom)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat"
+
+
+def _times(places: Sequence[object]) -> str:
+    return f"{len(places)}x " if len(places) > 1 else ""
+
+
+def _tag_callout(marker: Marker) -> list[Callout]:
+    if marker.tag is None:
+        return []
+    side = mm(marker.tag.side)
+    x, y = (mm(center) for center in marker.tag.center)
+    words = (
+        f"tag {marker.tag}",
+        f"black square {millimeters(side)} x {millimeters(side)}",
+        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
+    )
+    return [Callout(words, ((x + side / 2, y + side / 4, 0.0),))]
+
+
+def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace]) -> list[str]:
+    substrate, accuracy = marker.substrate, made.accuracy
+    said = [FRAME, BOXED, MEASURE]
+    if accuracy.position:
+        off, play = (ceil(length * 1e3 - 1e-6) / 1e3 for length in (accuracy.center, accuracy.play))
+        where = f"{millimeters(accuracy.position / 2)} mm for the pocket, {millimeters(play)} mm for the play"
+        said.append(
+            f"The center of a finished dot is off by at most {millimeters(off)} mm"
+            f"{f', {where} in it' if accuracy.play else ''}; if errors are even, --print-sigma "
+            f"{millimeters(off / 2)}mm in markergen validate."
+        )
+    if any("CZ" in control.zone for callout in callouts for control in callout.controls):
+        said.append(PATTERN)
+    if len(plate_of(marker).outlines) > 1:
+        said.append(APART)
+    if any(hole.use == "dowel" for hole in substrate.holes):
+        said.append(REAMED)
+    if substrate.chamfer:
+        said.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
+    said += made.lines
+    if made.engraved:
+        # What is engraved besides letters is the cross at the origin.
+        cross = any(face.material == "engraved" for face in back)
+        said.append(_engraved(made, cross, len(marker.control_points)))
+    return [*said, AFTERWARDS]
+
+
+def _engraved(made: Made, cross: bool, dots: int) -> str:
+    title = next((text for text in made.engraved if text.lines[0].startswith("markergen")), None)
+    names = [int(text.lines[0]) for text in made.engraved if text.lines[0].isdecimal()]
+    ids = sorted({text.height for text in made.engraved if text.lines[0].isdecimal()})
+    parts = []
+    if title:
+        parts.append(f'"{" / ".join(title.lines)}" in capitals of {millimeters(title.height)} mm')
+    if ids:
+        sizes = " or ".join(millimeters(height) for height in ids)
+        behind = "the dots their ids" if len(names) == dots else f"dots {ranges(names)} their ids"
+        parts.append(f"behind {behind}, {sizes} mm high")
+    if cross:
+        parts.append("at the origin a cross, with an arrow along x")
+    return f"Engrave the back {millimeters(engraving.DEPTH)} mm deep, to be read from behind: {'; '.join(parts)}."

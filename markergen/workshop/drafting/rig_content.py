@@ -1,0 +1,411 @@
+"""Content of a rig's fabrication drawing: views of the whole, datums, tolerances between its faces, and each face."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.geometry.contour import Contour, flattened
+from markergen.model.boundary import Polygon
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig_json import rig_name
+from markergen.solid.bodies import OFF, Part, Prism
+from markergen.workshop.dot_geometry import dots_of
+from markergen.workshop.drafting.content import workpiece
+from markergen.workshop.drafting.drawing import (
+    Control,
+    Dimension,
+    DrawingTable,
+    TitleBlock,
+    ViewFace,
+    Workpiece,
+    around,
+    millimeters,
+)
+from markergen.workshop.drafting.rig_views import FaceName, RigView, RigWork
+from markergen.workshop.drafting.tolerances import PLUS_MINUS
+from markergen.workshop.processes import Accuracy
+from markergen.workshop.rig_solids import RigMade
+
+Array = NDArray[np.float64]
+
+LETTERS = "RST"
+"""Datums of the whole; A, B and C are those of each face on its own sheet."""
+
+STRAIGHT = 1e-6
+"""Maximum sine of the angle between directions that count as parallel."""
+
+SHOWN = 0.15
+"""Minimum cosine of the angle between a face's normal and the line of sight, for its dots and name to show."""
+
+CORNER = np.array([0.62, -0.62, 0.48])
+"""Direction from which the picture is seen, where the main view is from -y with z up."""
+
+AXES = ((0, "x"), (1, "y"), (2, "z"))
+
+TURNS = 48
+"""Number of corners of a dot that is seen at an angle."""
+
+FRAME = (
+    "Rig frame: origin and axes as drawn in the main view. Each marker has a frame of its own: x to the right, y up "
+    "and z out of its face as its sheet shows it; the table tells where its origin is in the rig frame, and where its "
+    "axes point."
+)
+EXACT = "Places and directions in the table of faces are theoretically exact."
+DATUMS = "R, S and T are the datums of the whole, A, B and C those of each face on its own sheet."
+MOUNT = (
+    "The plates are made one by one and mounted so that they are at these places. Measure the relation of the mounted "
+    "plates with: markergen calibrate rig.json photos/"
+)
+ONE = "The body is one piece; what its sheets call the plate is the body under that face."
+STEP = "The exact geometry is in the STEP file of the same name; take no sizes from the drawing."
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A flat side of the whole: its name, corners (m, 3) in mm, and its normal."""
+
+    name: str
+    ring: Array
+    normal: Array
+
+    @property
+    def middle(self) -> Array:
+        """Center of its corners."""
+        return np.asarray(self.ring.mean(axis=0))
+
+
+def rig_work(rig: Rig, fabrication: Fabrication, made: RigMade) -> RigWork:
+    """Describe a rig as designed, and its parts from `parts_of_rig`, for the sheets of the whole."""
+    accuracy, sides = made.made[0].accuracy, _sides(made)
+    datums = _datums(sides)
+    main = _main_view(rig)
+    views = tuple(_view(place, axes, rig, made, sides, datums, accuracy) for place, axes in _six(main))
+    shown = [view for view in views if view.place in ("main", "+u", "+v") or view.names]
+    boxes = {view.place: around(view.faces) for view in views}
+    spans = (boxes["main"][2] - boxes["main"][0], boxes["main"][3] - boxes["main"][1], boxes["+u"][2] - boxes["+u"][0])
+    limits = f" {PLUS_MINUS}{millimeters(accuracy.thickness)}"
+    sizes = [f"{millimeters(span)}{limits}" if made.block else f"({millimeters(span)})" for span in spans]
+    count = len(rig.markers)
+    what = "one body" if made.block else f"{count} plates"
+    return RigWork(
+        block=TitleBlock(
+            name=rig_name(rig),
+            title=f"Fiducial markers on {what}, {count} faces, {len(rig)} dots",
+            process=PROCESSES[fabrication.process].label,
+            material=fabrication.material,
+            general=fabrication.general_tolerance,
+            finish=accuracy.finish,
+            edges=accuracy.edges,
+        ),
+        views=tuple(shown),
+        picture=_picture(main, rig, made),
+        sizes=(sizes[0], sizes[1], sizes[2]),
+        tables=(_face_table(rig), *_relation_tables(rig, made, sides, datums, accuracy)),
+        notes=(FRAME, EXACT, *((DATUMS, ONE, *_lines(made)) if made.block else (MOUNT,)), STEP),
+    )
+
+
+def face_works(rig: Rig, fabrication: Fabrication, made: RigMade) -> list[Workpiece]:
+    """Describe each marker of a rig for its own sheets: its plate, or its face of the body."""
+    works = []
+    for k, (each, one) in enumerate(zip(rig.markers, made.made, strict=True)):
+        work = _face_work(each, made, k, fabrication) if made.block else workpiece(each.marker, fabrication, one)
+        block = replace(work.block, title=f"{each.name}: {work.block.title}", name=f"{rig_name(rig)}, {each.name}")
+        works.append(replace(work, block=block))
+    return works
+
+
+def _lines(made: RigMade) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(line for one in made.made for line in one.lines))
+
+
+def _sides(made: RigMade) -> list[_Side]:
+    """Flat sides that can be datums: faces of the block, or of the plates."""
+    if made.block:
+        return [_Side(face.name, face.ring(), face.normal) for face in made.block]
+    sides: list[_Side] = []
+    for part in made.parts:
+        piece = part.pieces[0]
+        if piece.part.is_plate:
+            prism = piece.part.add[0]
+            ring = np.array(flattened(prism.outer, OFF) if isinstance(prism, Prism) else [])
+            top = piece.to_rig(np.column_stack([ring, np.full(len(ring), prism.span[1])]))
+            name = part.name.rpartition("/")[0]
+            if all(side.name != name for side in sides):
+                sides.append(_Side(name, top, np.array(piece.rotation)[:, 2]))
+    return sides
+
+
+def _datums(sides: Sequence[_Side]) -> list[_Side]:
+    """Up to three sides: the first, one at a right angle to it if there is one, and one that fixes what is left."""
+    chosen = [sides[0]]
+    while len(chosen) < 3:
+        own = np.array([side.normal for side in chosen])
+        # How far each normal is from the directions that are fixed, the farthest first.
+        away = [np.linalg.norm(side.normal - np.linalg.pinv(own) @ (own @ side.normal)) for side in sides]
+        best = int(np.argmax(np.round(away, 9)))
+        if away[best] < STRAIGHT:
+            break
+        chosen.append(sides[best])
+    return chosen
+
+
+def _main_view(rig: Rig) -> tuple[Array, Array, Array]:
+    """Directions to the right and up in the main view, and toward the viewer: -y, or where more faces point."""
+    normals = np.array([each.turn[:, 2] for each in rig.markers])
+    x, y, z = np.eye(3)
+    ways = [(x, z, -y), (x, y, z), (y, z, x), (-x, z, y), (-y, z, -x), (x, -y, -z)]
+    return max(ways, key=lambda way: round(float(np.maximum(normals @ way[2], 0).sum()), 6))
+
+
+def _six(main: tuple[Array, Array, Array]) -> list[tuple[str, tuple[Array, Array, Array]]]:
+    """The six views: directions to the right, up and toward the viewer."""
+    u, v, d = main
+    return [
+        ("main", (u, v, d)), ("+u", (-d, v, u)), ("-u", (d, v, -u)), ("+v", (u, -d, v)), ("-v", (u, d, -v)),
+        ("rear", (-u, v, -d)),
+    ]  # fmt: skip
+
+
+def _words(way: Array) -> str:
+    """``-y`` for a direction along an axis."""
+    k = int(np.argmax(np.abs(way)))
+    return f"{'-' if way[k] < 0 else ''}{'xyz'[k]}"
+
+
+def _view(
+    place: str, axes: tuple[Array, Array, Array], rig: Rig, made: RigMade, sides: Sequence[_Side],
+    datums: Sequence[_Side], accuracy: Accuracy,
+) -> RigView:  # fmt: skip
+    flat, toward = np.stack(axes[:2], axis=1), axes[2]
+    names = []
+    marked = {each.name: each for each in rig.markers}
+    letters = {side.name: letter for letter, side in zip(LETTERS, datums, strict=False)} if made.block else {}
+    for side in sides:
+        slope = float(side.normal @ toward)
+        straight = slope > 1 - STRAIGHT
+        if slope < SHOWN or not (side.name in marked or (straight and side.name in letters)):
+            continue
+        controls = _controls(side, datums, accuracy) if straight and made.block else ()
+        letter = letters.get(side.name, "") if straight else ""
+        names.append(_name(side.name, side.ring @ flat, marked.get(side.name), flat, controls, letter))
+    told = _words(toward)
+    return RigView(
+        place, f"seen from {told if told.startswith('-') else f'+{told}'}", _projected(axes, rig, made), tuple(names),
+        (_words(axes[0]), _words(axes[1])),
+    )  # fmt: skip
+
+
+def _picture(main: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> RigView:
+    """The whole seen from a corner."""
+    basis = np.stack([main[0], -main[2], main[1]], axis=1)
+    toward = basis @ (CORNER / np.linalg.norm(CORNER))
+    right = np.cross(main[1], toward)
+    right /= np.linalg.norm(right)
+    axes = (right, np.cross(toward, right), toward)
+    flat = np.stack(axes[:2], axis=1)
+    names = tuple(
+        _name(each.name, 1e3 * each.to_rig(_flat(np.concatenate(each.marker.boundary.outlines()))) @ flat, each, flat)
+        for each in rig.markers
+        if each.turn[:, 2] @ toward > SHOWN
+    )
+    return RigView("picture", "seen from a corner, not to scale", _projected(axes, rig, made), names)
+
+
+def _name(
+    words: str, ring: Array, each: RigMarker | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
+) -> FaceName:
+    """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
+    middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
+    ends = np.concatenate([ring, (ring + np.roll(ring, 1, axis=0)) / 2])
+    places = np.concatenate(
+        [[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))]
+    )
+    if each is not None:
+        dots = 1e3 * each.to_rig(each.marker.xyz) @ flat
+        radii = np.array([500 * point.feature.diameter for point in each.marker.control_points])
+        # Names are wider than high.
+        room = np.linalg.norm((places[:, None] - dots) * [0.5, 1.0], axis=-1) - radii
+        middle = places[int(np.argmax(np.round(room.min(axis=1), 6)))]
+    x, y = middle
+    return FaceName(words, (float(x), float(y)), float(np.ptp(ring[:, 0])), controls, datum)
+
+
+def _flat(points: Array) -> Array:
+    return np.column_stack([points, np.zeros(len(points))])
+
+
+def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> tuple[ViewFace, ...]:
+    """Visible faces of the body or the plates with dots and tags on them, the farthest first."""
+    flat, toward = np.stack(axes[:2], axis=1), axes[2]
+    found: list[tuple[float, list[ViewFace]]] = []
+    if made.block:
+        for k, face in enumerate(made.block):
+            if face.normal @ toward > STRAIGHT:
+                own = [_face(face.ring() @ flat)]
+                own += _ink(rig.markers[k], flat) if k < len(rig.markers) and face.normal @ toward > SHOWN else []
+                found.append((float(face.ring().mean(axis=0) @ toward), own))
+    else:
+        for each in rig.markers:
+            found.append(_plates(each, made, flat, toward))
+    found.sort(key=lambda one: round(one[0], 6))
+    return tuple(face for _, faces in found for face in faces)
+
+
+def _plates(each: RigMarker, made: RigMade, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
+    """Distance toward the viewer of a marker's plates, and what is seen of them: convex hull, face, dots."""
+    from scipy.spatial import ConvexHull
+
+    faces, depth = [], 0.0
+    for part in made.parts:
+        piece = part.pieces[0]
+        body = piece.part.add[0]
+        if not piece.part.is_plate or part.name.rpartition("/")[0] != each.name or not isinstance(body, Prism):
+            continue
+        ring = np.array(flattened(body.outer, OFF))
+        ends = [piece.to_rig(np.column_stack([ring, np.full(len(ring), z)])) for z in body.span]
+        depth = float(np.concatenate(ends).mean(axis=0) @ toward)
+        points = np.concatenate(ends) @ flat
+        faces.append(_face(points[ConvexHull(points).vertices]))
+        slope = float(each.turn[:, 2] @ toward)
+        if abs(slope) > SHOWN:
+            faces.append(_face(ends[slope > 0] @ flat))
+    if each.turn[:, 2] @ toward > SHOWN:
+        faces += _ink(each, flat)
+    return depth, faces
+
+
+def _face(ring: Array, material: str = "light", fine: bool = False) -> ViewFace:
+    return ViewFace((Contour(tuple(map(tuple, ring.tolist()))),), material, fine=fine)
+
+
+def _ink(each: RigMarker, flat: Array) -> list[ViewFace]:
+    """Dots and tag of a marker as they are seen."""
+    turns = 2 * np.pi * np.arange(TURNS) / TURNS
+    circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    faces = []
+
+    def add(points: Array, height: float, material: str) -> None:
+        local = np.column_stack([points, np.full(len(points), height)])
+        faces.append(_face(1e3 * each.to_rig(local / 1e3) @ flat, material, fine=True))
+
+    for dot in dots_of(each.marker):
+        add([dot.x, dot.y] + dot.radius * circle, dot.z, "dark")
+        if dot.inner:
+            add([dot.x, dot.y] + dot.inner * circle, dot.z, "light")
+    if each.marker.tag is not None:
+        rings = [1e3 * each.to_rig(_flat(ring)) @ flat for ring in each.marker.tag.outlines]
+        faces.append(ViewFace(tuple(Contour(tuple(map(tuple, ring.tolist()))) for ring in rings), "dark", fine=True))
+    return faces
+
+
+def _controls(side: _Side, datums: Sequence[_Side], accuracy: Accuracy) -> tuple[Control, ...]:
+    """Form or orientation of a side of a body, and its place."""
+    letters = LETTERS[: len(datums)]
+    number = next((k for k, datum in enumerate(datums) if datum.name == side.name), None)
+    zone = millimeters(accuracy.flatness)
+    if number == 0:
+        return (Control("flatness", zone),)
+    orientation = Control(_kind(side, datums[0]), zone, ("R",))
+    if number is not None:
+        return (orientation,)
+    return (orientation, Control("profile", millimeters(2 * accuracy.thickness), tuple(letters)))
+
+
+def _kind(side: _Side, datum: _Side) -> Literal["parallelism", "perpendicularity", "angularity"]:
+    along = abs(float(side.normal @ datum.normal))
+    return "parallelism" if along > 1 - STRAIGHT else "perpendicularity" if along < STRAIGHT else "angularity"
+
+
+def _face_table(rig: Rig) -> DrawingTable:
+    """Where each marker is in the rig: its origin, and where its axes point."""
+    rows = []
+    for each in rig.markers:
+        axes = ["(" + ", ".join(_fixed(value, 6) for value in each.turn[:, k]) + ")" for k in range(3)]
+        rows.append((each.name, *(_fixed(value, 4) for value in 1e3 * each.shift), *axes))
+    headings = ("face", "x", "y", "z", "its x axis (right)", "its y axis (up)", "its z axis (out)")
+    title = "Faces in the rig frame: origins in mm, and axes as unit vectors, theoretically exact"
+    return DrawingTable(title, headings, tuple(rows), (0,))
+
+
+def _fixed(value: float, digits: int) -> str:
+    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if digits > 4 else text
+
+
+def _relation_tables(
+    rig: Rig, made: RigMade, sides: Sequence[_Side], datums: Sequence[_Side], accuracy: Accuracy
+) -> list[DrawingTable]:
+    """Datums of the whole, and the tolerances of its faces in words."""
+    if not made.block:
+        return []
+    names = tuple(
+        (letter, f"face {side.name}" if side.name in {each.name for each in rig.markers} else f"bare {side.name}",
+         _plane(side)) for letter, side in zip(LETTERS, datums, strict=False)
+    )  # fmt: skip
+    rows = []
+    for side in sides:
+        controls = _controls(side, datums, accuracy)
+        angle = np.degrees(np.arccos(np.clip(side.normal @ datums[0].normal, -1, 1)))
+        words = [
+            f"{each.symbol} {each.zone}{' to ' + ', '.join(each.datums) if each.datums else ''}" for each in controls
+        ]
+        first = words[0] + (f", [{round(float(angle), 3):g}\xb0]" if "angularity" in words[0] else "")
+        dots = "on its sheet, to A, B, C" if any(side.name == each.name for each in rig.markers) else "-"
+        rows.append((side.name, first, words[1] if len(words) > 1 else "datum", dots))
+    return [
+        DrawingTable("Datums of the whole", ("datum", "feature", "rig frame, exact"), names, (0, 1, 2)),
+        DrawingTable(
+            "Relation of the faces, mm", ("face", "form or orientation", "place", "positions of dots"), tuple(rows),
+            (0, 1, 2, 3),
+        ),
+    ]  # fmt: skip
+
+
+def _plane(side: _Side) -> str:
+    """Equation of a side's plane."""
+    level = float(side.normal @ side.middle)
+    k = int(np.argmax(np.abs(side.normal)))
+    if abs(side.normal[k]) > 1 - STRAIGHT:
+        return f"{'xyz'[k]} = [{millimeters(level * np.sign(side.normal[k]))}]"
+    terms = " ".join(
+        f"{_signed(value)}{axis}" for value, axis in zip(side.normal, "xyz", strict=True) if abs(value) > STRAIGHT
+    )
+    return f"{terms} = [{millimeters(level)}]"
+
+
+def _signed(value: float) -> str:
+    return f"{'-' if value < 0 else '+'}{abs(value):.6g}"
+
+
+def _face_work(each: RigMarker, made: RigMade, k: int, fabrication: Fabrication) -> Workpiece:
+    """Describe one face of a body as if it were a plate, with the body seen from the side."""
+    face, one = made.block[k], made.made[k]
+    low = face.height - 2 * one.depth - 1
+    slab = Part("plate", "light", (Prism(Contour(face.corners), (), low, face.height), *one.add), one.cut, one.marked)
+    outline = Polygon((tuple((x / 1e3, y / 1e3) for x, y in face.corners),))
+    marker = replace(each.marker, substrate=replace(each.marker.substrate, outline=outline))
+    work = workpiece(marker, fabrication, replace(one, parts=(slab, *one.parts)))
+    depth = f"({millimeters(face.height - low)})"
+    sections = tuple(
+        replace(section, title=f"{section.title}, upper part of the body",
+                upright=tuple(each for each in section.upright if each.words != depth))
+        for section in work.sections
+    )  # fmt: skip
+    turn = np.array(face.rotation)
+    flat, toward = turn[:, [0, 2]], -turn[:, 1]
+    shift = np.array(face.translation) @ flat
+    side = tuple(_face(other.ring() @ flat - shift) for other in made.block if other.normal @ toward > STRAIGHT)
+    foot = min(face_.box[1] for face_ in side)
+    tables = tuple(
+        replace(table, rows=tuple(row for row in table.rows if "plate" not in (row[1], row[0].rpartition(" ")[2])))
+        for table in work.tables
+    )  # fmt: skip
+    return replace(
+        work, side=side, sections=sections, tables=tables,
+        heights=(Dimension(foot, face.height, f"({millimeters(face.height - foot)})"),),
+    )  # fmt: skip

@@ -1,0 +1,382 @@
+"""Views of a fabrication drawing on paper: front and side with dimensions and callouts.
+
++---------------------------------------------+
+|  A   =============  side view, heights      |
+|          y                                  |
+|       +-----+-----+                         |
+|       |  1  |  0  |                         |
+| size  |- - -+- - -|- x  callouts on the     |
+|       |  2  |  3  |     right               |
+|       +-----+-----+                         |
+|       |<- size  ->|                         |
++---------------------------------------------+
+
+Seen from below, from -y, the side view is above the front view in first-angle projection, and below it in third-angle
+projection, which is used on American paper.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import hypot
+
+import numpy as np
+
+from markergen.drawing.label_placement import place_numbers
+from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
+from markergen.drawing.scene import GRAY, Box, Disk, Line, Point, Shape, bounds, ink_points, union
+from markergen.drawing.text import text_width
+from markergen.errors import InputError
+from markergen.workshop.drafting.callouts import callout_width, place_callouts
+from markergen.workshop.drafting.details import SCALES, stacked, stacked_at
+from markergen.workshop.drafting.drawing import Workpiece, around, millimeters
+from markergen.workshop.drafting.pen import (
+    CLOSE,
+    THIN,
+    DrawingView,
+    Style,
+    across,
+    arrow,
+    center_circle,
+    center_line,
+    drawn,
+    lettering,
+    upright,
+)
+from markergen.workshop.drafting.symbols import datum_letter, datum_reach, face_datum, frame_width, interrupted
+from markergen.workshop.drafting.title_block import block_height, first_angle
+
+LEAST_VIEW = 20.0
+"""Minimum size in mm on paper of the front view, below which no detail is visible."""
+
+NEAR = 0.05
+"""Maximum distance in mm from an arc, sufficient to find the face under a number."""
+
+LEAST_NUMBER = 1.2
+"""Minimum height in mm of a dot's number; smaller ones are omitted, and the table lists the dots instead."""
+
+USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
+"""Papers tried by default, in this order."""
+
+GOOD = 0.5
+"""Scale from which no larger paper is tried."""
+
+SHORT = 0.01
+"""Distance in mm of the origin from an edge below which it is not dimensioned."""
+
+MARK = 1.5
+"""Length in mm on A4 of the center lines of a hole outside of it."""
+
+
+@dataclass(frozen=True)
+class ViewPlacement:
+    """Positions of the two views on a page, and their scale."""
+
+    scale: float
+    front: DrawingView
+    side: DrawingView
+    callouts: Box
+
+
+@dataclass(frozen=True)
+class FrontPage:
+    """First page: the marker seen from the front and from the side.
+
+    Attributes
+    ----------
+    scale : float
+        Lengths on paper over lengths of the marker.
+    origin : (x, y)
+        Position of the marker's origin in the front view, mm from the page's lower left corner.
+    shapes : tuple of Shape
+        Shapes, mm from the page's lower left corner; text is `Lettering`.
+    """
+
+    frame: Frame
+    scale: float
+    origin: Point
+    shapes: tuple[Shape, ...]
+
+
+def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
+    """Draw the front and side views, with dimensions, numbers and callouts, on paper that shows them large enough.
+
+    The default paper is A4, or A3 if A4 allows only a scale below 1 : 2 and A3 a larger one.
+
+    Raises
+    ------
+    InputError
+        If the paper is unknown, or too small for any scale.
+    """
+    frame, layout = _place(work, options)
+    return FrontPage(frame, layout.scale, (layout.front.x, layout.front.y), tuple(_draw_front(work, layout, frame)))
+
+
+def drawing_area(frame: Frame, first: bool = True) -> Box:
+    """Area inside the border and above the title block of the first or a further sheet, mm."""
+    air = 3 * frame.scale
+    low = frame.margin + block_height(frame, first) + air
+    return frame.margin + air, low, frame.right - air, frame.top - air
+
+
+def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
+    """Paper of the drawing, and its layout."""
+    best: tuple[Frame, ViewPlacement] | None = None
+    papers = papers_of(options)
+    for paper in papers:
+        frame = options.frame(paper)
+        roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
+        layout = _placement(work, frame, drawing_area(frame)) if roomy else None
+        if layout and (best is None or layout.scale > best[1].scale):
+            best = frame, layout
+        if best and best[1].scale >= GOOD:
+            break
+    if best is None:
+        raise InputError(
+            "paper that a fabrication sheet fits on", ", ".join(map(str, papers)), "use --paper A4 or larger"
+        )
+    return best
+
+
+def papers_of(options: SheetOptions) -> list[Paper]:
+    """Papers to try, in this order: those that are usual, or the one that is asked for."""
+    if options.paper is not None:
+        paper = find_paper(options.paper, options.orientation)
+        fixed = options.orientation or oriented(options.paper)
+        return [paper] if fixed else [paper.turned, paper]
+    papers = [PAPERS[name] for name in USUAL]
+    if options.orientation:
+        papers = [each for each in papers if (each.width > each.height) == (options.orientation == "landscape")]
+    return papers
+
+
+@dataclass(frozen=True)
+class _Around:
+    """Room in mm that annotations take around the views, and distances of the first dimension lines from them."""
+
+    left: float
+    below: float
+    above: float
+    first: float
+
+
+def _around(work: Workpiece, style: Style) -> _Around:
+    tier, height = CLOSE * style.scale, style.words
+    edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
+    # Datum letters are between an edge and its dimensions.
+    first = datum_reach(height) + 1.2 * tier if edges else 1.4 * tier
+    rows = [1, 0] if work.round else [2, 2]
+    rim = datum_reach(height) + tier if work.round else 0.0
+    face = frame_width(work.flatness, height) + 1.2 * tier
+    left = max(first + rows[1] * tier, face, rim) if rows[1] or rim else face
+    return _Around(left, first + rows[0] * tier, 9 * style.scale, first)
+
+
+def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
+    """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none."""
+    style = Style(frame.scale)
+    left, bottom, right, top = _reach(work)
+    start_, foot, end_, head = around(work.side)
+    # What is under a face may be wider than it.
+    left, right = (start_ if start_ < left - SHORT else left), (end_ if end_ > right + SHORT else right)
+    wide = max([callout_width(callout, style) for callout in work.callouts], default=0.0)
+    column = wide + 12 * frame.scale
+    tiers = CLOSE * frame.scale
+    air, below_first = _around(work, style), first_angle(frame.paper)
+    gap = 8 * frame.scale
+    for scale in SCALES:
+        width, height = scale * (right - left), scale * (top - bottom)
+        if max(width, height) < LEAST_VIEW:
+            return None
+        thick = scale * (head - foot)
+        heights = stacked_at(work.heights, scale, tiers, tiers, style)
+        beside = air.left + max(heights[-1][1], tiers) + tiers
+        # The tolerance of the face and its letter are above it.
+        letter = max(4.5 * style.words - scale * (head - work.face), 2.5 * style.words)
+        deep = height + thick + air.above + air.below + letter + gap
+        if width + beside + column > room[2] - room[0] or deep > room[3] - room[1]:
+            continue
+        # Spare room is distributed; the callouts stand beside the view, not at the far end of the page.
+        group = room[0] + (room[2] - room[0] - width - beside - column) / 2
+        down = room[3] - room[1] - deep
+        x = group + air.left - scale * left
+        if below_first:
+            z = room[3] - letter - down * 0.3 - scale * head
+            y = z + scale * foot - gap - air.above - down * 0.3 - scale * top
+        else:
+            y = room[3] - air.above - down * 0.3 - scale * top
+            z = y + scale * bottom - air.below - letter - gap - down * 0.3 - scale * head
+        start = group + width + beside + 10 * frame.scale
+        callouts = (start, room[1] + tiers / 2, start + wide, room[3] - 2 * frame.scale)
+        return ViewPlacement(scale, DrawingView(x, y, scale), DrawingView(x, z, scale), callouts)
+    return None
+
+
+def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Shape]:
+    """Draw both views with dimensions, numbers and callouts."""
+    style, view = Style(frame.scale), layout.front
+    shapes: list[Shape] = []
+    for face in work.front:
+        shapes += drawn(face, view)
+    axes, numbers = _axes(work, view, style), _inner_numbers(work, view, style)
+    lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(each) for each in numbers[1]], style.scale)
+    outside = _outer_numbers(work, view, lines, numbers[0], style)
+    sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
+    shapes += [*lines, *numbers[1], *outside, *sizes]
+    marks = [bounds(shape) for shape in shapes if shape.name]
+    avoided = [shape for shape in sizes if isinstance(shape, Line)]
+    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks, avoided)
+
+
+def _reach(work: Workpiece) -> Box:
+    """Box around the front view and the origin."""
+    left, bottom, right, top = around(work.front)
+    return min(left, 0.0), min(bottom, 0.0), max(right, 0.0), max(top, 0.0)
+
+
+def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
+    """Marker frame: chain lines through the origin, with arrows at their positive ends, and pitch circles."""
+    left, bottom, right, top = view.box(_reach(work))
+    x, y = view.at((0.0, 0.0))
+    over = 4.5 * style.scale
+    ends = left - over, bottom - over, right + over, top + over
+    shapes: list[Shape] = [
+        *center_line((left - over / 2, y), (right + over, y), style),
+        *center_line((x, bottom - over / 2), (x, top + over), style),
+        arrow((right + over, y), (1, 0), style),
+        arrow((x, top + over), (0, 1), style),
+        lettering("x", right + over + 0.8 * style.scale, y + 0.6 * style.scale, style.words, name="axis-x"),
+        lettering("y", x + 1.2 * style.scale, top + over - style.words * 0.6, style.words, name="axis-y"),
+    ]
+    for pitch in {callout.pitch: None for callout in work.callouts if callout.pitch}:
+        # The pitch circle of holes in the corners of a plate is larger than the plate.
+        dashes = center_circle(x, y, view.scale * pitch, style)
+        shapes += [dash for dash in dashes if union(bounds(dash), ends) == ends]
+    return shapes
+
+
+def _hole_marks(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
+    """Crosses through the centers of holes."""
+    shapes: list[Shape] = []
+    for hole in work.holes:
+        (x, y), reach = view.at((hole.x, hole.y)), view.scale * hole.radius + MARK * style.scale
+        shapes += [Line(((x - reach, y), (x + reach, y)), THIN), Line(((x, y - reach), (x, y + reach)), THIN)]
+    return shapes
+
+
+def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[set[str], list[Shape]]:
+    """Numbers that fit inside their dots, and their shapes."""
+    shapes: list[Shape] = []
+    found = set()
+    for label in work.labels:
+        x, y = view.at((label.x, label.y))
+        room = view.scale * (label.inner_radius or label.radius)
+        width = text_width(label.words, 1.0)
+        # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
+        height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
+        if height >= LEAST_NUMBER * style.scale:
+            found.add(label.words)
+            words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
+            shapes.append(words)
+    return found, shapes
+
+
+def _outer_numbers(
+    work: Workpiece, view: DrawingView, lines: Sequence[Shape], inner: set[str], style: Style
+) -> list[Shape]:
+    """Numbers beside the dots that are too small for them, and the labels of holes."""
+    # No quiet zone here: only the dot or the hole itself must stay clear.
+    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.words not in inner]
+    rest += [(hole, 0.55 * view.scale * hole.radius + 0.5 * MARK * style.scale) for hole in work.holes]
+    if not rest:
+        return []
+    names = [label.words for label, _ in rest]
+    dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
+    height = 1.5 * style.scale
+    outline = view.box(around(work.front))
+    ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
+    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.words in inner]
+    boxes = [bounds(disk) for disk in inside_]
+    places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
+    return [
+        lettering(name, place[0], place[1] - height / 2, height, "center", name=f"number-{name}")
+        for name, place in zip(names, places, strict=True)
+        if place
+    ]
+
+
+def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Points along all edges of the front view, at most half a millimeter apart."""
+    points: list[Point] = []
+    for face in work.front:
+        for ring in map(view.trace, (*face.contours, *face.edges)):
+            for a, b in pairwise((*ring, ring[0])):
+                count = max(int(hypot(b[0] - a[0], b[1] - a[1]) / 0.5), 1)
+                points += [(a[0] + (b[0] - a[0]) * k / count, a[1] + (b[1] - a[1]) * k / count) for k in range(count)]
+    return np.array(points).reshape(-1, 2)
+
+
+def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
+    """Side view with its heights, overall sizes of the front view, and the origin's distances from datum edges."""
+    front, side = layout.front, layout.side
+    shapes: list[Shape] = []
+    for face in work.side:
+        shapes += drawn(face, side)
+    left, bottom, right, top = front.box(around(work.front))
+    upper = side.at((0.0, around(work.side)[3]))[1]
+    (x, y), (width, height), tier = front.at((0.0, 0.0)), work.size, CLOSE * style.scale
+    first = _around(work, style).first
+    edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
+    below, aside = bottom - first, left - first
+
+    def said(size: float) -> str:
+        return f"({millimeters(size)})" if work.listed else millimeters(size)
+
+    if not work.round:
+        # The origin's distances from datum edges, exactly; or else from the lower and the left end.
+        low, foot = around(work.front)[:2]
+        for letter, axis, end in (("C", 0, low), ("B", 1, foot)):
+            at = edges[letter].at[axis] if letter in edges else end
+            size = f"[{millimeters(abs(at))}]" if letter in edges else said(abs(at))
+            if abs(at) < SHORT:
+                continue
+            if letter == "C":
+                shapes += across(*_ordered(front.at((at, 0.0))[0], x), below, bottom, size, style)
+                below -= 1.3 * tier
+            else:
+                shapes += upright(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
+                aside -= 1.3 * tier
+    sign = "\xd8" if work.round else ""
+    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + said(width), style)
+    if not work.round:
+        shapes += upright(bottom, top, aside, left, said(height), style)
+    end = side.box(around(work.side))[2]
+    end = end if end > right + SHORT else right
+    shapes += stacked(work.heights, side, end, end + tier, tier, style)
+    words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
+    return [*shapes, words]
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return min(a, b), max(a, b)
+
+
+def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
+    """Datum letters of the face, of edges and of a rim, and the face's flatness; those of holes are in callouts."""
+    front, side, height = layout.front, layout.side, style.words
+    left, bottom, _, _ = front.box(around(work.front))
+    first = _around(work, style).first
+    shapes: list[Shape] = []
+    for datum in work.datums:
+        if datum.kind == "face":
+            level = side.at((0.0, work.face))[1]
+            start = left - frame_width(work.flatness, height) - CLOSE * style.scale
+            # An extension line of the face, with the arrow of its tolerance on it.
+            shapes.append(Line(((start - style.scale, level), (left - 0.8 * style.scale, level)), THIN))
+            shapes += face_datum(datum.letter, work.flatness, (start, level), level + 2.4 * height, style)
+        elif datum.kind == "edge":
+            shapes += datum_letter(datum.letter, front.at(datum.at), datum.out, height)
+        elif datum.kind == "rim":
+            # On the line of the diameter: the datum is the axis.
+            shapes += datum_letter(datum.letter, (left, bottom - first), (-1.0, 0.0), height)
+    return shapes

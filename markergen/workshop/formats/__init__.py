@@ -1,0 +1,1 @@
+"""Writers of solids, meshes, simulator models, outlines to cut and the fabrication drawing."""

@@ -1,0 +1,405 @@
+"""Fabrication sheet: a dimensioned drawing of the solid, then tables, sections and notes in columns.
+
+The drawing is our own vector graphics; reportlab's flowables set tables and paragraphs, and `_packed` puts them into
+columns. Words are text in embedded fonts, so that they can be searched and copied.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from io import BytesIO
+from math import ceil
+from typing import Any
+
+from markergen.drawing.paper import Frame, SheetOptions
+from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
+from markergen.drawing.text import FACES, font_size, text_width, written
+from markergen.exporters import ExportOptions, Output, only
+from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.model.rig_json import rig_name
+from markergen.workshop.drafting.content import workpiece
+from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
+from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
+from markergen.workshop.drafting.pen import THIN, Lettering, Style, scale_words
+from markergen.workshop.drafting.rig_content import face_works, rig_work
+from markergen.workshop.drafting.rig_views import RigWork, rig_page
+from markergen.workshop.drafting.title_block import title_block
+from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
+from markergen.workshop.formats.solids import rig_notes, solid_notes
+from markergen.workshop.processes import parts_of
+from markergen.workshop.rig_solids import designed, parts_of_rig
+
+COLUMN = 105.0
+"""Minimum column width in mm on A4: that of a table with six columns of numbers."""
+
+GAP = 7.0
+"""Gap between columns, mm on A4."""
+
+SPACE = 5.0
+"""Space between blocks in a column, mm on A4."""
+
+DENSITIES = (1.0, 0.93, 0.86, 0.8)
+"""Sizes of text and sections to try, relative to the usual one, so that no page is nearly empty."""
+
+FULL = 0.4
+"""Minimum part of the last page that is used."""
+
+
+def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; needs no CAD kernel."""
+    marker = only(markers, ".fab.pdf").as_designed
+    made = parts_of(marker, options.fabrication)
+    data, notes = write_fabrication_sheet(workpiece(marker, options.fabrication, made), options.sheet)
+    return Output(data, (*notes, *solid_notes(marker, made, options)))
+
+
+def export_rig(rig: Rig, options: ExportOptions) -> Output:
+    """Drawing of a whole rig with the tolerances between its faces, then of each face; needs no CAD kernel."""
+    rig = designed(rig)
+    made = parts_of_rig(rig, options.fabrication)
+    parts = [sheets_of_rig(rig_work(rig, options.fabrication, made), options.sheet)]
+    parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]
+    name = rig_name(rig)
+    data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
+    pages = sum(each.count for each in parts)
+    first = parts[0].front
+    drawn = f"the first on {first.frame.paper}, drawn {scale_words(first.scale)}"
+    note = f"The fabrication sheets have {pages} pages, {drawn}."
+    return Output(data, (note, *rig_notes(rig, made, options)))
+
+
+def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[bytes, tuple[str, ...]]:
+    """Write the drawing on one page, and sections, tables and notes on as many as needed; also return a note on them.
+
+    Raises
+    ------
+    InputError
+        If the paper is unknown, or too small for any scale.
+    """
+    sheets = sheets_of(work, options)
+    scale, paper = scale_words(sheets.front.scale), sheets.front.frame.paper
+    about = f"Fabrication sheet: {work.block.title}, {scale} on {paper}."
+    return (
+        write_sheets([sheets], work.block.name, about),
+        (f"The fabrication sheet has {sheets.count} pages on {paper}, drawn {scale}.",),
+    )
+
+
+@dataclass(frozen=True)
+class Sheets:
+    """First page of a drawing, and the further ones with their blocks."""
+
+    block: TitleBlock
+    front: FrontPage
+    pages: "list[_Page]"
+
+    @property
+    def count(self) -> int:
+        """Number of pages."""
+        return 1 + len(self.pages)
+
+
+def sheets_of(work: Workpiece, options: SheetOptions) -> Sheets:
+    """Lay a drawing out on pages; raises as `write_fabrication_sheet` does."""
+    _embed_fonts()
+    front = front_page(work, options)
+    return Sheets(work.block, front, _best_pages(lambda *room: _blocks(work, *room), front.frame))
+
+
+def sheets_of_rig(work: RigWork, options: SheetOptions) -> Sheets:
+    """Lay the drawing of a whole rig out on pages; raises as `write_fabrication_sheet` does."""
+    _embed_fonts()
+    front = rig_page(work, options)
+
+    def blocks(width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
+        # The first table, of the faces, is as wide as the page.
+        rooms = [(columns, columns * width + (columns - 1) * gap), *[(1, width)] * (len(work.tables) - 1)]
+        tables = [
+            replace(_measured(_table(piece, room, style), room), span=span)
+            for table, (span, room) in zip(work.tables, rooms, strict=True)
+            for piece in _split(table, room, height, style)
+        ]
+        return [*tables, *_notes(work.notes, width, height, style)]
+
+    return Sheets(work.block, front, _best_pages(blocks, front.frame))
+
+
+def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
+    """Write drawings one after another into one PDF, with its title and subject."""
+    buffer = BytesIO()
+    canvas = bare_canvas(buffer, pagesize=page_size(parts[0].front.frame.paper), pageCompression=1, invariant=1)
+    for key, words in metadata(name, about).items():
+        getattr(canvas, f"set{key.capitalize()}")(words)
+    number, count = 0, sum(each.count for each in parts)
+    for each in parts:
+        frame = each.front.frame
+        size, scale = page_size(frame.paper), scale_words(each.front.scale)
+        for k, page in enumerate(((), *each.pages)):
+            number += 1
+            canvas.setPageSize(size)
+            canvas.setTrimBox([0.0, 0.0, *size])
+            _draw(canvas, each.front.shapes if k == 0 else ())
+            _draw(canvas, title_block(each.block, frame, scale, number, count, k == 0))
+            for block, left, top in page:
+                y = top
+                for part, height, space in block.parts:
+                    part.drawOn(canvas, *_points(left, y - height))
+                    y -= height + space
+            canvas.showPage()
+    canvas.save()
+    return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class _Item:
+    """Flowables that stay together, each with its height and the space after it, mm; and how many columns they take."""
+
+    parts: tuple[tuple[Any, float, float], ...]
+    span: int = 1
+
+    @property
+    def height(self) -> float:
+        """Height of all, without the space after the last."""
+        return sum(height + space for _, height, space in self.parts) - self.parts[-1][2]
+
+
+_Page = list[tuple[_Item, float, float]]
+"""Blocks of a page with the left and upper ends of each, mm."""
+
+Blocks = Callable[[float, float, Style, int, float], list[_Item]]
+"""Makes blocks for columns of a width and height, in a style, of their number, and with a gap between them, in mm."""
+
+
+def _best_pages(blocks: Blocks, frame: Frame) -> list[_Page]:
+    """Pages at the largest size of text and sections at which the last one is not nearly empty."""
+    best: tuple[float, list[_Page]] | None = None
+    for density in DENSITIES:
+        pages, used = _pages(blocks, frame, density)
+        if used >= FULL or len(pages) == 1:
+            return pages
+        # An emptier last page is worse than more pages; fewer pages are better than a fuller one.
+        cost = len(pages) - used
+        if best is None or cost < best[0]:
+            best = cost, pages
+    assert best is not None
+    return best[1]
+
+
+def _pages(blocks: Blocks, frame: Frame, density: float) -> tuple[list[_Page], float]:
+    """Pages with everything but the front page, and which part of the last one is used."""
+    left, bottom, right, top = drawing_area(frame, first=False)
+    style = Style(frame.scale * density)
+    count = max(int((right - left) / (COLUMN * style.scale)), 1)
+    gap, space = GAP * style.scale, SPACE * style.scale
+    width = (right - left - (count - 1) * gap) / count
+    full = top - bottom
+    pages: list[_Page] = []
+    free: list[float] = []
+    for block in blocks(width, full, style, count, gap):
+        need, wide = block.height, block.span
+        # The first column, or columns side by side, with room for it.
+        starts = (k for k in range(len(free)) if k % count + wide <= count)
+        place = next((k for k in starts if min(free[k : k + wide]) >= need), None)
+        if place is None:
+            place = len(free)
+            pages.append([])
+            free += [full] * count
+        least = min(free[place : place + wide])
+        pages[place // count].append((block, left + place % count * (width + gap), top - full + least))
+        free[place : place + wide] = [least - need - space] * wide
+    last = free[-count:]
+    return pages, 1 - sum(max(room, 0.0) for room in last) / (count * full)
+
+
+def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
+    """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
+    pieces = [_split(table, width, height, style) for table in work.tables]
+    dots, *tables = ([_measured(_table(piece, width, style), width) for piece in some] for some in pieces)
+    sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
+    back = []
+    if work.back:
+        span = 2 if columns > 1 and back_crowded(work, width, height, style) else 1
+        wide = span * width + (span - 1) * gap
+        back.append(replace(_detail(back_view(work, wide, height, style), wide, style), span=span))
+    key = _detail(key_view(work, width, style), width, style)
+    notes = _notes(work.notes, width, height, style)
+    return [*dots, *sections, *(table for some in tables for table in some), *notes, key, *back]
+
+
+def _measured(flowables: Sequence[Any], width: float) -> _Item:
+    """Flowables as a block for a column of a width in mm."""
+    return _Item(
+        tuple(
+            (each, each.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, each.getSpaceAfter() / POINTS_PER_MM)
+            for each in flowables
+        )
+    )
+
+
+def _split(table: DrawingTable, width: float, height: float, style: Style) -> list[DrawingTable]:
+    """The table, or even pieces of one that is too long for a column, each with a title of its own."""
+    whole = _measured(_table(table, width, style), width).height
+    if whole <= height:
+        return [table]
+    one = _measured(_table(replace(table, rows=table.rows[:1]), width, style), width).height
+    row = (whole - one) / (len(table.rows) - 1)
+    most = max(int((height - one) / row), 1)
+    count = ceil(len(table.rows) / most)
+    size = ceil(len(table.rows) / count)
+    return [
+        replace(
+            table,
+            title=f"{table.title} ({number} of {count})",
+            rows=table.rows[(number - 1) * size : number * size],
+        )
+        for number in range(1, count + 1)
+    ]
+
+
+def _table(table: DrawingTable, width: float, style: Style) -> list[Any]:
+    """Table with its title and headings."""
+    from reportlab.platypus import Paragraph, Table
+
+    size, pad = style.small, 1.6 * style.scale
+    columns = list(zip(table.headings, *table.rows, strict=True))
+    widths = [max(text_width(written(cell), size) for cell in column) + 2 * pad for column in columns]
+    rows: list[list[Any]] = [[written(cell) for cell in row] for row in table.rows]
+    if sum(widths) > width:
+        # The widest column shrinks, among those of words if there are any.
+        widest = max(table.left or range(len(widths)), key=lambda i: widths[i])
+        widths[widest] = max(width - sum(widths) + widths[widest], 20 * style.scale)
+        if widest in table.left:
+            for row in rows:
+                row[widest] = Paragraph(_escaped(row[widest]), _paragraph_style("cell", style))
+    title = _heading_size(style)
+    (indent,) = _points(pad)
+    flowing = Table(
+        [[written(table.title, "bold"), *[""] * (len(widths) - 1)], list(map(written, table.headings)), *rows],
+        colWidths=_points(*widths),
+        hAlign="LEFT",
+        style=[
+            ("SPAN", (0, 0), (-1, 0)),
+            ("FONT", (0, 0), (-1, 0), _font("bold"), *_points(font_size(title, "bold"), 1.2 * title)),
+            ("LEFTPADDING", (0, 0), (-1, 0), 0),
+            ("FONT", (0, 1), (-1, -1), _font("regular"), *_points(font_size(size), 1.6 * size)),
+            ("TEXTCOLOR", (0, 1), (-1, 1), pdf_color(GRAY)),
+            ("LEFTPADDING", (0, 1), (-1, -1), indent),
+            ("RIGHTPADDING", (0, 0), (-1, -1), indent),
+            ("TOPPADDING", (0, 0), (-1, -1), *_points(0.3 * size)),
+            ("BOTTOMPADDING", (0, 0), (-1, -1), *_points(0.4 * size)),
+            ("BOTTOMPADDING", (0, 0), (-1, 0), *_points(0.5 * title)),
+            ("ALIGN", (0, 1), (-1, -1), "RIGHT"),
+            *(("ALIGN", (column, 1), (column, -1), "LEFT") for column in table.left),
+            ("VALIGN", (0, 0), (-1, -1), "TOP"),
+            ("LINEBELOW", (0, 1), (-1, 1), *_points(1.4 * THIN), pdf_color(LIGHT)),
+            ("LINEBELOW", (0, 2), (-1, -1), *_points(0.6 * THIN), pdf_color(LIGHT)),
+        ],
+    )
+    return [flowing]
+
+
+def _detail(view: DetailView, width: float, style: Style) -> _Item:
+    """View with its title."""
+    from reportlab.platypus import Flowable, Paragraph
+
+    class Detail(Flowable):  # type: ignore[misc]  # reportlab has no types
+        def wrap(self, *_: float) -> tuple[float, ...]:
+            return _points(view.width, view.height)
+
+        def draw(self) -> None:
+            _draw(self.canv, view.shapes)
+
+    return _measured([Paragraph(_escaped(view.title), _paragraph_style("heading", style)), Detail()], width)
+
+
+def _notes(sentences: Sequence[str], width: float, height: float, style: Style) -> list[_Item]:
+    """Numbered notes under their title; in two blocks if they are too long for one column."""
+    from reportlab.platypus import Paragraph
+
+    if not sentences:
+        return []
+    kind, heading = (_paragraph_style(name, style) for name in ("note", "heading"))
+    notes = [Paragraph(_escaped(words), kind, bulletText=f"{number}.") for number, words in enumerate(sentences, 1)]
+    whole = _measured([Paragraph("Notes", heading), *notes], width)
+    if whole.height <= height:
+        return [whole]
+    half = len(notes) // 2
+    return [
+        _measured([Paragraph("Notes", heading), *notes[:half]], width),
+        _measured([Paragraph("Notes, continued", heading), *notes[half:]], width),
+    ]
+
+
+def _draw(canvas: Any, shapes: Sequence[Shape]) -> None:
+    """Paint shapes, and write words as text."""
+    for shape in shapes:
+        if not isinstance(shape, Lettering):
+            draw_shape(canvas, shape)
+            continue
+        words = canvas.beginText()
+        words.setFont(_font(shape.face), *_points(font_size(shape.height, shape.face)))
+        words.setFillColor(pdf_color(shape.color))
+        words.setTextTransform(*((0, 1, -1, 0) if shape.upright else (1, 0, 0, 1)), *_points(*shape.start))
+        words.textOut(written(shape.words, shape.face))
+        canvas.drawText(words)
+
+
+def _paragraph_style(kind: str, style: Style) -> Any:
+    """Style of a ``heading``, of a numbered ``note``, or of a table's ``cell`` whose words wrap."""
+    from reportlab.lib.styles import ParagraphStyle
+
+    if kind == "heading":
+        size = _heading_size(style)
+        type_size, leading, space = _points(font_size(size, "bold"), 1.5 * size, 0.9 * size)
+        return ParagraphStyle(
+            kind,
+            fontName=_font("bold"),
+            fontSize=type_size,
+            leading=leading,
+            spaceAfter=space,
+        )
+    size = style.small
+    type_size, leading, indent, after = _points(font_size(size), 1.85 * size, 5 * style.scale, 0.5 * size)
+    return ParagraphStyle(
+        kind,
+        fontName=_font("regular"),
+        fontSize=type_size,
+        leading=leading,
+        textColor=pdf_color(BLACK),
+        leftIndent=indent if kind == "note" else 0,
+        spaceAfter=after,
+        allowWidows=0,
+        allowOrphans=0,
+        bulletFontName=_font("regular"),
+        bulletFontSize=type_size,
+    )
+
+
+def _heading_size(style: Style) -> float:
+    return 2.3 * style.scale
+
+
+def _font(face: str) -> str:
+    return FACES[face].removesuffix(".ttf")
+
+
+def _embed_fonts() -> None:
+    """Register the faces of sheet lettering with reportlab, which embeds the used glyphs."""
+    from reportlab.pdfbase import pdfmetrics
+    from reportlab.pdfbase.ttfonts import TTFont
+
+    for face, file in FACES.items():
+        if _font(face) not in pdfmetrics.getRegisteredFontNames():
+            pdfmetrics.registerFont(TTFont(_font(face), file))
+
+
+def _escaped(words: str) -> str:
+    from xml.sax.saxutils import escape
+
+    return escape(written(words))
+
+
+def _points(*lengths: float) -> tuple[float, ...]:
+    """Convert lengths in mm to points."""
+    return tuple(POINTS_PER_MM * length for length in lengths)

@@ -1,0 +1,478 @@
+"""Simulator models: the marker or the rig as one rigid body, as URDF, SDF and MJCF.
+
+All have one link (in MJCF: body) whose frame is the marker or rig frame, with mass and inertia, simple collision
+shapes, and one mesh for each color. The meshes are STL in m: of the formats that simulators load it is the only one
+without axes or units of its own, which some programs apply and others do not. glTF has y up: Drake, Blender and newer
+versions of RViz rotate it to z up, yourdfpy, Gazebo and older versions of RViz do not, and MuJoCo does not load it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Self
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+import markergen
+from markergen.exporters import ExportOptions, Output
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.solid.bodies import COLORS
+from markergen.workshop.formats.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
+from markergen.workshop.mesh import Mesh
+from markergen.workshop.processes import Made
+from markergen.workshop.rig_solids import volume_of
+
+Array = NDArray[np.float64]
+
+DENSITY = 1240.0
+"""Density of polylactide, the usual filament, in kg/m^3."""
+
+MOST_TRIANGLES = 200_000
+"""Maximum number of triangles in an STL that MuJoCo loads; balls have more and are put in several."""
+
+FOR_MUJOCO = '  <mujoco><compiler discardvisual="false" strippath="false"/></mujoco>\n'
+"""Element by which MuJoCo shows the meshes of a URDF, and finds them in their folder."""
+
+FRAMES = {
+    "marker": "Fiducial marker; its link's frame is the marker frame: x right, y up, z out of the face.",
+    "rig": "Fiducial markers with a known relation; their link's frame is the rig frame.",
+}
+"""What a model is, by the name of its link."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is seen of one material.
+
+    Attributes
+    ----------
+    name : str
+        The material, and a number from the second file on.
+    path : str
+        Path of its STL, relative to the file that refers to it.
+    """
+
+    name: str
+    material: str
+    path: str
+    stl: bytes
+
+    @property
+    def color(self) -> str:
+        """Red, green, blue and opacity, 0 to 1."""
+        return " ".join(f"{channel:g}" for channel in (*COLORS[self.material], 1.0))
+
+    @property
+    def digest(self) -> str:
+        """Digest of the STL, to check that it is the intended one."""
+        return f"sha256 {sha256(self.stl).hexdigest()}"
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A collision shape at its place in the frame of the link.
+
+    Attributes
+    ----------
+    shape : {"box", "cylinder", "mesh"}
+    size : tuple of float
+        Width, depth and height of a box, or radius and length of a cylinder; m.
+    center : array (3,)
+        m.
+    turn : array (3, 3)
+    mesh : Shown or None
+        What is seen, for the shape of its convex hull.
+    """
+
+    name: str
+    shape: str
+    size: tuple[float, ...]
+    center: Array
+    turn: Array
+    mesh: Shown | None = None
+
+    @property
+    def measures(self) -> dict[str, str]:
+        """Dimensions by their names in URDF and SDF."""
+        if self.shape == "cylinder":
+            return {"radius": number(self.size[0]), "length": number(self.size[1])}
+        return {"size": numbers(np.array(self.size))}
+
+    @property
+    def angles(self) -> str:
+        """Roll, pitch and yaw."""
+        return numbers(roll_pitch_yaw(self.turn))
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place in the frame of the link: a marker's frame or a dot, by name; m."""
+
+    name: str
+    place: Array
+    turn: Array
+    diameter: float = 0.0
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Marker or rig as a rigid body; m, kg, in its frame.
+
+    Attributes
+    ----------
+    link : {"marker", "rig"}
+        Name of the link, and of its frame.
+    sites : tuple of Site
+        Frames of a rig's markers, and dots as designed.
+    center : array (3,)
+        Center of mass.
+    inertia : array (3, 3)
+        Inertia about the center of mass.
+    engraved : bool
+        True if a material is only seen on flat marks, a mesh without volume.
+    """
+
+    name: str
+    link: str
+    shown: tuple[Shown, ...]
+    sites: tuple[Site, ...]
+    mass: float
+    center: Array
+    inertia: Array
+    collisions: tuple[Collision, ...]
+    engraved: bool
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Self:
+        """Make the body of a marker or a rig; raises as `meshed` does."""
+        made = meshed(subject, options, suffix)
+        shown = _shown(made.parts, made.name, options.stem)
+        mass, center, inertia = mass_of(made.parts)
+        is_rig = isinstance(made.subject, Rig)
+        return cls(
+            made.name,
+            "rig" if is_rig else "marker",
+            shown,
+            tuple(_sites_of_rig(made.subject) if isinstance(made.subject, Rig) else _sites(made.subject)),
+            mass,
+            center,
+            inertia,
+            tuple(_collisions(made, shown)),
+            any(part.mesh.marked.any() for part in made.parts),
+            (
+                f"It shows {' and '.join(each.path for each in shown)} beside it, and weighs {mass * 1e3:.3g} g "
+                f"({DENSITY:g} kg/m^3).",
+                *made.notes,
+            ),
+        )
+
+    @property
+    def meshes(self) -> dict[str, bytes]:
+        """Files of the meshes by path."""
+        return {each.path: each.stl for each in self.shown}
+
+    def moments(self) -> dict[str, str]:
+        """Entries of the inertia on and above its diagonal, by name: ``ixx`` and so on."""
+        return {
+            f"i{a}{b}": number(self.inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
+        }
+
+
+def _sites(marker: Marker) -> Iterator[Site]:
+    for point in marker.control_points:
+        yield Site(f"dot-{point.id}", np.array([point.x, point.y, point.z]), np.eye(3), point.feature.diameter)
+
+
+def _sites_of_rig(rig: Rig) -> Iterator[Site]:
+    yield from (Site(f"{each.name}/marker", each.shift, each.turn) for each in rig.markers)
+    for each in rig.markers:
+        for site in _sites(each.marker):
+            yield Site(f"{each.name}/{site.name}", each.to_rig(site.place), each.turn, site.diameter)
+
+
+def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
+    """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
+    if isinstance(made.made, Made):
+        low, high = _box([part.mesh for part in made.parts])
+        size, middle = high - low, (low + high) / 2
+        if [part.is_disk for part in made.made.parts if part.is_plate] == [True]:
+            yield Collision("collision", "cylinder", (size[0] / 2, size[2]), middle, np.eye(3))
+        else:
+            yield Collision("collision", "box", tuple(size), middle, np.eye(3))
+        return
+    if made.made.block:
+        low, high = _box([made.parts[0].mesh])
+        if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.made.block), rtol=1e-6):
+            yield Collision("collision", "box", tuple(high - low), (low + high) / 2, np.eye(3))
+            return
+        for each in shown:
+            if each.material == "light":
+                yield Collision(f"collision-{each.name}", "mesh", (), np.zeros(3), np.eye(3), each)
+        return
+    for part in made.made.parts:
+        piece = part.pieces[0]
+        if piece.part.is_plate:
+            (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
+            middle = piece.to_rig(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
+            width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
+            whole = piece.part.is_disk
+            yield Collision(
+                f"{part.name}/collision", "cylinder" if whole else "box",
+                (width / 2, height) if whole else (width, depth, height), middle, np.array(piece.rotation),
+            )  # fmt: skip
+
+
+def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
+    """Corners of the bounding box of meshes, m."""
+    points = np.concatenate([mesh.points for mesh in meshes]) / 1e3
+    return points.min(axis=0), points.max(axis=0)
+
+
+def roll_pitch_yaw(turn: Array) -> Array:
+    """Angles (3,) in rad about the fixed axes x, y, z in this order of a rotation (3, 3); yaw 0 where it is free."""
+    flat = float(np.hypot(turn[0, 0], turn[1, 0]))
+    pitch = np.arctan2(-turn[2, 0], flat)
+    if flat < 1e-9:
+        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
+
+
+def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ...]:
+    """Meshes of all that is seen in one color, in m: what is engraved shows the other material."""
+    shown = []
+    for material in MATERIALS:
+        files: list[list[Array]] = []
+        for part in parts:
+            mine = part.mesh.triangles[part.mesh.marked == (part.material != material)]
+            for start in range(0, len(mine), MOST_TRIANGLES):
+                corners = part.mesh.points[mine[start : start + MOST_TRIANGLES]] / 1e3
+                if not files or sum(map(len, files[-1])) + len(corners) > MOST_TRIANGLES:
+                    files.append([])
+                files[-1].append(corners)
+        for number, pieces in enumerate(files, start=1):
+            called = material if number == 1 else f"{material}-{number}"
+            stl = stl_of(np.concatenate(pieces), name, "m")
+            shown.append(Shown(called, material, f"meshes/{stem}-{called}.stl", stl))
+    return tuple(shown)
+
+
+def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:
+    """Mass in kg, center of mass in m, and inertia about it in kg m^2, of parts of `DENSITY`.
+
+    A closed surface is a signed sum of tetrahedra from the origin. The tetrahedron with the corners 0, a, b, c has
+    volume det(a, b, c)/6 and second moment det(a, b, c)/120 (aa' + bb' + cc' + ss') with s = a + b + c.
+    """
+    corners = np.concatenate([part.mesh.points[part.mesh.triangles] for part in parts]) / 1e3
+    weight = DENSITY * np.linalg.det(corners)
+    sums = corners.sum(axis=1)
+    mass = float(weight.sum() / 6)
+    center = weight @ sums / 24 / mass
+    second = np.einsum("t,tci,tcj->ij", weight, corners, corners) + np.einsum("t,ti,tj->ij", weight, sums, sums)
+    spread = second / 120 - mass * np.outer(center, center)
+    return mass, center, np.trace(spread) * np.eye(3) - spread
+
+
+def number(value: float) -> str:
+    """Format a number with nine digits, without -0."""
+    return f"{round(float(value), 15) + 0.0:.9g}"
+
+
+def numbers(values: Array) -> str:
+    """Format several numbers, separated by spaces."""
+    return " ".join(number(value) for value in values)
+
+
+def export_urdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+    """Write a robot of one link, accompanied by ``meshes/<stem>-light.stl`` and ``-dark.stl``."""
+    body = Simulated.of(subject, options, ".urdf")
+    path = body.shown[0].path
+    notes = (
+        f"RViz finds the meshes once they are in a package, as package://<package>/{path}; for Gazebo write .sdf.",
+        *body.notes,
+    )
+    return Output(_robot(body).encode(), notes, body.meshes)
+
+
+def _robot(body: Simulated) -> str:
+    moments = " ".join(f'{name}="{value}"' for name, value in body.moments().items())
+    visuals = "".join(
+        f"""    <visual name="{each.name}">
+      <origin xyz="0 0 0" rpy="0 0 0"/>
+      <!-- {each.digest} -->
+      <geometry><mesh filename={quoteattr(each.path)}/></geometry>
+      <material name="{each.material}"><color rgba="{each.color}"/></material>
+    </visual>
+"""
+        for each in body.shown
+    )
+    collisions = "".join(
+        f"""    <collision>
+      <origin xyz="{numbers(each.center)}" rpy="{each.angles}"/>
+      <geometry><{_urdf_shape(each)}/></geometry>
+    </collision>
+"""
+        for each in body.collisions
+    )
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<robot name="{body.name}">
+{"" if body.engraved else FOR_MUJOCO}  <link name="{body.link}">
+    <inertial>
+      <origin xyz="{numbers(body.center)}" rpy="0 0 0"/>
+      <mass value="{number(body.mass)}"/>
+      <inertia {moments}/>
+    </inertial>
+{visuals}{collisions}  </link>
+</robot>
+"""
+
+
+def _urdf_shape(each: Collision) -> str:
+    if each.mesh is not None:
+        return f"mesh filename={quoteattr(each.mesh.path)}"
+    return " ".join([each.shape, *(f'{name}="{value}"' for name, value in each.measures.items())])
+
+
+def export_sdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+    """Write a model of one link, accompanied by ``model.config`` and the meshes of `export_urdf`."""
+    body = Simulated.of(subject, options, ".sdf")
+    beside = {"model.config": _config(body, options.stem).encode(), **body.meshes}
+    return Output(_model(body).encode(), body.notes, beside)
+
+
+def _model(body: Simulated) -> str:
+    moments = "".join(f"<{name}>{value}</{name}>" for name, value in body.moments().items())
+    visuals = "".join(
+        f"""      <visual name="{each.name}">
+        <pose>0 0 0 0 0 0</pose>
+        <!-- {each.digest} -->
+        <geometry><mesh><uri>{escape(each.path)}</uri></mesh></geometry>
+        <material><ambient>{each.color}</ambient><diffuse>{each.color}</diffuse></material>
+      </visual>
+"""
+        for each in body.shown
+    )
+    collisions = "".join(
+        f"""      <collision name={quoteattr(each.name)}>
+        <pose>{numbers(each.center)} {each.angles}</pose>
+        <geometry>{_sdf_shape(each)}</geometry>
+      </collision>
+"""
+        for each in body.collisions
+    )
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<sdf version="1.7">
+  <model name="{body.name}">
+    <static>true</static>
+    <link name="{body.link}">
+      <inertial>
+        <pose>{numbers(body.center)} 0 0 0</pose>
+        <mass>{number(body.mass)}</mass>
+        <inertia>{moments}</inertia>
+      </inertial>
+{visuals}{collisions}    </link>
+  </model>
+</sdf>
+"""
+
+
+def _sdf_shape(each: Collision) -> str:
+    if each.mesh is not None:
+        return f"<mesh><uri>{escape(each.mesh.path)}</uri></mesh>"
+    inside = "".join(f"<{name}>{value}</{name}>" for name, value in each.measures.items())
+    return f"<{each.shape}>{inside}</{each.shape}>"
+
+
+def _config(body: Simulated, stem: str) -> str:
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<model>
+  <name>{body.name}</name>
+  <version>1.0</version>
+  <sdf version="1.7">{escape(stem)}.sdf</sdf>
+  <author><name>markergen {markergen.__version__}</name></author>
+  <description>{FRAMES[body.link]}</description>
+</model>
+"""
+
+
+def export_mjcf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+    """Write a MuJoCo model of one body, accompanied by the meshes of `export_urdf`.
+
+    It has a site in the marker frame, ``marker``, and one on each dot, ``dot-0`` and so on, in group 4, which viewers
+    and cameras hide by default, as they do the collision shape in group 3. A rig has sites ``rig``, ``+x/marker``, in
+    the frame of that marker, and ``+x/dot-0``.
+    """
+    body = Simulated.of(subject, options, ".mjcf.xml")
+    notes = ("The body is fixed; <attach> it, or give it a <freejoint/>, to move it.", *body.notes)
+    return Output(_body(body).encode(), notes, body.meshes)
+
+
+def _body(body: Simulated) -> str:
+    moments = body.moments()
+    inertia = " ".join(moments[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    # Some meshes are open, where the other material is engraved; no volume is taken from any.
+    colors = {each.material: each.color for each in body.shown}
+    materials = "".join(
+        f"""    <material name="{name}" rgba="{color}" specular="0"/>
+"""
+        for name, color in colors.items()
+    )
+    assets = "".join(
+        f"""    <!-- {each.digest} -->
+    <mesh name="{each.name}" file={quoteattr(each.path)} inertia="shell"/>
+"""
+        for each in body.shown
+    )
+    visuals = "".join(
+        f"""      <geom name="{each.name}" class="seen" mesh="{each.name}" material="{each.material}"/>
+"""
+        for each in body.shown
+    )
+    collisions = "".join(
+        f"""      <geom name={quoteattr(each.name)} {_mjcf_shape(each)} group="3"/>
+"""
+        for each in body.collisions
+    )
+    sites = "".join(
+        f"""      <site name={quoteattr(each.name)} class="place" pos="{numbers(each.place)}"{_mjcf_turn(each.turn)}\
+{f' size="{number(each.diameter / 4)}"' if each.diameter else ""}/>
+"""
+        for each in body.sites
+    )
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<mujoco model="{body.name}">
+  <default>
+    <default class="seen"><geom type="mesh" group="2" contype="0" conaffinity="0"/></default>
+    <default class="place"><site group="4"/></default>
+  </default>
+  <asset>
+{materials}{assets}  </asset>
+  <worldbody>
+    <body name="{body.link}">
+      <inertial pos="{numbers(body.center)}" mass="{number(body.mass)}" fullinertia="{inertia}"/>
+{visuals}{collisions}      <site name="{body.link}" class="place"/>
+{sites}    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def _mjcf_shape(each: Collision) -> str:
+    """Type, half of the size, and place; a mesh stands for its convex hull."""
+    if each.mesh is not None:
+        return f'type="mesh" mesh="{each.mesh.name}"'
+    halves = (each.size[0], each.size[1] / 2) if each.shape == "cylinder" else np.array(each.size) / 2
+    return f'type="{each.shape}" size="{numbers(np.array(halves))}" pos="{numbers(each.center)}"{_mjcf_turn(each.turn)}'
+
+
+def _mjcf_turn(turn: Array) -> str:
+    """Rotation as a quaternion w, x, y, z; nothing for none."""
+    from scipy.spatial.transform import Rotation
+
+    if np.array_equal(turn, np.eye(3)):
+        return ""
+    x, y, z, w = Rotation.from_matrix(turn).as_quat(canonical=True)
+    return f' quat="{numbers(np.array([w, x, y, z]))}"'

@@ -1,0 +1,321 @@
+"""Closed meshes of parts within a tolerance of their surface, made from their bodies without a CAD kernel.
+
+Walls of prisms and bodies of revolution get the fewest chords that keep to the tolerance, and level faces between them
+are triangulated as polygons. The points of all parts lie on a common grid.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import pairwise
+from math import acos, atan, atan2, ceil, cos, hypot, log2, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import OutputError
+from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
+from markergen.geometry.region import Region
+from markergen.solid.bodies import SAME, Part, Prism, Revolved
+from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LEAST = 144
+"""Minimum number of chords of a whole circle: cylinders lose at most 0.03 % of their volume and balls 0.1 %."""
+
+LARGEST = 2 * pi / 64
+"""Maximum angle in rad of a chord of other arcs, such as rounded corners of a tag, which lose less than 0.1 % by them.
+
+The hundreds of letters on a back would make up most of a mesh with as many chords as whole circles.
+"""
+
+FINEST = -14
+"""Exponent of 2, in mm, of the finest grid for points, 0.06 um; all markers of up to half a meter share it.
+
+On this grid parts that touch have their points in common.
+"""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A closed surface of triangles.
+
+    Attributes
+    ----------
+    points : array (n, 3)
+        In mm, marker frame, without duplicates, exactly representable as 32-bit floats.
+    triangles : array (m, 3)
+        Indices of points, counterclockwise as seen from outside.
+    marked : array (m,) of bool
+        True for triangles of a face with the other material's color.
+    up : array (3,)
+        Direction of the plate's normal.
+    """
+
+    points: Array
+    triangles: Indices
+    marked: NDArray[np.bool_]
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume in mm^3."""
+        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def mesh_of(part: Part, tolerance: float) -> Mesh:
+    """Mesh a part; no point of its surface is farther than `tolerance` mm from the mesh, whose points are on it.
+
+    Raises
+    ------
+    OutputError
+        If the bodies of the part overlap, or the tolerance is too coarse for gaps between them.
+    """
+    try:
+        corners, marked = shell_of(part, tolerance)
+    except ValueError as error:
+        raise failed(part.name, str(error)) from None
+    return welded(corners, marked, part.name)
+
+
+def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Array, NDArray[np.bool_]]:
+    """Triangles (m, 3, 3) of the surface of a part, and whether each is on a marked face.
+
+    With `face_only` the walls and the bottom of the part's first body are left out: one face of a block.
+
+    Raises
+    ------
+    ValueError
+        If the bodies of the part overlap.
+    """
+    pieces = [(wall, False) for wall in _walls_of(part, tolerance, face_only)]
+    pieces += [(_filled(face, tolerance), face.marked) for face in level_faces(part, face_only)]
+    marked = np.repeat([each for _, each in pieces], [len(piece) for piece, _ in pieces])
+    return np.concatenate([piece for piece, _ in pieces]), marked
+
+
+def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float | None = None) -> Mesh:
+    """Closed mesh of triangles (m, 3, 3) on a grid of that spacing, by default the one for their size.
+
+    Raises
+    ------
+    OutputError
+        If they leave gaps.
+    """
+    grid = grid or grid_of(corners)
+    ticks, index = _distinct(np.round(corners.reshape(-1, 3) / grid).astype(np.int64))
+    triangles = index.reshape(-1, 3)
+    # The lowest index first, then sorted.
+    first = np.argmin(triangles, axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(triangles.T[::-1])
+    # On the grid a very short edge may have collapsed to a point.
+    order = order[_proper(triangles[order])]
+    mesh = Mesh(np.asarray(ticks * grid, float), triangles[order], marked[order])
+    if not is_closed(mesh.triangles):
+        raise failed(name, "gaps")
+    return mesh
+
+
+def is_closed(triangles: Indices) -> bool:
+    """Tell whether every edge is shared by two triangles of the same orientation."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    count = int(triangles.max(initial=0)) + 1
+    forward = np.sort(edges[:, 0] * count + edges[:, 1])
+    backward = np.sort(edges[:, 1] * count + edges[:, 0])
+    return bool(np.all(forward[1:] > forward[:-1])) and np.array_equal(forward, backward)
+
+
+def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Separate meshes with common points: such points of a later mesh move 0.1 um into their own part.
+
+    An inlay fills its pocket without a gap. Programs that merge equal points would find edges with four triangles
+    there and report a leak.
+    """
+    seen = np.zeros(0, "V24")
+    apart = []
+    for mesh in meshes:
+        shared = np.isin(_keys(mesh.points), seen)
+        points = mesh.points
+        if shared.any():
+            points = np.where(shared[:, None], points - _inward_step(mesh), points)
+        seen = np.concatenate([seen, _keys(points)])
+        apart.append(replace(mesh, points=points))
+    return apart
+
+
+def failed(name: str, found: str) -> OutputError:
+    """Return the error with what was found instead of bodies that make a closed mesh."""
+    return OutputError(
+        f"expected bodies that make a closed mesh of the part {name!r}, found {found}; "
+        "choose a finer or a coarser --tolerance"
+    )
+
+
+def _keys(points: Array) -> NDArray[np.void]:
+    """Points (n, 3) as single values that can be compared."""
+    return np.ascontiguousarray(points).view("V24").ravel()
+
+
+def _distinct(rows: Indices) -> tuple[Indices, Indices]:
+    """Distinct rows of an array (n, 3) in their order, and for each row its index among them."""
+    order = np.lexsort(rows.T[::-1])
+    rows = rows[order]
+    new = np.concatenate([[True], np.any(rows[1:] != rows[:-1], axis=1)])
+    index = np.empty(len(rows), dtype=np.int64)
+    index[order] = np.cumsum(new) - 1
+    return rows[new], index
+
+
+def _inward_step(mesh: Mesh) -> Array:
+    """Step of two grid units against each point's outward normal: level if possible, since heights are measured."""
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+    faces, normals = np.cross(b - a, c - a), np.zeros_like(mesh.points)
+    for axis in range(3):
+        for corner in mesh.triangles.T:
+            normals[:, axis] += np.bincount(corner, faces[:, axis], len(normals))
+    level = normals - np.outer(normals @ mesh.up, mesh.up)
+    upright = np.linalg.norm(level, axis=1) < 1e-6 * np.linalg.norm(normals, axis=1)
+    ways = np.where(upright[:, None], normals, level)
+    length = np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.round(2 * np.divide(ways, length, out=np.zeros_like(ways), where=length > 0)) * grid_of(mesh.points)
+
+
+def grid_of(points: Array) -> float:
+    """Grid spacing: twice that of 32-bit floats at the largest coordinate, so that points stay distinct in mm or m."""
+    return 2.0 ** max(FINEST, ceil(log2(np.abs(points).max())) - 22)
+
+
+def _proper(triangles: Indices) -> NDArray[np.bool_]:
+    """Tell which triangles have three different corners."""
+    a, b, c = triangles.T
+    return (a != b) & (b != c) & (c != a)
+
+
+def _walls_of(part: Part, tolerance: float, face_only: bool) -> Iterator[Array]:
+    """Yield triangles (m, 3, 3) of all surfaces that are not level."""
+    for body, sign, _ in list(signed_bodies(part))[face_only:]:
+        for wall in _prism_walls(body, tolerance) if isinstance(body, Prism) else _revolved_walls(body, tolerance):
+            yield wall if sign > 0 else wall[:, ::-1]
+
+
+def _prism_walls(body: Prism, tolerance: float) -> Iterator[Array]:
+    rim = body.top - body.chamfer
+    for contour in (body.outer, *body.holes):
+        ring = _ring(contour, contour, tolerance)
+        slanted = bool(body.chamfer) and contour is body.outer
+        yield _strip(_at(ring, body.bottom), _at(ring, rim if slanted else body.top))
+        if slanted:
+            yield _strip(_at(ring, rim), _at(_ring(offset(contour, body.chamfer), contour, tolerance), body.top))
+
+
+def _revolved_walls(body: Revolved, tolerance: float) -> Iterator[Array]:
+    for side in body.profile.sides:
+        (r, z), (u, w), bulge = side
+        if not bulge and (max(r, u) < SAME or abs(z - w) < SAME):
+            continue  # on the axis, or level
+        rings = _meridian(side, tolerance) if bulge else [(r, z, _count(r, tolerance)), (u, w, _count(u, tolerance))]
+        points = [_at(_circle(body.x, body.y, radius, count), height) for radius, height, count in rings]
+        for low, high in pairwise(points):
+            yield _strip(low, high)
+
+
+def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
+    """Radius, height and number of chords of the circles on an arc of a profile.
+
+    Half the tolerance is for the chords along the arc, half for those across. On a ball the latter lie at an angle to
+    the surface, and fewer suffice toward its poles.
+    """
+    (r, z), (u, w), bulge = side
+    x, y = center_of(side)
+    radius, angle = hypot(r - x, z - y), 4 * atan(bulge)
+    is_ball = abs(x) < SAME
+    off = _off(radius, tolerance) if is_ball else tolerance / 2
+    steps = max(1, ceil(abs(angle) / (2 * acos(max(1 - off / radius, 0.5)))))
+    first = atan2(z - y, r - x)
+    found = [(r, z, _count(r, tolerance))]
+    for k in range(1, steps):
+        at = first + angle * k / steps
+        wide = x + radius * cos(at)
+        found.append(
+            (wide, y + radius * sin(at), _chords(wide**2 / radius, off) if is_ball else _count(wide, tolerance))
+        )
+    return [*found, (u, w, _count(u, tolerance))]
+
+
+def _off(radius: float, tolerance: float) -> float:
+    """Maximum distance of a chord of a whole circle from its arc: half the tolerance, or less if it is small."""
+    return min(tolerance / 2, radius * (1 - cos(pi / LEAST)))
+
+
+def _count(radius: float, tolerance: float) -> int:
+    """Number of chords of a circle, the same in all parts; 1 for a point on the axis."""
+    return _chords(radius, _off(radius, tolerance)) if radius >= SAME else 1
+
+
+def _chords(radius: float, off: float) -> int:
+    """Least multiple of four chords that are within a distance of their circle; four keep its width and height."""
+    return 4 * ceil(pi / acos(max(1 - off / radius, 0.0)) / 4 - 1e-9)
+
+
+def _circle(x: float, y: float, radius: float, count: int) -> Array:
+    """Corners (count, 2) of a regular polygon on a circle, counterclockwise."""
+    return np.array([x, y]) + (radius if count > 1 else 0.0) * _directions(count)
+
+
+@lru_cache(maxsize=256)
+def _directions(count: int) -> Array:
+    angles = 2 * pi * np.arange(count) / count
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def _ring(contour: Contour, like: Contour, tolerance: float) -> Array:
+    """Corners (m, 2) of a polygon on a contour, in its direction, with the number of chords for a contour like it."""
+    whole, model = contour.as_circle, like.as_circle
+    if whole is None or model is None:
+        return np.array(divided(contour, chord_counts(like, tolerance, LARGEST)))
+    x, y, radius = whole
+    ring = _circle(x, y, radius, _count(model[2], tolerance))
+    return ring if contour.bulges[0] > 0 else ring[::-1]
+
+
+def _at(ring: Array, height: float) -> Array:
+    return np.column_stack([ring, np.full(len(ring), height)])
+
+
+def _strip(low: Array, high: Array) -> Array:
+    """Triangles (m, 3, 3) between two rings with the same direction, their outside to the right of it."""
+    return np.concatenate([low, high])[_stitches(len(low), len(high))]
+
+
+@lru_cache(maxsize=1024)
+def _stitches(low: int, high: int) -> Indices:
+    """Triangles (m, 3) between rings of equally spaced points, as indices of the lower ones and then the upper ones.
+
+    Of the two triangles possible next, the one with the shorter new edge is taken. Thus no angle at a ring is obtuse.
+    """
+    found, i, j = [], 0, 0
+    # Around a point on the axis, only the other ring has chords.
+    while (i < low and low > 1) or (j < high and high > 1):
+        along_low, along_high = abs((i + 1) * high - j * low), abs((j + 1) * low - i * high)
+        if high == 1 or j == high or (low > 1 and i < low and along_low <= along_high):
+            found.append((i, (i + 1) % low, low + j % high))
+            i += 1
+        else:
+            found.append((i % low, low + (j + 1) % high, low + j % high))
+            j += 1
+    return np.array(found, dtype=np.int64)
+
+
+def _filled(face: PlanarFace, tolerance: float) -> Array:
+    """Triangles (m, 3, 3) of a level face."""
+    outer, *holes = (_ring(rim.contour, rim.like, tolerance) for rim in face.rims)
+    region = Region.polygon(outer, holes)
+    if region.crosses_itself:
+        raise ValueError(f"edges that cross at z = {face.z:.6g} mm")
+    corners, _ = region.triangles()
+    flat = np.concatenate([corners, np.full((*corners.shape[:2], 1), face.z)], axis=2)
+    return flat[:, ::-1] if face.up else flat

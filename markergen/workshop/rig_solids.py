@@ -1,0 +1,440 @@
+"""Parts of a rig in the rig frame, in mm: a plate for each marker, or one block with the dots on its faces.
+
+Markers whose boundaries are the whole faces of a polyhedron, and share its edges, make a block; faces without a marker
+close it if their edges lie in one plane, such as the two ends of a prism. All other rigs are assemblies of plates.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.geometry.contour import Contour, circle, flattened
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig, RigMarker
+from markergen.solid.bodies import OFF, Body, Part, Prism, mm
+from markergen.workshop.mesh import Mesh, failed, grid_of, shell_of, welded
+from markergen.workshop.processes import Made, parts_of
+from markergen.workshop.processes.fdm import FACE_DOWN
+
+Array = NDArray[np.float64]
+
+JOINED = 1e-3
+"""Maximum distance in mm between corners of adjacent faces that are one vertex of a block."""
+
+PARALLEL = 1e-6
+"""Sine of the angle below which two edges count as parallel."""
+
+COARSE = 0.05
+"""Maximum distance in mm of chords from arcs, where plates are compared."""
+
+MOST_CORNERS = 1000
+"""Maximum number of corners of a face of a block."""
+
+BODY = "body"
+"""Name of the block among the parts."""
+
+BARE = "face"
+"""Names of faces without a marker: ``face-1`` and so on."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part in the frame of its marker, mm, with the rotation and the translation that place it in the rig."""
+
+    part: Part
+    rotation: tuple[tuple[float, ...], ...]
+    translation: tuple[float, ...]
+
+    def to_rig(self, points: Array) -> Array:
+        """Transform points (..., 3) in mm to the rig frame."""
+        return points @ np.array(self.rotation).T + np.array(self.translation)
+
+
+@dataclass(frozen=True)
+class RigPart:
+    """One part of a rig.
+
+    Attributes
+    ----------
+    name : str
+        ``+x/dot-0``: the name of the marker and that of the part; or ``body``.
+    material : {"light", "dark"}
+    pieces : tuple of Piece
+        The part itself or, of a block, its faces: parts of which neither the walls nor the bottom of the first body
+        count.
+    volume : float
+        mm^3.
+    """
+
+    name: str
+    material: str
+    pieces: tuple[Piece, ...]
+    volume: float
+
+    @property
+    def is_block(self) -> bool:
+        """True for a block that its faces close."""
+        return len(self.pieces) > 1
+
+
+@dataclass(frozen=True)
+class Face:
+    """A face of a block, with the place of its marker's frame or, without a marker, one of its own, in the rig; mm.
+
+    Attributes
+    ----------
+    name : str
+        That of the marker, or ``face-1`` and so on.
+    corners : tuple of (x, y)
+        Counterclockwise as seen from outside.
+    rotation, translation
+        The pose of its frame.
+    height : float
+        z of the face in its frame: 0, or less for balls with their centers in the plane.
+    """
+
+    name: str
+    corners: tuple[tuple[float, float], ...]
+    rotation: tuple[tuple[float, ...], ...]
+    translation: tuple[float, ...]
+    height: float = 0.0
+
+    @property
+    def normal(self) -> Array:
+        """Normal (3,) in the rig frame."""
+        return np.array(self.rotation)[:, 2]
+
+    def ring(self) -> Array:
+        """Corners (m, 3) in the rig frame."""
+        flat = np.column_stack([self.corners, np.full(len(self.corners), self.height)])
+        return flat @ np.array(self.rotation).T + np.array(self.translation)
+
+
+@dataclass(frozen=True)
+class RigMade:
+    """A rig as solids.
+
+    Attributes
+    ----------
+    parts : tuple of RigPart
+        The block, or the plates, first for each marker.
+    made : tuple of Made
+        What the process made for each marker.
+    block : tuple of Face
+        Faces of the block, those of the markers first; empty for an assembly.
+    overlap : str
+        Which plates of an assembly overlap and by how much, in words; empty if none do.
+    """
+
+    parts: tuple[RigPart, ...]
+    made: tuple[Made, ...]
+    block: tuple[Face, ...] = ()
+    overlap: str = ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user."""
+        return tuple(dict.fromkeys(note for each in self.made for note in each.notes))
+
+
+# Cached, since each file of a rig needs its parts.
+@lru_cache(maxsize=2)
+def parts_of_rig(rig: Rig, fabrication: Fabrication) -> RigMade:
+    """All parts of a rig as designed, in the rig frame; needs no CAD kernel.
+
+    Raises
+    ------
+    InputError
+        If something is too small for the process or does not fit; one line.
+    """
+    rig = designed(rig)
+    if block := block_of(rig):
+        return _as_block(rig, block, fabrication)
+    made = tuple(_named(each, lambda marker: parts_of(marker, fabrication)) for each in rig.markers)
+    parts = [
+        RigPart(f"{each.name}/{part.name}", part.material, (_piece(each, part),), part.volume)
+        for each, one in zip(rig.markers, made, strict=True)
+        for part in one.parts
+    ]
+    return RigMade(tuple(parts), made, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
+
+
+def designed(rig: Rig) -> Rig:
+    """Return the rig with all its markers as designed."""
+    return replace(rig, markers=tuple(replace(each, marker=each.marker.as_designed) for each in rig.markers))
+
+
+def meshes_of_rig(parts: Sequence[RigPart], tolerance: float) -> tuple[Mesh, ...]:
+    """Mesh all parts on a common grid; no point of their surfaces is farther than `tolerance` mm from the mesh.
+
+    Raises
+    ------
+    OutputError
+        If a part does not make a closed mesh.
+    """
+    shells = []
+    for part in parts:
+        try:
+            found = [(each, *shell_of(each.part, tolerance, part.is_block)) for each in part.pieces]
+        except ValueError as error:
+            raise failed(part.name, str(error)) from None
+        corners = np.concatenate([piece.to_rig(corners) for piece, corners, _ in found])
+        shells.append((corners, np.concatenate([marked for _, _, marked in found])))
+    grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
+    return tuple(
+        replace(welded(corners, marked, part.name, grid), up=np.array(part.pieces[0].rotation)[:, 2])
+        for part, (corners, marked) in zip(parts, shells, strict=True)
+    )
+
+
+def block_of(rig: Rig) -> tuple[Face, ...]:
+    """Faces of the block that the markers of a rig, as designed, enclose; empty if they do not enclose one."""
+    rings = []
+    for each in rig.markers:
+        contours = each.marker.boundary.contours()
+        if len(contours) > 1 or contours[0].has_arcs or len(contours[0].points) > MOST_CORNERS:
+            return ()
+        flat = 1e3 * np.array(contours[0].points)
+        rings.append(np.column_stack([flat, np.zeros(len(flat))]) @ each.turn.T + 1e3 * each.shift)
+    vertices, index = _vertices(np.concatenate(rings))
+    loops = np.split(index, np.cumsum([len(ring) for ring in rings])[:-1])
+    bare = _bare(loops, vertices)
+    if bare is None:
+        return ()
+    faces = [_face(each.name, vertices[loop], each) for each, loop in zip(rig.markers, loops, strict=True)]
+    faces += [_face(f"{BARE}-{k}", vertices[loop]) for k, loop in enumerate(bare, start=1)]
+    return tuple(faces) if _is_convex(faces, vertices) else ()
+
+
+def volume_of(block: Sequence[Face]) -> float:
+    """Volume in mm^3 of a block without its pockets, by the divergence theorem."""
+    total = 0.0
+    for face in block:
+        (x, y), (u, v) = np.array(face.corners).T, np.roll(face.corners, -1, axis=0).T
+        total += float(face.ring()[0] @ face.normal) * float(np.sum(x * v - u * y)) / 6
+    return total
+
+
+def _piece(each: RigMarker, part: Part) -> Piece:
+    return Piece(part, each.rotation, tuple(mm(value) for value in each.translation))
+
+
+def _vertices(points: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Distinct points of (m, 3) mm, and the index of each point's; corners within `JOINED` are one."""
+    from scipy.spatial import cKDTree
+
+    first = np.array([min(near) for near in cKDTree(points).query_ball_point(points, JOINED)])
+    known, index = np.unique(first, return_inverse=True)
+    return points[known], index
+
+
+def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]] | None:
+    """Loops of vertices of the faces without a marker; None if faces do not share their edges, or one is not plane."""
+    edges = [(int(a), int(b)) for loop in loops for a, b in zip(loop, np.roll(loop, -1), strict=True)]
+    if len(set(edges)) < len(edges):
+        return None
+    following = {b: a for a, b in edges if (b, a) not in set(edges)}
+    if len(following) < sum((b, a) not in set(edges) for a, b in edges):
+        return None
+    found = []
+    while following:
+        first = next(iter(following))
+        loop, at = [first], following.pop(first)
+        while at != first:
+            if at not in following:
+                return None
+            loop.append(at)
+            at = following.pop(at)
+        points = vertices[loop] - vertices[loop].mean(axis=0)
+        if len(loop) < 3 or np.linalg.svd(points)[1][2] > JOINED:
+            return None
+        found.append(loop)
+    return found
+
+
+def _face(name: str, ring: Array, each: RigMarker | None = None) -> Face:
+    """Make a face of its corners (m, 3) in the rig frame, in the frame of a marker or in one at its middle."""
+    if each is not None:
+        rotation, shift = each.turn, 1e3 * each.shift
+    else:
+        shift = ring.mean(axis=0)
+        normal = np.sum(np.cross(ring - shift, np.roll(ring, -1, axis=0) - shift), axis=0)
+        along = ring[1] - ring[0]
+        z, x = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
+        rotation = np.column_stack([x, np.cross(z, x), z])
+    # Sizes on drawings are 60 mm and not 59.99999999999999.
+    flat = np.round(((ring - shift) @ rotation)[:, :2], 9) + 0.0
+    return Face(name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist()))
+
+
+def _is_convex(faces: Sequence[Face], vertices: Array) -> bool:
+    """Tell whether all vertices lie behind all faces, and not all in one plane."""
+    behind = np.array([_depths(face, vertices) for face in faces])
+    return bool(behind.min() > -JOINED and behind.max(axis=1).min() > 1.0)
+
+
+def _depths(face: Face, points: Array) -> Array:
+    """Distances (...,) of points (..., 3) of the rig frame behind the plane of a face, mm."""
+    return np.asarray((face.ring()[0] - points) @ face.normal)
+
+
+def _named(each: RigMarker, make: Callable[[Marker], Made]) -> Made:
+    """Make a marker; what is refused is told with the name of the marker."""
+    try:
+        return make(each.marker)
+    except InputError as error:
+        expected, found, remedy = error.args
+        raise InputError(f"for the marker {each.name} {expected}", found, remedy) from None
+
+
+def _as_block(rig: Rig, block: tuple[Face, ...], fabrication: Fabrication) -> RigMade:
+    """Inlay the dots of all markers into the faces of a block."""
+    made = tuple(_named(each, lambda marker: _on_a_face(marker, fabrication)) for each in rig.markers)
+    block = _lowered(block, [one.face for one in made])
+    _check_inlays(block, made)
+    pieces, inlays = [], []
+    for face, one in zip(block, (*made, *[Made()] * (len(block) - len(made))), strict=True):
+        # This prism stands for the block under its face, and ends below all that is cut.
+        prism = Prism(Contour(face.corners), (), face.height - 2 * one.depth - 1, face.height)
+        under = Part(BODY, "light", (prism, *one.add), one.cut, one.marked)
+        pieces.append(Piece(under, face.rotation, face.translation))
+        inlays += [
+            RigPart(f"{face.name}/{part.name}", part.material, (replace(pieces[-1], part=part),), part.volume)
+            for part in one.parts
+        ]
+    volume = volume_of(block) + sum(each.part.volume - each.part.add[0].volume for each in pieces)
+    return RigMade((RigPart(BODY, "light", tuple(pieces), volume), *inlays), made, block)
+
+
+def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
+    """What a process makes of a marker on a face of a block, which is its plate."""
+    plate = marker.substrate
+    if plate.holes or plate.outline is not None or plate.chamfer or plate.corner_radius:
+        found = "holes, an outline, a chamfer or rounded corners"
+        raise InputError("the plain face of a block", found, "leave them out: the rig is made as one block")
+    try:
+        on_face = replace(marker, substrate=replace(plate, outline=marker.boundary))
+        made: Made = PROCESSES[fabrication.process](on_face, replace(fabrication, engrave=False))
+    except InputError as error:
+        expected, found, remedy = error.args
+        if "--outline" in remedy:
+            raise InputError(expected, found, "design it with a larger --clearance, or use another --process") from None
+        raise
+    if fabrication.through or not (made.parts or made.marked):
+        raise InputError("dots inlaid, standing or engraved", "none", "use another --process: the rig is one block")
+    return replace(made, lines=tuple(line for line in made.lines if line != FACE_DOWN))
+
+
+def _lowered(block: Sequence[Face], heights: Sequence[float]) -> tuple[Face, ...]:
+    """Move the first faces to heights in their frames: each corner to where the planes that met there meet."""
+    if not any(heights):
+        return tuple(block)
+    moved = [replace(face, height=height) for face, height in zip(block, heights, strict=False)]
+    moved += block[len(moved) :]
+    normals, levels = np.array([face.normal for face in moved]), [float(f.ring()[0] @ f.normal) for f in moved]
+    found = []
+    for face, old in zip(moved, block, strict=True):
+        corners = []
+        for corner in old.ring():
+            at = np.array([abs(float(_depths(each, corner))) < JOINED for each in block])
+            corner = np.linalg.lstsq(normals[at], np.array(levels)[at])[0]
+            corners.append(tuple(((corner - face.translation) @ np.array(face.rotation))[:2].tolist()))
+        found.append(replace(face, corners=tuple(corners)))
+    return tuple(found)
+
+
+def _check_inlays(block: Sequence[Face], made: Sequence[Made]) -> None:
+    """Refuse what stands over the edge of a face, and pockets of two faces that may meet inside the block."""
+    for face, one in zip(block, made, strict=False):
+        points = [_extent(body)[:, :2] for body in (*one.cut, *one.marked, *one.add)]
+        room = min((float(_inside(np.array(face.corners), each).min()) for each in points), default=np.inf)
+        if room <= 0:
+            raise InputError(
+                f"dots that stand on the face of {face.name}",
+                f"{-room:.3g} mm over its edge"
+                + (f", since balls lower it by {-face.height:.4g} mm" * (face.height < 0)),
+                "design it with smaller dots, or use another --process",
+            )
+    reach = [[_extent(body) for body in (*one.cut, *one.marked)] for one in made]
+    for a, b in combinations(range(len(made)), 2):
+        rooms = []
+        for own, other in ((a, b), (b, a)):
+            face = block[own]
+            points = [each @ np.array(face.rotation).T + np.array(face.translation) for each in reach[own]]
+            near = min((float(_depths(block[other], each).min()) for each in points), default=np.inf)
+            rooms.append(near - made[other].depth - made[other].face)
+        if max(rooms) < 0:
+            raise InputError(
+                f"inlays of {block[a].name} and {block[b].name} that do not meet",
+                f"{-max(rooms):.3g} mm in common at their edge",
+                "use a smaller --depth, or design them with a larger --clearance",
+            )
+
+
+def _inside(corners: Array, points: Array) -> Array:
+    """Distances (m,) of points (m, 2) from the nearest edge of a convex polygon (k, 2), negative outside of it."""
+    steps = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-steps[:, 1], steps[:, 0]]) / np.linalg.norm(steps, axis=1, keepdims=True)
+    return np.asarray(((points[:, None] - corners) * inward).sum(axis=-1).min(axis=1))
+
+
+def _extent(body: Body, off: float = OFF) -> Array:
+    """Points (m, 3) around a body, in mm, marker frame, with chords within a distance of its arcs."""
+    outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
+    flat = np.array(flattened(outer, off))
+    return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
+
+
+def check_apart(made: RigMade) -> None:
+    """Refuse plates that overlap, which cannot be made."""
+    if made.overlap:
+        raise InputError(
+            "plates apart from each other, or markers that are the whole faces of one body",
+            made.overlap,
+            "use a smaller --edge or --thickness, or move them apart; models to look at are written as they are",
+        )
+
+
+def _overlap(plates: Sequence[RigPart]) -> str:
+    """Say which two plates overlap; those with concave outlines are taken for their convex hulls.
+
+    By the separating axes: two convex bodies are apart along the normal of one of their faces, or along the cross
+    product of two of their edges.
+    """
+    hulls = [_hull(each.pieces[0]) for each in plates]
+    middles = np.array([points.mean(axis=0) for points, _, _ in hulls])
+    sizes = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points, _, _ in hulls])
+    for a, b in combinations(range(len(plates)), 2):
+        if np.linalg.norm(middles[a] - middles[b]) >= sizes[a] + sizes[b]:
+            continue
+        (one, normals, edges), (other, more, others) = hulls[a], hulls[b]
+        crossed = np.cross(edges[:, None], others[None]).reshape(-1, 3)
+        axes = np.concatenate([normals, more, crossed[np.linalg.norm(crossed, axis=1) > PARALLEL]])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        mine, theirs = one @ axes.T, other @ axes.T
+        common = np.minimum(mine.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - mine.min(axis=0)).min()
+        if common > JOINED:
+            first, second = (plates[k].name.rpartition("/")[0] for k in (a, b))
+            return f"the plates of {first} and {second} overlap by {common:.3g} mm"
+    return ""
+
+
+def _hull(piece: Piece) -> tuple[Array, Array, Array]:
+    """Corners (m, 3) of a plate's convex hull in the rig frame, normals of its faces, and directions of its edges."""
+    from scipy.spatial import ConvexHull
+
+    body = piece.part.add[0]
+    flat = _extent(body, COARSE)[:, :2]
+    ring = flat[ConvexHull(flat).vertices]
+    steps = np.roll(ring, -1, axis=0) - ring
+    along = np.column_stack([steps / np.linalg.norm(steps, axis=1, keepdims=True), np.zeros(len(ring))])
+    up = np.array([[0.0, 0.0, 1.0]])
+    corners = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in body.span])
+    turn = np.array(piece.rotation).T
+    return piece.to_rig(corners), np.concatenate([up, np.cross(along, up)]) @ turn, np.concatenate([up, along]) @ turn

@@ -1,0 +1,179 @@
+"""The first page of a fabrication sheet, looked at as shapes."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from workpieces import GRID, MARKERS, case, described, ngon
+
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.scene import FilledPath, Line, bounds
+from markergen.errors import InputError
+from markergen.model.boundary import Polygon
+from markergen.model.feature import Feature
+from markergen.model.substrate import Hole
+from markergen.workshop.drafting.pen import DARK, Lettering
+from markergen.workshop.drafting.views import drawing_area, front_page
+
+
+def front_of(marker, options=None, **choices):
+    return front_page(described(marker, **choices), options or SheetOptions())
+
+
+@pytest.fixture(scope="module", params=list(MARKERS))
+def front(request):
+    return MARKERS[request.param], front_of(MARKERS[request.param])
+
+
+def texts(front):
+    return [shape for shape in front.shapes if isinstance(shape, Lettering)]
+
+
+def check_inside(front):
+    boxes = np.array([bounds(s) for s in front.shapes if not (isinstance(s, FilledPath) and not s.segments)])
+    left, bottom, right, top = drawing_area(front.frame)
+    # The border and the title block are 3 mm away, on A4.
+    air = 2.5 * front.frame.scale
+    assert np.all(boxes[:, :2] > (left - air, bottom - air))
+    assert np.all(boxes[:, 2:] < (right + air, top + air))
+
+
+def test_all_ink_is_inside_of_the_border(front):
+    check_inside(front[1])
+
+
+RECTANGLE = Polygon((((-0.16, -0.1), (0.16, -0.1), (0.16, 0.1), (-0.16, 0.1)),))
+
+
+def test_holes_by_place_have_places_and_no_circle_off_the_page():
+    corners = tuple(Hole(0.15 * x, 0.09 * y, 0.0043, use="mount", name="M4") for x in (-1, 1) for y in (-1, 1))
+    pair = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
+    for holes in (corners, pair):
+        front = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, holes=holes))
+        check_inside(front)
+        written = " ".join(shape.words for shape in texts(front))
+        assert "circle" not in written
+        assert "places in the table" in written or "H1 at x -150 , y 0" in " ".join(written.split())
+
+
+def test_no_two_texts_touch(front):
+    boxes = [bounds(shape) for shape in texts(front[1]) if shape.segments]
+    for a, b in combinations(boxes, 2):
+        assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+
+
+def test_every_dot_has_its_number_and_every_callout_its_words(front):
+    marker, page = front
+    names = [shape.name for shape in texts(page)]
+    numbers = [name for name in names if name.startswith("number-")]
+    holes = [f"number-H{number}" for number, _ in enumerate(marker.substrate.holes, 1)]
+    assert sorted(numbers) == sorted([*(f"number-{point.id}" for point in marker.control_points), *holes])
+    work = described(marker)
+    assert len([name for name in names if name.startswith("callout-") and name.endswith("-0")]) == len(work.callouts)
+    assert [name for name in names if name.startswith("datum-")] != []
+
+
+def test_words_lie_where_their_outlines_do(front):
+    for shape in texts(front[1]):
+        if shape.words.strip():
+            left, bottom, right, top = bounds(shape)
+            (x, y), air = shape.start, 0.35 * shape.height
+            assert left - air <= x <= right + air
+            assert bottom - air <= y <= top + air
+            assert (top - bottom > right - left) == shape.upright or len(shape.words) == 1
+
+
+def test_the_front_view_is_true_to_its_scale(front):
+    marker, page = front
+    x, y = page.origin
+    dark = [
+        np.array([p for _, points in shape.segments for p in points])
+        for shape in page.shapes
+        if isinstance(shape, FilledPath) and shape.color == DARK
+    ]
+    middles = np.array([(points.max(axis=0) + points.min(axis=0)) / 2 for points in dark])
+    for point in marker.control_points:
+        place = np.array([x + 1e3 * page.scale * point.x, y + 1e3 * page.scale * point.y])
+        # Polygons within 2 um of their circles.
+        assert np.hypot(*(middles - place).T).min() < 4e-3 * max(page.scale, 1)
+
+
+def test_sizes_on_the_drawing_are_those_of_the_plate():
+    page = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003))
+    written = [shape.words for shape in texts(page)]
+    # 320 x 200 mm with an edge of 3 mm; the origin is in the middle, in boxes, from the edges B and C.
+    assert {"326", "206", "163", "103", "4 \xb10.2"} <= set(written)
+    view = {shape.words: bounds(shape) for shape in texts(page)}
+    boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 5]
+    for words in ("163", "103"):
+        around = [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+        assert around, f"{words} is theoretically exact, and in a box"
+    for words in ("326", "206"):
+        assert not [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+    # From dowels the distances of the edges are sizes like others.
+    pins = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
+    other = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003, holes=pins))
+    assert {"326", "206", "163", "103"} <= {shape.words for shape in texts(other)}
+    # An arrow at either end of the overall width, as far apart as the plate is wide at this scale.
+    x, _ = page.origin
+    ends = [x + sign * 163 * page.scale for sign in (-1, 1)]
+    paths = [shape for shape in page.shapes if isinstance(shape, FilledPath) and not isinstance(shape, Lettering)]
+    tips = [shape.segments[0][1][0][0] for shape in paths if len(shape.segments) == 4]
+    assert all(min(abs(tip - end) for tip in tips) < 1e-6 for end in ends)
+
+
+@pytest.mark.parametrize(("paper", "above"), [("A3-landscape", True), ("tabloid-landscape", False)])
+def test_the_view_from_below_is_above_in_first_angle_projection(paper, above):
+    page = front_of(MARKERS["disk"], SheetOptions(paper))
+    (side,) = [bounds(shape) for shape in page.shapes if shape.name == "side-words"]
+    assert (side[1] > page.origin[1] + 166 * page.scale) == above
+
+
+def test_center_lines_end_at_numbers(front):
+    _, page = front
+    numbers = [bounds(shape) for shape in page.shapes if shape.name.startswith("number-")]
+    lines = [shape for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 2]
+    for left, bottom, right, top in numbers:
+        for line in lines:
+            points = np.linspace(*line.points, 50)
+            within = np.all((points > (left, bottom)) & (points < (right, top)), axis=-1)
+            assert not within.any()
+
+
+def test_too_many_callouts_are_smaller_and_all_there():
+    points = [(0.03 * k - 0.105, 0.02 * (-1) ** k) for k in range(8)]
+    marker = case(points, RECTANGLE, 0.01, corner_radius=0.004)
+    kinds = tuple(Hole(0.03 * k - 0.09, 0.06, 0.003 + k / 2000, use="mount", name="") for k in range(6))
+    places = [replace(p, feature=Feature(0.01 + k % 6 / 1000)) for k, p in enumerate(marker.control_points)]
+    plate = replace(marker.substrate, holes=kinds)
+    front = front_of(replace(marker, control_points=tuple(places), substrate=plate), SheetOptions("A4"), process="cnc")
+    check_inside(front)
+    names = {shape.name for shape in front.shapes}
+    assert {f"callout-{number}-0" for number in range(1, 13)} <= names
+
+
+def test_leaders_keep_off_dots_where_they_can():
+    front = front_of(MARKERS["many"])
+    words = next(bounds(shape) for shape in front.shapes if shape.name == "callout-1-0")
+    runs = [shape.points for shape in front.shapes if isinstance(shape, Line) and len(shape.points) == 2]
+    (level,) = [
+        (a, b) for a, b in runs if a[1] == b[1] and words[1] < a[1] < words[3] and 0 < words[0] - max(a[0], b[0]) < 2
+    ]
+    # The ring is at one end of a row of ten: its leader runs level between two rows.
+    assert abs(level[1][0] - level[0][0]) > 100
+    rows = {front.origin[1] + 500 * y for y in GRID[:, 1].tolist()}
+    assert min(abs(row - level[0][1]) for row in rows) > 4.5
+
+
+def test_the_paper_is_a4_or_a3_or_what_is_asked_for():
+    def paper(name, options=None):
+        return front_of(MARKERS[name], options).frame.paper.name
+
+    assert paper("small") == "A4-landscape"
+    assert paper("disk") == "A3-landscape"
+    assert paper("disk", SheetOptions("A4")) in {"A4", "A4-landscape"}
+    assert paper("disk", SheetOptions("A2-landscape")) == "A2-landscape"
+    assert paper("small", SheetOptions(orientation="portrait")) == "A4"
+    with pytest.raises(InputError, match="paper that a fabrication sheet fits on"):
+        paper("disk", SheetOptions("100x100mm", margin=0.013))

@@ -1,0 +1,206 @@
+"""The fabrication sheet as whoever makes the marker gets it, read back from the PDF by another program."""
+
+import re
+import subprocess
+import sys
+from itertools import combinations
+
+import numpy as np
+import pypdfium2
+import pypdfium2.raw as pdfium
+import pytest
+from workpieces import MARKERS, case, described, ngon
+
+from markergen.drawing.paper import SheetOptions
+from markergen.errors import InputError
+from markergen.exporters import EXPORTERS, ExportOptions
+from markergen.model.boundary import Circle, Polygon
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker_json import to_json
+from markergen.model.substrate import Hole, parse_dowel
+from markergen.verification import verify
+from markergen.workshop.formats.fab_pdf import write_fabrication_sheet
+
+MM = 25.4 / 72
+
+
+def plain(words):
+    """Words without the blanks between them, which lines that break do not keep."""
+    return re.sub(r"\s", "", words)
+
+
+@pytest.fixture(scope="module", params=list(MARKERS))
+def sheet(request):
+    work = described(MARKERS[request.param])
+    data, _ = write_fabrication_sheet(work, SheetOptions())
+    document = pypdfium2.PdfDocument(data)
+    yield work, data, document
+    document.close()
+
+
+def said(document):
+    return plain("".join(page.get_textpage().get_text_range() for page in document))
+
+
+def test_all_ink_is_inside_of_the_border(sheet):
+    for page in sheet[2]:
+        boxes = MM * np.array([each.get_bounds() for each in page.get_objects()])
+        # The border's line is 0.4 mm wide, 12 mm from the edge on A4.
+        assert boxes[:, :2].min() > 9.8
+        assert (MM * np.array(page.get_size()) - boxes[:, 2:]).min() > 9.8
+
+
+def test_it_is_printed_to_scale(sheet):
+    assert not pdfium.FPDF_VIEWERREF_GetPrintScaling(sheet[2].raw)
+
+
+def test_no_two_texts_touch(sheet):
+    for page in sheet[2]:
+        boxes = [each.get_bounds() for each in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
+        assert len(boxes) > 10
+        for a, b in combinations(boxes, 2):
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+
+
+def test_all_that_the_drawing_says_can_be_searched(sheet):
+    work, _, document = sheet
+    found = said(document)
+    spans = [*work.heights, *(span for section in work.sections for span in (*section.across, *section.upright))]
+    words = [
+        work.block.name, work.block.title, work.block.process, work.block.general, work.block.finish, *work.notes,
+        *(span.words for span in spans), *(label.words for label in work.labels), *(words for _, words in work.key),
+        *(part for callout in work.callouts for line in callout.lines for part in re.split(r"[\[\]]", line)),
+        *(section.title for section in work.sections), *(line for text in work.engraved for line in text.lines),
+        *(control.zone for callout in work.callouts for control in callout.controls),
+    ]  # fmt: skip
+    assert [each for each in words if plain(each) not in found] == []
+    for table in work.tables:
+        assert plain(table.title) in found
+        assert plain("".join(table.headings)) in found
+        narrow = [row for row in table.rows if plain("".join(row)) not in found]
+        # Only words that are too wide for their column are on several lines.
+        assert all(plain(cell)[:9] in found for row in narrow for cell in row)
+        assert len(narrow) <= 1
+    assert f"1of{len(document)}" in found
+    assert f"{len(document)}of{len(document)}" in found
+
+
+def test_no_title_stands_without_what_it_is_of(sheet):
+    work, _, document = sheet
+    for page in document:
+        found = plain(page.get_textpage().get_text_range())
+        for table in work.tables:
+            head = re.escape(plain(table.title)) + r"(\(\dof\d\))?" + re.escape(plain("".join(table.headings)))
+            assert found.count(plain(table.title)) == len(re.findall(head, found))
+            rows = [plain(row[0]) for row in table.rows]
+            for begin in (match.end() for match in re.finditer(head, found)):
+                assert any(found[begin:].startswith(row) for row in rows), table.title
+    for table in work.tables:
+        if len(table.rows) <= 12:
+            assert said(document).count(plain(table.title)) == 1
+
+
+def test_a_long_table_is_in_even_pieces_and_no_page_is_nearly_empty():
+    work = described(MARKERS["many"])
+    document = pypdfium2.PdfDocument(write_fabrication_sheet(work, SheetOptions())[0])
+    found = said(document)
+    for number in (1, 2):
+        assert f"Centersofthedots,mm,theoreticallyexact({number}of2)idxyzdiameterinner" in found
+    for page in document:
+        boxes = [each.get_bounds() for each in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
+        # Above the title block: words over more than a third of the height.
+        lows = [box[1] for box in boxes if box[1] > 0.15 * page.get_height()]
+        assert max(lows) - min(lows) > page.get_height() / 3
+    document.close()
+
+
+RECT = Polygon((((-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)),))
+FLAT, HIGH = ngon(5, 0.04), ngon(5, 0.04, 0.02)
+SCREWS, PINS = (Hole(0.02, -0.02, 0.0034, 0.00672, "mount", "M3"),), parse_dowel("2x4mm@60mm")
+EVERYWHERE = (
+    "legal owner", "identification number", "revision", "date of issue", "approved by", "checked by", "material",
+    "ISO 2768-mK", "surface finish", "edges", "first angle", "sheet", "Datums", "flatness", "thickness of the plate",
+    "theoretically exact", "face with the dots", "Key", "Engrave the back 0.3 mm deep",
+)  # fmt: skip
+SAID = [
+    (RECT, FLAT, SCREWS, {"process": "fdm"},
+     ("204", "104", "[102]", "[52]", "lower edge", "y=-52", "left edge", "x=-102", "4 \xb10.2", "\xd80.2ABC",
+      "H1 at x[20], y[-20]", "\xd83.4 H13 (+0.180 / 0)", "countersunk \xd86.72 x 90\xb0", "as printed, matte")),
+    (RECT, FLAT, PINS, {"process": "cnc"},
+     ("\xd84 H7 (+0.012 / 0)", "\xd80.04AB", "\xd80.04A", "h7 (0 / -0.015)", "F8 (+0.035 / +0.013)", "Ra 1.6",
+      "position \xd80.04", "finished dots to A, B, C", "1 +0.03 / 0", "thickness of inlays", "\xd810 h7", "f7", "9.985",
+      "--print-sigma", "Ream the holes")),
+    (Circle(0.06), HIGH, SCREWS, {"process": "cnc", "draft": 0.05, "foot": 0.002},
+     ("\xd8124", "rim \xd8124", "20 \xb10.03", "tops of pillars above A", "Pillars, mm", "2.865\xb0", "R2", "hole H1")),
+    (Circle(0.06), FLAT, (), {"process": "cnc", "fit": "press"},
+     ("\xd810 P7/h6", "P7", ["-0.024", "-0.009"][0], "p6", "CZ", "one pattern")),
+    (Circle(0.06), FLAT, (), {"process": "cnc", "through": True}, ("4x \xd810 \xb10.05 through", "rim \xd8124")),
+    (RECT, FLAT, SCREWS, {"process": "laser"}, ("0.1 max.", "\xd80.1ABC", "\xd810 \xb10.1", "dark surface (engraved)")),
+    (RECT, FLAT, SCREWS, {"process": "print"},
+     ("recess 200.4 x 100.4 +0.2 / 0", "0.2 +0.05 / 0 deep", "0.2ABC", "4x \xd810 printed")),
+    (Circle(0.06), FLAT, (), {"process": "dome"}, ("4x S\xd810 \xb10.02", "\xd80.04 CZ", "\xd85 pocket")),
+    (Circle(0.06), FLAT, (), {"process": "dome", "dome": "ball"}, ("7.5 \xb10.03", "z = -7.5")),
+    (Circle(0.06), FLAT, (), {"material": "EN AW-5083", "general_tolerance": "ISO 22081"}, ("EN AW-5083", "ISO 22081")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("boundary", "points", "holes", "choices", "words"), SAID)
+def test_whoever_makes_it_need_not_ask(boundary, points, holes, choices, words):
+    marker = case(points, boundary, 0.01, holes=holes)
+    output = EXPORTERS[".fab.pdf"]([marker], ExportOptions(fabrication=Fabrication(**choices)))
+    document = pypdfium2.PdfDocument(output.data)
+    found = said(document)
+    document.close()
+    wanted = (*EVERYWHERE, *words)
+    if "general_tolerance" in choices:
+        wanted = tuple(each for each in wanted if each != "ISO 2768-mK")
+    assert [each for each in wanted if re.sub(r"[\s\[\]]", "", each) not in found] == []
+    # Dots are where the table says.
+    for point in marker.control_points:
+        assert (
+            plain(f"{point.x * 1e3 + 0:.4f} {point.y * 1e3 + 0:.4f} {point.z * 1e3:.4f}").replace("-0.0000", "0.0000")
+            in found
+        )
+
+
+def test_fonts_are_embedded(sheet):
+    data = sheet[1]
+    assert b"Helvetica" not in data
+    fonts = re.findall(rb"/BaseFont /(\S+)", data)
+    assert {font.partition(b"+")[2] for font in fonts} == {b"BitstreamVeraSans-Roman", b"BitstreamVeraSans-Bold"}
+    assert data.count(b"/FontFile2") == len(fonts)
+
+
+def test_the_bytes_are_the_same_every_time_and_without_a_cad_kernel():
+    script = (
+        "import sys\n"
+        "sys.modules['cadquery'] = sys.modules['OCP'] = None\n"
+        "from markergen.exporters import EXPORTERS, ExportOptions\n"
+        "from markergen.model.marker_json import from_json\n"
+        "sys.stdout.buffer.write(EXPORTERS['.fab.pdf']([from_json(sys.stdin.read())], ExportOptions()).data)\n"
+    )
+    command, text = [sys.executable, "-c", script], to_json(MARKERS["small"])
+    again = subprocess.run(command, input=text, capture_output=True, check=True).stdout
+    assert EXPORTERS[".fab.pdf"]([MARKERS["small"]], ExportOptions()).data == again
+
+
+def test_pages_are_read_by_another_program():
+    marker = MARKERS["disk"]
+    output = EXPORTERS[".fab.pdf"]([marker], ExportOptions())
+    document = pypdfium2.PdfDocument(output.data)
+    assert document.get_metadata_dict()["Title"] == "markergen-1a2b3c4d"
+    assert "1 : 2" in document.get_metadata_dict()["Subject"]
+    assert f"{len(document)} pages" in output.notes[0]
+    for page in document:
+        width, height = page.get_size()
+        assert (width * MM, height * MM) == pytest.approx((420, 297), abs=1e-3)
+        grey = page.render(scale=0.5, grayscale=True).to_numpy()
+        assert 0.001 < np.mean(grey < 128) < 0.2
+    document.close()
+
+
+def test_verify_says_that_it_is_no_artefact(tmp_path):
+    path = tmp_path / "m.fab.pdf"
+    path.write_bytes(EXPORTERS[".fab.pdf"]([MARKERS["small"]], ExportOptions()).data)
+    with pytest.raises(InputError, match="a drawing to scale; verify the solid"):
+        verify(MARKERS["small"], path)

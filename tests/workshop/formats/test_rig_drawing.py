@@ -1,0 +1,111 @@
+"""The fabrication sheets of a rig: what they say, and where."""
+
+import numpy as np
+import pypdfium2
+import pytest
+
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.scene import bounds
+from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.model.fabrication import Fabrication
+from markergen.workshop.drafting.drawing import around
+from markergen.workshop.drafting.rig_content import face_works, rig_work
+from markergen.workshop.drafting.rig_views import rig_page
+from markergen.workshop.rig_solids import parts_of_rig
+from tests.support.rigs import cube, wall
+from tests.workshop.test_rig_solids import prism
+
+FDM = Fabrication()
+
+
+def work_of(rig):
+    return rig_work(rig, FDM, parts_of_rig(rig, FDM))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    document = pypdfium2.PdfDocument(RIG_EXPORTERS[".fab.pdf"](cube(0.08), ExportOptions()).data)
+    return [page.get_textpage().get_text_range() for page in document]
+
+
+@pytest.mark.long
+def test_the_first_sheets_are_of_the_whole_and_the_others_of_the_faces(pages):
+    assert "seen from a corner" in pages[0]
+    assert f"1 of {len(pages)}" in pages[0]
+    assert "Relation of the faces, mm" in pages[1]
+    assert "parallelism 0.3 to R" in pages[1]
+    for k in range(6):
+        assert any(f"plate {k}: Fiducial marker" in page for page in pages[2:])
+    assert not any("Print face down" in page or "thickness of the plate" in page for page in pages)
+
+
+def test_the_six_views_of_a_cube_show_its_faces_and_their_tolerances():
+    views = {view.place: view for view in work_of(cube(0.08)).views}
+    assert set(views) == {"main", "+u", "-u", "+v", "-v", "rear"}
+    seen = [name for view in views.values() for name in view.names]
+    assert sorted(name.words for name in seen) == [f"plate {k}" for k in range(6)]
+    assert sorted(name.datum for name in seen if name.datum) == ["R", "S", "T"]
+    symbols = sorted(name.controls[0].symbol for name in seen)
+    assert symbols == ["flatness", "parallelism", *["perpendicularity"] * 4]
+    for view in views.values():
+        np.testing.assert_allclose(around(view.faces), [-40, -40, 40, 40], atol=1e-9)
+
+
+def test_a_face_of_a_cube_is_seen_from_where_its_view_says():
+    rig = cube(0.08)
+    for view in work_of(rig).views:
+        sign, axis = view.words[-2:]
+        [each] = [each for each in rig.markers if each.turn[:, 2]["xyz".index(axis)] == (1 if sign == "+" else -1)]
+        assert [name.words for name in view.names] == [each.name]
+        dots = [face for face in view.faces if face.material == "dark"]
+        right, up = (
+            (-1 if way.startswith("-") else 1) * np.eye(3)["xyz".index(way[-1])] for way in view.axes
+        )  # fmt: skip
+        wanted = [(1e3 * each.to_rig(xyz) @ right, 1e3 * each.to_rig(xyz) @ up) for xyz in each.marker.xyz]
+        found = [((face.box[0] + face.box[2]) / 2, (face.box[1] + face.box[3]) / 2) for face in dots]
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
+        # Seen from the front a face is not mirrored.
+        assert np.cross(right, up) @ each.turn[:, 2] == pytest.approx(1)
+
+
+def test_datums_of_a_prism_are_two_sides_and_an_end():
+    work = work_of(prism())
+    [datums] = [table for table in work.tables if table.title == "Datums of the whole"]
+    assert [row[:2] for row in datums.rows] == [("R", "face plate 0"), ("S", "bare face-1"), ("T", "face plate 1")]
+    [relation] = [table for table in work.tables if table.title.startswith("Relation")]
+    assert dict(row[:2] for row in relation.rows)["plate 2"] == "angularity 0.3 to R, [120\xb0]"
+
+
+def test_the_table_of_faces_is_the_pose_of_each():
+    rig = prism()
+    for each, row in zip(rig.markers, work_of(rig).tables[0].rows, strict=True):
+        np.testing.assert_allclose([float(word) for word in row[1:4]], 1e3 * each.shift, atol=6e-5)
+        axes = [[float(word) for word in cell.strip("()").split(",")] for cell in row[4:]]
+        np.testing.assert_allclose(np.transpose(axes), each.turn, atol=6e-7)
+
+
+def test_the_face_of_a_block_is_drawn_with_the_block_behind_it():
+    rig = prism()
+    for work in face_works(rig, FDM, parts_of_rig(rig, FDM)):
+        left, bottom, right, top = around(work.side)
+        assert (right - left, top - bottom) == pytest.approx((120, 60 * np.sqrt(3)))
+        assert top == pytest.approx(0, abs=1e-9)
+        assert work.size == (60, 100)
+
+
+def test_a_wall_has_no_tolerances_of_its_own():
+    work = work_of(wall(columns=2, rows=1))
+    assert len(work.tables) == 1
+    assert any("calibrate" in note for note in work.notes)
+    assert work.sizes == ("(214)", "(84)", "(3)")
+
+
+@pytest.mark.parametrize("make", [cube, prism, wall])
+@pytest.mark.parametrize("paper", [None, pytest.param("letter", marks=pytest.mark.long)])
+def test_nothing_leaves_the_first_sheet(make, paper):
+    page = rig_page(work_of(make()), SheetOptions(paper=paper))
+    boxes = np.array([bounds(shape) for shape in page.shapes])
+    frame = page.frame
+    assert boxes[:, 0].min() > frame.margin
+    assert boxes[:, 2].max() < frame.right
+    assert boxes[:, 3].max() < frame.top

@@ -1,0 +1,163 @@
+"""Rigs as solids: blocks closed by their faces, and assemblies of plates."""
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import build_marker
+from markergen.model.substrate import Substrate
+from markergen.objectives.criteria import regular_polygon
+from markergen.workshop.mesh import is_closed, mesh_of
+from markergen.workshop.processes import parts_of
+from markergen.workshop.rig_solids import BODY, block_of, check_apart, meshes_of_rig, parts_of_rig, volume_of
+from tests.support.rigs import corner, cube, mounted, plate, rectangle, wall
+
+FDM = Fabrication()
+
+
+def prism(sides=6, width=0.06, height=0.1):
+    """Plates on the sides of a prism about the y axis, whose two ends are bare."""
+    turns = []
+    for angle in 2 * np.pi * np.arange(sides) / sides:
+        out, up = np.array([np.sin(angle), 0, np.cos(angle)]), np.array([0, 1.0, 0])
+        turns.append(np.stack([np.cross(up, out), up, out], axis=1))
+    distance = width / 2 / np.tan(np.pi / sides)
+    return mounted([plate(k, width, height) for k in range(sides)], turns, [distance * turn[:, 2] for turn in turns])
+
+
+@pytest.mark.parametrize("process", ["fdm", pytest.param("cnc", marks=pytest.mark.long), "laser"])
+def test_body_and_inlays_of_a_cube_fill_it(process):
+    made = parts_of_rig(cube(0.08), Fabrication(process=process, gap=0.0 if process == "cnc" else None))
+    body, *inlays = made.parts
+    assert body.name == BODY
+    engraved = sum(each.volume for part in body.pieces for each in part.part.marked)
+    assert sum(part.volume for part in made.parts) + engraved == pytest.approx(80**3, rel=1e-12)
+    assert len(made.block) == 6
+    assert {part.material for part in inlays} <= {"dark", "light"}
+    mesh = meshes_of_rig((body,), 0.005)[0]
+    assert is_closed(mesh.triangles)
+    np.testing.assert_allclose([mesh.points.min(axis=0), mesh.points.max(axis=0)], [[-40] * 3, [40] * 3], atol=1e-4)
+    # Pockets of 144 chords are smaller by 0.03 %.
+    assert mesh.volume == pytest.approx(body.volume, rel=1e-3 * (80**3 - body.volume) / body.volume + 1e-9)
+    assert mesh.marked.any() == bool(engraved)
+
+
+def test_inlays_lie_flush_in_the_faces_of_a_cube():
+    rig = cube(0.08)
+    made = parts_of_rig(rig, FDM)
+    meshes = meshes_of_rig(made.parts, 0.005)
+    seen = 0
+    for each in rig.markers:
+        for point in each.marker.control_points:
+            [mesh] = [
+                m for m, part in zip(meshes, made.parts, strict=True) if part.name == f"{each.name}/dot-{point.id}"
+            ]
+            local = each.to_marker(mesh.points / 1e3)
+            low, high = local.min(axis=0), local.max(axis=0)
+            np.testing.assert_allclose((low + high)[:2] / 2, [point.x, point.y], atol=2e-7)
+            np.testing.assert_allclose([low[2], high[2]], [-0.0006, 0], atol=2e-7)
+            seen += 1
+    assert seen == len(rig)
+
+
+def test_the_open_ends_of_a_prism_are_closed():
+    made = parts_of_rig(prism(), FDM)
+    assert [face.name for face in made.block[-2:]] == ["face-1", "face-2"]
+    area = 3 * np.sqrt(3) / 2 * 60**2
+    assert volume_of(made.block) == pytest.approx(area * 100, rel=1e-9)
+    assert sum(part.volume for part in made.parts) == pytest.approx(area * 100, rel=1e-9)
+    meshes = meshes_of_rig(made.parts, 0.005)
+    assert sum(mesh.volume for mesh in meshes) == pytest.approx(area * 100, rel=1e-6)
+
+
+def test_balls_lower_the_faces_of_a_block():
+    square = build_marker(regular_polygon(4, 0.02), rectangle(0.08, 0.08), diameter=0.006, clearance=0.0006)
+    whole, balls = cube(0.08), Fabrication(process="dome", dome="ball")
+    turns, places = zip(*((each.turn, each.shift) for each in whole.markers), strict=True)
+    made = parts_of_rig(mounted([square] * 6, turns, places), balls)
+    low = made.block[0].height
+    assert low < 0
+    assert volume_of(made.block) == pytest.approx((80 + 2 * low) ** 3, rel=1e-12)
+    assert is_closed(meshes_of_rig(made.parts[:1], 0.02)[0].triangles)
+    with pytest.raises(InputError, match="balls lower it"):
+        parts_of_rig(whole, balls)
+
+
+def test_a_wall_is_an_assembly_of_the_plates_of_its_markers():
+    rig = wall(columns=2, rows=1)
+    made = parts_of_rig(rig, FDM)
+    assert not block_of(rig)
+    names = [part.name for part in made.parts]
+    assert names[0] == "plate 0/plate"
+    meshes = dict(zip(names, meshes_of_rig(made.parts, 0.005), strict=True))
+    for each in rig.markers:
+        for part in parts_of(each.marker, FDM).parts:
+            alone, placed = mesh_of(part, 0.005), meshes[f"{each.name}/{part.name}"]
+            np.testing.assert_allclose(
+                placed.points.min(axis=0) / 1e3, each.to_rig(alone.points / 1e3).min(axis=0), atol=1e-6
+            )
+            assert placed.volume == pytest.approx(alone.volume, rel=1e-5)
+
+
+def test_faces_that_do_not_close_a_body_are_no_block():
+    assert block_of(cube())
+    assert not block_of(mounted(*three_faces_of_a_cube()))
+    parallel = mounted([plate(0), plate(1)], [np.eye(3)] * 2, [[0, 0, 0], [0.08, 0, 0]])
+    assert not block_of(parallel)
+
+
+def three_faces_of_a_cube():
+    whole = cube()
+    chosen = whole.markers[::2]
+    return [each.marker for each in chosen], [each.turn for each in chosen], [each.shift for each in chosen]
+
+
+def test_plates_that_overlap_are_refused():
+    made = parts_of_rig(mounted(*three_faces_of_a_cube()), FDM)
+    assert made.overlap == "the plates of plate 0 and plate 1 overlap by 5 mm"
+    with pytest.raises(InputError, match="found the plates of plate 0 and plate 1 overlap by 5 mm"):
+        check_apart(made)
+    assert "overlap by 5 mm" in parts_of_rig(corner(inward=False), FDM).overlap
+
+
+def test_plates_side_by_side_do_not_overlap():
+    turns = [np.eye(3)] * 2
+    check_apart(parts_of_rig(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
+    made = parts_of_rig(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.08399, 0, 0]]), FDM)
+    assert made.overlap.endswith("overlap by 0.01 mm")
+
+
+def test_inlays_that_meet_inside_of_a_block_are_refused():
+    rig = cube(0.08)
+    thick = [replace_plate(each.marker, Substrate(thickness=0.03)) for each in rig.markers]
+    rig = mounted(thick, [each.turn for each in rig.markers], [each.shift for each in rig.markers])
+    parts_of_rig(rig, Fabrication(depth=0.001))
+    with pytest.raises(InputError, match="that do not meet"):
+        parts_of_rig(rig, Fabrication(depth=0.02))
+
+
+def replace_plate(marker, substrate):
+    from dataclasses import replace
+
+    return replace(marker, substrate=substrate)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"process": "print"}, "--process"),
+        ({"process": "cnc", "through": True}, "another --process"),
+    ],
+)
+def test_what_a_block_cannot_have_is_refused(options, said):
+    with pytest.raises(InputError, match=said) as error:
+        parts_of_rig(cube(), Fabrication(**options))
+    assert "plate 0" in str(error.value)
+
+
+def test_a_block_has_no_chamfer():
+    rig = cube()
+    cut = [replace_plate(each.marker, Substrate(chamfer=0.001)) for each in rig.markers]
+    with pytest.raises(InputError, match="made as one block"):
+        parts_of_rig(mounted(cut, [each.turn for each in rig.markers], [each.shift for each in rig.markers]), FDM)
