@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.shapes import shapes
-from markergen.compare.compare import compare_and_time
+from markergen.comparison.compare import compare_and_time
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Boundary, Circle, polygon_from

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
-from markergen.compare.contestants.printed import lm_pose
-from markergen.compare.contestants.pupil import PupilTag
-from markergen.compare.contestants.pupil import Settings as PupilSettings
-from markergen.compare.contestants.tags import SquareTag, tag_in
+from markergen.comparison.contestants.printed import lm_pose
+from markergen.comparison.contestants.pupil import PupilTag
+from markergen.comparison.contestants.pupil import Settings as PupilSettings
+from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.detect import detect
 from markergen.detect.fiducials import FiducialSettings
 from markergen.estimators.budget import ErrorSources

@@ -31,7 +31,6 @@ import numpy as np
 import markergen as mg
 from benchmarks import detection_scenes as scenes
 from benchmarks.detection_scenes import Array, Image, Rows
-from markergen.detect.bodies import body_of
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import polygon_from
@@ -193,9 +192,9 @@ def poses_of(rig: mg.Rig, found: Any) -> tuple[Pose | None, Pose | None]:
         return None, None
     parts = [(each.marker, each.pose) for each in seen.detection.parts if each.pose is not None]
     number, pose = min(parts, key=lambda part: float(part[1].budget.rotation_deg["total"]))
-    placed = body_of(rig).parts[number].plate.placed
-    rotation = pose.rotation @ placed.turn.T
-    return (seen.rotation, seen.translation), (rotation, pose.translation - rotation @ placed.shift)
+    placed = rig.constellations[number].plate
+    rotation = pose.rotation @ placed.rotation_matrix.T
+    return (seen.rotation, seen.translation), (rotation, pose.translation - rotation @ placed.translation_vector)
 
 
 def timed(work: Callable[[Image], Any], image: Image) -> tuple[Any, float]:
@@ -219,7 +218,7 @@ def tag_cube() -> mg.Rig:
     faces = []
     for k, (name, (right, up)) in enumerate(FACES.items()):
         turn = np.stack([right, up, np.cross(right, up)], axis=1).astype(float)
-        faces.append(mg.RigMarker(name, tag_plate(EDGE, k), turn.tolist(), tuple(turn[:, 2] * EDGE / 2)))
+        faces.append(mg.Plate(name, tag_plate(EDGE, k), turn.tolist(), tuple(turn[:, 2] * EDGE / 2)))
     return mg.Rig(tuple(faces))
 
 
@@ -228,7 +227,7 @@ def corners_of(tags: mg.Rig) -> Array:
     corners = []
     for each in tags.markers:
         assert each.marker.tag is not None
-        corners.append(each.to_rig(np.column_stack([each.marker.tag.corners, np.zeros(4)])))
+        corners.append(each.to_body(np.column_stack([each.marker.tag.corners, np.zeros(4)])))
     return np.stack(corners)
 
 

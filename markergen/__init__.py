@@ -11,6 +11,7 @@ logger ``markergen`` reports more when enabled.
 """
 
 import logging
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
     from markergen.api.validate import validate
     from markergen.api.verify import verify
     from markergen.calibration.calibration import Calibration
-    from markergen.compare.comparison import Comparison
+    from markergen.comparison.result import Comparison
     from markergen.detect.detector import Detector, Found
     from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
+    from markergen.model.body import Plate
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
-    from markergen.model.rig import Rig, RigMarker
+    from markergen.model.rig import Rig
     from markergen.optimize.design import Design
     from markergen.optimize.rig_design import RigDesign
     from markergen.validation.rigs.validation import RigValidation
@@ -51,10 +53,10 @@ __all__ = [
     "MarkergenError",
     "MissingLibraryError",
     "OutputError",
+    "Plate",
     "Rescaled",
     "Rig",
     "RigDesign",
-    "RigMarker",
     "RigValidation",
     "Study",
     "Validation",
@@ -73,14 +75,15 @@ __all__ = [
 _HOMES = {
     "model.marker": ("Marker",),
     "model.camera": ("Camera",),
-    "model.rig": ("Rig", "RigMarker"),
+    "model.body": ("Plate",),
+    "model.rig": ("Rig",),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
     "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
     "validation.rigs.validation": ("RigValidation",),
     "validation.validation": ("Validation",),
-    "validation.comparison": ("Comparison",),
+    "comparison.result": ("Comparison",),
     "verification.verification": ("Verification",),
     "calibration.calibration": ("Calibration",),
     "api.calibrate": ("calibrate",),
@@ -97,11 +100,17 @@ _HOMES = {
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
+_RENAMED = {"RigMarker": "Plate"}
+"""Names of the release before, and what they are now; they go with the next."""
+
 # Silent unless the application configures logging.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        warnings.warn(f"markergen.{name} is now markergen.{_RENAMED[name]}", DeprecationWarning, stacklevel=2)
+        return getattr(import_module(__name__), _RENAMED[name])
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_HOME[name]), name)

@@ -1,4 +1,4 @@
-"""``markergen.compare``: markers against each other and against square tags and boards."""
+"""``markergen.comparison``: markers against each other and against square tags and boards."""
 
 import logging
 import time
@@ -7,9 +7,9 @@ from os import PathLike
 from typing import Unpack
 
 from markergen.api.arguments import files_among
-from markergen.compare.compare import compare_and_time as run
-from markergen.compare.comparison import Comparison
-from markergen.compare.contestants import forms
+from markergen.comparison.compare import compare_and_time as run
+from markergen.comparison.contestants import forms
+from markergen.comparison.result import Comparison
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig

@@ -20,8 +20,9 @@ from markergen.calibration.network import Network, moved_camera
 from markergen.detect.conic_projection import outlines, pose_rows
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between, exponential, skew
+from markergen.model.body import Plate
 from markergen.model.camera import Camera
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -145,10 +146,13 @@ def relate(rig: Rig, adjustment: Adjustment, photo: Indices, print_sigma: float)
     count = 6 * len(rig.markers)
     turns, shifts, spread = _as_designed(rig, state.turns, state.shifts, covariance[:count, :count])
     placed = tuple(
-        RigMarker(each.name, each.marker, tuple(map(tuple, turn)), tuple(shift))
+        Plate(each.name, each.marker, tuple(map(tuple, turn)), tuple(shift))
         for each, turn, shift in zip(rig.markers, turns, shifts, strict=True)
     )
-    designed = np.array([each.turn for each in rig.markers]), np.array([each.shift for each in rig.markers])
+    designed = (
+        np.array([each.rotation_matrix for each in rig.markers]),
+        np.array([each.translation_vector for each in rig.markers]),
+    )
     shown = [{each.marker for each in views if each.photo == k} for k in range(len(numbers))]
     return Relation(
         replace(rig, markers=placed, relation=tuple(map(tuple, spread))),
@@ -174,7 +178,7 @@ def _starts(rig: Rig, views: Sequence[_View]) -> tuple[Array, Array]:
 
     Of the relations that several photographs tell, the one nearest to the others is taken.
     """
-    known, together = {0: (rig.markers[0].turn, rig.markers[0].shift)}, dict[int, list[_View]]()
+    known, together = {0: (rig.markers[0].rotation_matrix, rig.markers[0].translation_vector)}, dict[int, list[_View]]()
     for each in views:
         together.setdefault(each.photo, []).append(each)
     while len(known) < len(rig.markers):

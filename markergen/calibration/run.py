@@ -25,11 +25,12 @@ from markergen.calibration.weaknesses import explain, findings, rarely_seen, ref
 from markergen.calibration.working_error import ExpectedError, sensitivity
 from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
+from markergen.model.body import Plate
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rescale import by_rulers, photographed
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.validation.validation import setting_of
@@ -191,7 +192,7 @@ def calibrate(
     return result
 
 
-def _with(place: RigMarker, marker: Marker) -> RigMarker:
+def _with(place: Plate, marker: Marker) -> Plate:
     return replace(place, marker=marker)
 
 

@@ -22,6 +22,7 @@ from markergen.maths.levenberg_marquardt import (
     Mask,
     levenberg_marquardt,
 )
+from markergen.model.body import Body
 
 Array = NDArray[np.float64]
 
@@ -73,6 +74,16 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
     disk = np.eye(3) - normal[..., :, None] * normal[..., None, :]
     facing = np.sum(place * normal, axis=-1) < 0
     return _images(place, disk * (radii**2)[:, None, None], facing)
+
+
+def body_outlines(body: Body, rotation: Array, translation: Array) -> Outlines:
+    """Return the outlines (k, n) of all dots of a body for poses T_camera_body, (k, 3, 3) and (k, 3)."""
+    drawn = [
+        outlines(plate.marker.xyz, plate.marker.radii, *plate.camera_pose(rotation, translation))
+        for plate in body.plates
+    ]
+    parts = zip(*((plate.center, plate.point, plate.shape, plate.seen) for plate in drawn), strict=True)
+    return Outlines(*(np.concatenate(part, axis=1) for part in parts))
 
 
 def plane_outlines(points: Array, radii: Array, homography: Array) -> Outlines:

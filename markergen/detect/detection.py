@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
-from markergen.detect.bodies import Body, Target, body_of
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
@@ -34,7 +33,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
-from markergen.model.rig import Rig
+from markergen.model.rig import Target
 from markergen.read.images import LARGEST_FRAME
 
 Array = NDArray[np.float64]
@@ -63,18 +62,18 @@ class Sought:
     ----------
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
-    bodies : tuple of Body
+    bodies : tuple of Marker or Rig
         What the caller looks for, whose constellations `markers` are, in the same order.
     """
 
     markers: tuple[Marker, ...]
     layouts: tuple[DotLayout, ...]
-    bodies: tuple[Body, ...]
+    bodies: tuple[Target, ...]
 
     @cached_property
     def body_of(self) -> tuple[int, ...]:
         """Index of the body that each marker is a constellation of."""
-        return tuple(k for k, body in enumerate(self.bodies) for _ in body.parts)
+        return tuple(k for k, body in enumerate(self.bodies) for _ in body.constellations)
 
     @property
     def families(self) -> frozenset[str]:
@@ -86,7 +85,7 @@ class Sought:
         """The bodies with dark dots (False) and those with light ones (True), with their indices among all."""
         parts = {}
         for light in sorted({marker.light for marker in self.markers}):
-            chosen = [k for k, body in enumerate(self.bodies) if body.parts[0].marker.light == light]
+            chosen = [k for k, body in enumerate(self.bodies) if body.constellations[0].marker.light == light]
             rows = [k for k, body in enumerate(self.body_of) if body in chosen]
             markers, layouts = tuple(self.markers[k] for k in rows), tuple(self.layouts[k] for k in rows)
             parts[light] = Sought(markers, layouts, tuple(self.bodies[k] for k in chosen)), chosen
@@ -103,21 +102,20 @@ def prepare(targets: Sequence[Target], calibrated: bool) -> Sought:
     """
     if not targets:
         raise InputError("one marker or more", "none", "say what to look for")
-    bodies = tuple(map(_body, targets))
-    markers = tuple(part.marker for body in bodies for part in body.parts)
+    markers = tuple(constellation.marker for body in targets for constellation in body.constellations)
     for marker in markers:
         check_supported(marker, "to detect")
     layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    if not calibrated and any(isinstance(each, Rig) for each in targets):
+    if not calibrated and any(body.frame == "rig" for body in targets):
         raise InputError("a camera for a rig", "none", "give the camera's calibration")
-    return Sought(markers, layouts, bodies)
+    return Sought(markers, layouts, tuple(targets))
 
 
 # Calls of `detect`, one for each image, prepare a marker once.
-_layout, _body = lru_cache(maxsize=64)(layout_of), lru_cache(maxsize=64)(body_of)
+_layout = lru_cache(maxsize=64)(layout_of)
 
 
 def detect(
@@ -203,7 +201,7 @@ def _find_alike(
     eye, fit = camera or made_up_camera(*image.shape[::-1]), partial(fit_blobs, image, inverted=light)
     blobs = find_blobs(image)
     found = identify(blobs, sought, eye, camera is not None, errors, copies, tags, fit)
-    if not any(body.joined for body in sought.bodies):
+    if all(body.is_single for body in sought.bodies):
         return found
     return joined(found, sought.bodies, camera, errors, copies, Spare(blobs, lambda chosen: fit(blobs.take(chosen))))
 

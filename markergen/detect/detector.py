@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.bodies import Target
 from markergen.detect.detection import MAX_COPIES, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -24,7 +23,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig, planned_print
+from markergen.model.rig import Rig, Target, planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import CameraLike, TargetLike, as_list
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
@@ -147,9 +146,7 @@ class Found:
     @cached_property
     def xyz(self) -> Array:
         """Control points (k, 3) for `ids`, m, frame of the marker or rig."""
-        if isinstance(self.marker, Rig):
-            return self.marker.xyz[self.ids]
-        row = {point.id: i for i, point in enumerate(self.marker.control_points)}
+        row = {number: i for i, number in enumerate(self.marker.ids.tolist())}
         return self.marker.xyz[[row[int(i)] for i in self.ids]]
 
     @property
@@ -341,7 +338,7 @@ class Detector:
         self._errors = ErrorSources(printed, covariance)
         self._sought = prepare(self._targets, self._camera is not None)
         self._photometric = refine == "photometric"
-        if self._photometric and any(isinstance(each, Rig) for each in self._targets):
+        if self._photometric and any(target.frame == "rig" for target in self._targets):
             raise InputError("markers for --refine photometric", "a rig", "leave it out")
         self._copies = _count(copies)
 

@@ -13,18 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, undo_lens
-from markergen.detect.bodies import Body, Constellation
-from markergen.detect.conic_projection import Outlines, outlines, pose_rows
+from markergen.detect.conic_projection import Outlines, body_outlines, outlines, pose_rows
 from markergen.detect.identification import expected
 from markergen.detect.pose import PoseEstimate, fit_pose, homography_of, normalized_covariance, outlier
 from markergen.detect.results import Detection
 from markergen.estimators.budget import ErrorSources, PoseBudget
 from markergen.maths.rotation import skew
+from markergen.model.body import Body, Constellation, Plate
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import Rig, RigMarker
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -122,7 +121,7 @@ class _Sighting:
         rows = np.array([int(np.flatnonzero(ids == number)[0]) for number in detection.ids], dtype=np.intp)
         self.dots = part.dots[rows]
         # The detection has the images of the dots' centers; those of the ellipses depend on no pose.
-        radii, pose = part.plate.radii[self.dots - part.plate.first], detection.pose
+        radii, pose = part.marker.radii[rows], detection.pose
         drawn = outlines(part.marker.xyz[rows], radii, pose.rotation[None], pose.translation[None])
         self.seen = camera.from_pixels(detection.pixels) + (drawn.center - drawn.point)[0]
         self.covariance = _widened(detection.covariance, drawn.shape[0], camera)
@@ -131,7 +130,7 @@ class _Sighting:
     def poses(self) -> list[PoseEstimate]:
         """Poses T_camera_body that the constellation allows: its pose, and the mirrored one if that fits as well."""
         assert self.detection.pose is not None
-        return [of_body(each, self.part.plate.placed) for each in _both(self.detection.pose)]
+        return [of_body(each, self.part.plate) for each in _both(self.detection.pose)]
 
 
 def _both(pose: PoseEstimate) -> list[PoseEstimate]:
@@ -155,7 +154,7 @@ def _agreeing(
 ) -> list[_Sighting]:
     """Return the sightings, one for each constellation, whose dots are where a guess at the body's pose has them."""
     own, pose = guess
-    drawn = body.outlines(pose)
+    drawn = body_outlines(body, pose.rotation[None], pose.translation[None])
     agreed, taken = [own], {id(own.part)}
     for each in sorted(waiting, key=lambda other: -len(other.dots)):
         if id(each.part) in taken:
@@ -221,13 +220,13 @@ def _estimated(
         covariance, centers = np.concatenate([covariance, more.covariance]), np.concatenate([centers, more.centers])
     order = np.argsort(dots, kind="stable")
     dots, seen, covariance, centers = dots[order], seen[order], covariance[order], centers[order]
-    drawn = body.outlines(pose)
+    drawn = body_outlines(body, pose.rotation[None], pose.translation[None])
     corrected = seen - (drawn.center - drawn.point)[0, dots]
     residual = seen - drawn.center[0, dots]
     misfit = np.sqrt(camera.fx * camera.fy * np.sum(residual**2) / (len(dots) - 3))
     homography = None
-    if isinstance(body.target, Marker) and not np.ptp(body.target.search_xyz[:, 2]):
-        homography = homography_of(body.target.search_xyz[dots], corrected, camera, pose)
+    if isinstance(body, Marker) and not np.ptp(body.search_xyz[:, 2]):
+        homography = homography_of(body.search_xyz[dots], corrected, camera, pose)
         homography = homography / homography[2, 2]
     return Detection(
         True,
@@ -239,8 +238,8 @@ def _estimated(
         pose,
         dropped=body.ids[np.sort(dropped)],
         misfit=float(misfit),
-        tag=agreed[0].detection.tag if isinstance(body.target, Marker) else None,
-        parts=tuple(replace(each.detection, marker=body.parts.index(each.part)) for each in agreed),
+        tag=agreed[0].detection.tag if isinstance(body, Marker) else None,
+        parts=tuple(replace(each.detection, marker=body.constellations.index(each.part)) for each in agreed),
     )
 
 
@@ -256,8 +255,10 @@ class _Further:
 
 def _further(body: Body, pose: PoseEstimate, known: Indices, taken: Array, camera: Camera, spare: Spare) -> _Further:
     """Find the dots that are not known yet among the blobs that are not taken, by place, size and kind."""
-    drawn = body.outlines(pose)
-    others = np.setdiff1d(np.flatnonzero(drawn.seen[0] & (body.facing(pose) > LEAST_FACING)), known)
+    drawn = body_outlines(body, pose.rotation[None], pose.translation[None])
+    others = np.setdiff1d(
+        np.flatnonzero(drawn.seen[0] & (body.facing(pose.rotation, pose.translation) > LEAST_FACING)), known
+    )
     apart = np.linalg.norm(spare.blobs.center[:, None] - taken, axis=-1).min(axis=-1, initial=np.inf)
     ellipses = undo_lens(spare.blobs, camera)
     free = np.flatnonzero(apart[ellipses.index] > 2)
@@ -270,7 +271,7 @@ def _further(body: Body, pose: PoseEstimate, known: Indices, taken: Array, camer
     away = np.einsum("nbi,nij,nbj->nb", offset, np.linalg.inv(spread), offset)
     size = [0.25 * np.log(np.linalg.det(shape)) for shape in (drawn.shape[0, others], ellipses.shape[free])]
     away[np.abs(size[0][:, None] - size[1]) > SIZE_LOG] = np.inf
-    away[ellipses.strange(body.rings[others])[:, free]] = np.inf
+    away[ellipses.strange(body.is_ring[others])[:, free]] = np.inf
     nearest = away.argmin(axis=-1)
     least = away[np.arange(len(others)), nearest]
     # A blob within reach of two dots, and a dot with two blobs in reach, are not told.
@@ -294,12 +295,16 @@ def _missing(body: Body, found: Detection, camera: Camera) -> int:
     """Return the number of dots that should be seen, large enough and wholly inside the image, and are not."""
     pose = found.pose
     assert pose is not None
-    drawn = body.outlines(pose)
+    drawn = body_outlines(body, pose.rotation[None], pose.translation[None])
     with np.errstate(invalid="ignore"):
         across = 2 * np.linalg.det(drawn.shape[0]) ** 0.25 * np.sqrt(camera.fx * camera.fy)
-        plain = (across > 1.5 * body.least_px) & (body.facing(pose) > SURE_FACING) & expected(drawn, camera)[0]
-    if isinstance(body.target, Rig) and not body.target.is_convex:
-        plain &= ~hidden(body.target, PoseDistribution("", pose.rotation[None], pose.translation[None]))[0]
+        plain = (
+            (across > 1.5 * body.least_px)
+            & (body.facing(pose.rotation, pose.translation) > SURE_FACING)
+            & expected(drawn, camera)[0]
+        )
+    if not body.is_convex:
+        plain &= ~hidden(body, PoseDistribution("", pose.rotation[None], pose.translation[None]))[0]
     plain[np.isin(body.ids, found.ids)] = False
     return int(plain.sum())
 
@@ -317,32 +322,33 @@ def _pose(
 
     In the frame of the plate with the most dots: on one plate alone, a pose has a mirrored one that may fit as well.
     """
-    plate = body.plates[int(np.bincount(body.owner[dots]).argmax())]
+    most = int(np.bincount(body.owner[dots]).argmax())
+    plate, first = body.plates[most], body.first[most]
     kept = np.ones(len(dots), dtype=bool)
-    relation = isinstance(body.target, Rig) and body.target.relation_covariance is not None
+    relation = body.relation_covariance is not None
     alone = not relation and bool((body.owner[dots] == body.owner[dots[0]]).all())
-    points = plate.placed.to_marker(body.xyz[dots])
+    points = plate.to_marker(body.xyz[dots])
     if alone:
-        points = plate.marker.xyz[dots - plate.first]
-    radii = plate.radii[dots - plate.first] if alone else np.zeros(len(dots))
+        points = plate.marker.xyz[dots - first]
+    radii = plate.marker.radii[dots - first] if alone else np.zeros(len(dots))
     pose = start
     while True:
         used = dots[kept]
         if alone:
-            sources = errors.of(plate.marker, used - plate.first)
+            sources = errors.of(plate.marker, used - first)
         else:
-            sources = spatial_errors(body, used, plate.placed.turn, errors)
+            sources = spatial_errors(body, used, plate.rotation_matrix, errors)
         found = None
         for _ in range(1 if alone else _CORRECTIONS):
             centers = seen[kept]
             if not alone:
-                drawn = body.outlines(pose)
+                drawn = body_outlines(body, pose.rotation[None], pose.translation[None])
                 centers = centers - (drawn.center - drawn.point)[0, used]
             measured = points[kept], radii[kept], centers, covariance[kept], camera, sources
-            found = fit_pose(*measured, plate.placed.camera_pose(pose.rotation, pose.translation))
+            found = fit_pose(*measured, plate.camera_pose(pose.rotation, pose.translation))
             if found is None:
                 return None
-            pose = of_body(found, plate.placed)
+            pose = of_body(found, plate)
         assert found is not None
         worst = outlier(*measured, found)
         if worst is None:
@@ -362,20 +368,20 @@ def spatial_errors(body: Body, dots: Indices, turn: Array, errors: ErrorSources)
         own = np.flatnonzero(body.owner[dots] == k)
         if not len(own):
             continue
-        rows = dots[own] - each.first
+        rows = dots[own] - body.first[k]
         sources, spatial = errors.of(each.marker, rows), each.marker.joint_places is not None
         axes = 3 if spatial or np.ptp(each.marker.xyz[:, 2]) else 2
-        out = each.placed.turn[:, :axes]
+        out = each.rotation_matrix[:, :axes]
         block = sources.whole(len(own), axes).reshape(len(own), axes, len(own), axes)
         whole[own[:, None, None, None], np.arange(3)[:, None, None], own[:, None], np.arange(3)] = np.einsum(
             "ia,manb,jb->minj", out, block, out
         )
-    relation = body.target.relation_covariance if isinstance(body.target, Rig) else None
+    relation = body.relation_covariance
     if relation is not None:
         moved = np.zeros((len(dots), 3, len(relation)))
         for m, dot in enumerate(dots):
-            placed, first = body.plates[body.owner[dot]].placed, 6 * int(body.owner[dot])
-            moved[m, :, first : first + 3] = -skew(body.xyz[dot] - placed.shift)
+            plate, first = body.plates[body.owner[dot]], 6 * int(body.owner[dot])
+            moved[m, :, first : first + 3] = -skew(body.xyz[dot] - plate.translation_vector)
             moved[m, :, first + 3 : first + 6] = np.eye(3)
         through = moved.reshape(-1, len(relation))
         whole += (through @ relation @ through.T).reshape(whole.shape)
@@ -383,7 +389,7 @@ def spatial_errors(body: Body, dots: Indices, turn: Array, errors: ErrorSources)
     return replace(errors, place_covariance=None, joint_places=places, scale_sigma=0.0)
 
 
-def of_body(pose: PoseEstimate, placed: RigMarker) -> PoseEstimate:
+def of_body(pose: PoseEstimate, plate: Plate) -> PoseEstimate:
     """Convert the estimate of a pose T_camera_marker to that of T_camera_body, with its covariances.
 
     R <- exp([w]x) R and t <- t + dt of the marker move the body's origin by dt + [R_body s]x w, s its place from the
@@ -391,12 +397,12 @@ def of_body(pose: PoseEstimate, placed: RigMarker) -> PoseEstimate:
     """
 
     def moved(rotation: Array, translation: Array) -> tuple[Array, Array]:
-        turned = rotation @ placed.turn.T
-        return turned, translation - turned @ placed.shift
+        turned = rotation @ plate.rotation_matrix.T
+        return turned, translation - turned @ plate.translation_vector
 
     rotation, translation = moved(pose.rotation, pose.translation)
     change = np.eye(6)
-    change[3:, :3] = skew(rotation @ placed.shift)
+    change[3:, :3] = skew(rotation @ plate.translation_vector)
     budget = pose.budget
     parts = (change @ part @ change.T for part in (budget.image, budget.print, budget.camera, budget.total))
     alternative = None if pose.alternative is None else moved(*pose.alternative)
@@ -420,17 +426,17 @@ def joined(
     copies : int
         Maximum number of copies of a body of several constellations.
     """
-    parts = [(k, part) for k, body in enumerate(bodies) for part in body.parts]
+    parts = [(k, part) for k, body in enumerate(bodies) for part in body.constellations]
     every, seen = list[Detection](), dict[int, list[tuple[Constellation, Detection]]]()
     failed = dict[int, list[tuple[Constellation, Detection]]]()
     for each in found:
         own, part = parts[each.marker]
-        if bodies[own].joined:
+        if not bodies[own].is_single:
             (seen if each.found else failed).setdefault(own, []).append((part, each))
         else:
             every.append(replace(each, marker=own, rival=None if each.rival is None else parts[each.rival][0]))
     for k, body in enumerate(bodies):
-        if not body.joined:
+        if body.is_single:
             continue
         if k in seen and camera is not None:
             whole = join(body, seen[k], camera, errors, spare)[:copies]
@@ -446,6 +452,6 @@ def _reason(body: Body, refuted: bool, failed: Sequence[tuple[Constellation, Det
     if refuted:
         return "found some of its dots, but the others are not where they should be: does it look as its file says?"
     part, told = max(failed, key=lambda pair: (pair[1].unlabeled is not None, -failed.index(pair)))
-    which = part.plate.placed.name if isinstance(body.target, Rig) else f"its {len(part.dots)} largest dots"
-    several = f"none of its {len(body.parts)} {'markers' if isinstance(body.target, Rig) else 'constellations'}"
+    which = part.plate.name if body.frame == "rig" else f"its {len(part.dots)} largest dots"
+    several = f"none of its {len(body.constellations)} {'markers' if body.frame == 'rig' else 'constellations'}"
     return f"found {several}; {which}: {told.reason}"

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.bodies import Target
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.results import Detection
 from markergen.errors import InputError
@@ -16,7 +15,7 @@ from markergen.maths.projection import apply_homography, to_camera
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig
+from markergen.model.rig import Rig, Target
 from markergen.read.images import check_frame
 
 Array = NDArray[np.float64]
@@ -92,17 +91,16 @@ def _draw(canvas: NDArray[Any], target: Target, camera: Camera | None, detection
     elif detection.pose is not None:
         dots = target.dots
         labels = {number: str(dots[number][1]) for number in pixels}
-        for k, each in enumerate(target.markers):
+        for k, each in enumerate(target.plates):
             rotation, translation = each.camera_pose(detection.pose.rotation, detection.pose.translation)
             if rotation[:, 2] @ translation < 0:
                 own = {dots[number][1] for number in pixels if target.owner[number] == k}
                 pose = replace(detection.pose, rotation=rotation, translation=translation)
                 _draw_marker(canvas, each.marker, camera, replace(detection, pose=pose), own)
     if detection.pose is not None:
-        reach = target.boundary.radius if isinstance(target, Marker) else target.radius
         for axis, (name, color) in enumerate(_AXES.items()):
             ends = np.zeros((2, 3))
-            ends[1, axis] = reach / 2
+            ends[1, axis] = target.radius / 2
             pixel = _seen(ends, camera, detection)
             _polyline(canvas, pixel, color, width=2)
             _label(canvas, pixel[1], name, color)
@@ -176,19 +174,16 @@ def as_dict(detection: Detection, markers: Sequence[Target], names: Sequence[str
         Markers and rigs that were looked for, and their names.
     """
     marker = markers[detection.marker]
-    rigged = {}
-    if isinstance(marker, Rig):
-        known, rigged = list(range(len(marker))), {"dots": [list(marker.dots[number]) for number in detection.ids]}
-    else:
-        known = [point.id for point in marker.control_points]
+    ids = marker.ids.tolist()
+    places = {"dots": [list(marker.dots[number]) for number in detection.ids]} if marker.frame == "rig" else {}
     dots = detection if detection.unlabeled is None else detection.unlabeled
     return {
         "marker": names[detection.marker],
         "found": detection.found,
         "reason": reason(detection, names),
         "ids": detection.ids.tolist(),
-        **rigged,
-        "missing": sorted(set(known) - set(detection.ids.tolist())) if detection.found else known,
+        **places,
+        "missing": sorted(set(ids) - set(detection.ids.tolist())) if detection.found else ids,
         "pixels": dots.pixels.tolist(),
         "covariance_px2": dots.covariance.tolist(),
         "ellipse_centers": dots.ellipse_centers.tolist(),
@@ -211,15 +206,15 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
     if not detection.found:
         return f"{name} not found: {reason(detection, names)}"
     line = f"{name}, {len(detection.ids)} of {len(target)} dots"
-    if isinstance(target, Rig):
-        line += f" on {len(set(target.owner[detection.ids].tolist()))} of {len(target.markers)} markers"
+    if target.frame == "rig":
+        line += f" on {len(set(target.owner[detection.ids].tolist()))} of {len(target.plates)} markers"
     if detection.pose is None:
         return f"{line}, homography only, no pose without a camera"
     pose = detection.pose
     toward = -pose.rotation.T @ pose.translation
     distance = float(np.linalg.norm(toward))
     tilt = float(np.rad2deg(np.arccos(np.clip(toward[2] / distance, -1, 1))))
-    tilted = "" if isinstance(target, Rig) else f", tilted by {tilt:.2f} deg"
+    tilted = "" if target.frame == "rig" else f", tilted by {tilt:.2f} deg"
     line += (
         f", {distance:.4f} m away{tilted}; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
         f"{1e3 * pose.budget.translation['total']:.2g} mm"
@@ -230,7 +225,7 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
 
 
 def _tag(detection: Detection, marker: Target) -> dict[str, Any] | None:
-    if detection.tag is None or isinstance(marker, Rig) or marker.tag is None:
+    if detection.tag is None or not isinstance(marker, Marker) or marker.tag is None:
         return None
     return {"family": marker.tag.family, "id": marker.tag.id, "corners": detection.tag.tolist()}
 

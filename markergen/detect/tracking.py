@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
-from markergen.detect.bodies import Constellation
 from markergen.detect.candidates import find_blobs
-from markergen.detect.conic_projection import Outlines
+from markergen.detect.conic_projection import Outlines, body_outlines
 from markergen.detect.detection import Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
@@ -22,6 +21,7 @@ from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.results import Detection
 from markergen.detect.seen_models import Planes, Poses
 from markergen.estimators.budget import ErrorSources
+from markergen.model.body import Constellation
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.read.images import grey_frame
@@ -89,7 +89,7 @@ def track(
     found = list[Detection]()
     for each in near:
         body, first = sought.bodies[each.marker], sought.body_of.index(each.marker)
-        if body.joined:
+        if not body.is_single:
             again = _body_again(frame, each, first, sought, camera, errors)
         else:
             again = _settled(frame, replace(each, marker=first), sought, eye, camera is not None, errors)
@@ -123,12 +123,14 @@ def _body_again(
         again = _settled(frame, replace(each, marker=number), sought, camera, True, errors)
         if again is None:
             return None
-        parts.append((body.parts[each.marker], again))
+        parts.append((body.constellations[each.marker], again))
     together = join(body, parts, camera, errors)
     if not together or len(together[0].parts) < len(parts):
         return None
-    pose, light = together[0].pose, body.parts[0].marker.light
-    predicted = None if pose is None else _predicted(body.outlines(pose), camera)
+    pose, light = together[0].pose, body.constellations[0].marker.light
+    predicted = (
+        None if pose is None else _predicted(body_outlines(body, pose.rotation[None], pose.translation[None]), camera)
+    )
     if predicted is None:
         return None
     others = ~np.isin(body.ids[predicted.dots], together[0].ids)

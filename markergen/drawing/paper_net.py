@@ -67,14 +67,14 @@ TEXT = 2.0
 
 @dataclass(frozen=True)
 class Placed:
-    """A face on the net: y = turn x + shift, mm, from the marker frame to the net's."""
+    """A face on the net: y = R x + t, mm, from the marker frame to the net's."""
 
-    turn: Array
-    shift: Array
+    rotation: Array
+    translation: Array
 
     def __call__(self, points: Array) -> Array:
         """Transform points (..., 2)."""
-        return points @ self.turn.T + self.shift
+        return points @ self.rotation.T + self.translation
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,11 @@ def unfold(rig: Rig) -> Net:
     meeting = sum(edge.meets is not None for own in edges for edge in own)
     if len(rig.markers) < 3 or not rig.is_convex or not meeting:
         raise _no_net("plates that do not touch along their edges, as of a wall, or just two of them")
-    upright = [abs(each.turn[2, 2]) < 0.5 for each in rig.markers]
+    upright = [abs(each.rotation_matrix[2, 2]) < 0.5 for each in rig.markers]
     degree = [sum(edge.meets is not None and upright[edge.meets[0]] for edge in own) for own in edges]
     row = [k for k in range(len(edges)) if upright[k]] or list(range(len(edges)))
     # For a cube the face -y, whose upper neighbor has its axes.
-    root = max(row, key=lambda k: (degree[k], -rig.markers[k].turn[1, 2], -k))
+    root = max(row, key=lambda k: (degree[k], -rig.markers[k].rotation_matrix[1, 2], -k))
     places: dict[int, Placed] = {root: Placed(np.eye(2), np.zeros(2))}
     folds: set[tuple[int, int]] = set()
     waiting = [root]
@@ -213,7 +213,7 @@ def net_sheet(rig: Rig, options: SheetOptions) -> Sheet:
     return Sheet(
         frame.paper,
         scene_of([*layers, words]),
-        tuple((float(place.shift[0] + shift[0]), float(place.shift[1] + shift[1])) for place in net.places),
+        tuple((float(place.translation[0] + shift[0]), float(place.translation[1] + shift[1])) for place in net.places),
         (lengths, 0),
         "Paper net of a rig",
         f"Net of {len(rig.markers)} faces with {names} flaps, at true size on {frame.paper}. Print at 100 %.",

@@ -49,7 +49,7 @@ class Edge:
 def plate_edges(rig: Rig) -> list[list[Edge]]:
     """Edges of each plate whose boundary is one outline of straight edges; none for others."""
     corners = [_corners(rig, k) for k in range(len(rig.markers))]
-    places = [rig.markers[k].to_rig(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
+    places = [rig.markers[k].to_body(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
     found = []
     for k, own in enumerate(corners):
         edges = []

@@ -6,14 +6,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, Literal, Unpack
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.model.body import Body, Plate
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
+from markergen.model.rigid import Rows, check_covariance
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
 from markergen.registry import door
@@ -26,56 +28,10 @@ if TYPE_CHECKING:
     from markergen.options.declarations import ExportKeywords
 
 Array = NDArray[np.float64]
-Rows = tuple[tuple[float, ...], ...]
+Indices = NDArray[np.intp]
 
 LIGHT_DOTS = "light dots on a dark ground are printed and detected, but not yet made as a solid"
 """The limits of `Feature.polarity`, in words."""
-
-ROUNDING = 1e-9
-"""Tolerance for a rotation's orthonormality, and for a covariance, as correlations, to be symmetric and positive."""
-
-
-def check_pose(rotation: Rows, translation: tuple[float, ...], of: str = "") -> None:
-    """Refuse what is no rotation (3, 3), orthonormal to 1e-9 and not mirrored, and translation (3,) with InputError."""
-    if [len(row) for row in rotation] != [3] * 3 or len(translation) != 3:
-        raise InputError("a pose of 3x3 and 3 numbers", f"{len(rotation)} rows", "give rotation, translation")
-    turn = np.array(rotation)
-    # Written so that nan and numbers whose squares overflow do not pass.
-    bounded = bool((np.abs(turn) <= 1 + ROUNDING).all() and np.isfinite(translation).all())
-    if not (
-        bounded and np.abs(turn @ turn.T - np.eye(3)).max() <= ROUNDING and abs(np.linalg.det(turn) - 1) <= ROUNDING
-    ):
-        raise InputError(
-            f"a pose {of}{' ' * bool(of)}with a rotation: three orthonormal rows and determinant 1",
-            "another matrix" if bounded else "numbers out of range",
-            "write it with all its digits",
-        )
-
-
-def check_covariance(values: Array, unit: str = "") -> None:
-    """Refuse a matrix that is no covariance: finite, symmetric and positive semidefinite up to `ROUNDING`.
-
-    The last two as correlations, as variances may differ by orders of magnitude.
-
-    Raises
-    ------
-    InputError
-    """
-    if not np.isfinite(values).all():
-        raise InputError("a finite covariance", "nan or inf", "correct it")
-    variances = np.diag(values)
-    if variances.min() < 0:
-        raise InputError("variances of 0 or more", f"{variances.min()}{unit}", "correct the covariance")
-    scale = np.sqrt(variances)
-    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
-    correlation = values * inverse[:, None] * inverse
-    certain = scale == 0
-    if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
-        raise InputError("a covariance", "one that exceeds its variances", "are these correlations?")
-    if np.abs(correlation - correlation.T).max() > ROUNDING:
-        raise InputError("a symmetric covariance", "another", "write it with all its digits")
-    if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):
-        raise InputError("a positive semidefinite covariance", "a negative eigenvalue", "write all its digits")
 
 
 @dataclass(frozen=True)
@@ -158,53 +114,6 @@ class JointCovariance:
 
 
 @dataclass(frozen=True)
-class Plate:
-    """One of the plates of a marker that is not on one plane, such as a side of a cube.
-
-    The plate frame corresponds to the marker frame of a flat marker: x right, y up, z out of the printed face, which is
-    z = 0.
-
-    Attributes
-    ----------
-    rotation : tuple of tuple of float
-        R (3, 3) of T_marker_plate: X_marker = R X_plate + t.
-    translation : tuple of float
-        Translation t (3,) of T_marker_plate, m.
-    boundary : Boundary
-        Region that contains the plate's dots, in the plate frame.
-    control_points : tuple of int
-        Ids of the control points on it; their coordinates stay in the marker frame.
-    keep_outs : tuple of Boundary
-        Keep-outs in the plate frame.
-    tag : Tag or None
-        Tag in the plate frame, at z = 0.
-
-    Raises
-    ------
-    InputError
-        If the pose is not finite or its rotation is invalid: not orthonormal to 1e-9, or mirrored.
-    """
-
-    name: str
-    rotation: Rows
-    translation: tuple[float, float, float]
-    boundary: Boundary
-    control_points: tuple[int, ...]
-    keep_outs: tuple[Boundary, ...] = ()
-    tag: Tag | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", tuple(tuple(map(float, row)) for row in self.rotation))
-        object.__setattr__(self, "translation", tuple(map(float, self.translation)))
-        object.__setattr__(self, "control_points", tuple(int(number) for number in self.control_points))
-        check_pose(self.rotation, self.translation)
-
-    def to_plate(self, points: Array) -> Array:
-        """Transform points (n, 3) in m from the marker frame to the plate frame."""
-        return (points - np.array(self.translation)) @ np.array(self.rotation)
-
-
-@dataclass(frozen=True)
 class ControlPoint:
     """One control point: identifier, position in the marker frame in m, and its printed feature.
 
@@ -232,8 +141,8 @@ class ControlPoint:
 
 
 @dataclass(frozen=True, repr=False)
-class Marker:
-    """A designed marker.
+class Marker(Body):
+    """A designed marker: a body of one plate.
 
     Examples
     --------
@@ -267,12 +176,11 @@ class Marker:
         Covariance of places that were measured together; then no control point has a covariance of its own.
     rulers : (x, y) or None
         Lengths in m printed beside the sheet's rulers, None for a missing ruler; None if unknown.
-    plates : tuple of Plate
-        Plates that the control points are on, each on one; empty if there is one plate, whose frame is the marker
-        frame. With plates, the boundary only gives the marker's size; keep-outs and tags are those of the plates.
     extensions : mapping
         Plain JSON values from other programs, by name.
     """
+
+    frame: ClassVar[str] = "marker"
 
     control_points: tuple[ControlPoint, ...]
     boundary: Boundary
@@ -284,7 +192,6 @@ class Marker:
     print_scale: tuple[float, float] = (1.0, 1.0)
     joint_covariance: JointCovariance | None = None
     rulers: tuple[float | None, float | None] | None = None
-    plates: tuple[Plate, ...] = ()
     extensions: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -321,7 +228,6 @@ class Marker:
         parts = [f"{count} control point{'s' * (count != 1)} in a {self.boundary}"]
         parts += [f"dots of {size}" if size and self.dot_diameter else "bare points"] if self else []
         parts += [f"tag {self.tag}"] if self.tag else []
-        parts += [f"{len(self.plates)} plate{'s' * (len(self.plates) > 1)}"] if self.plates else []
         parts += [f"spec {self.spec_hash[:40]}"] if "spec_hash" in self.provenance else []
         return f"Marker({', '.join(parts)})"
 
@@ -340,6 +246,41 @@ class Marker:
     def xyz(self) -> Array:
         """Control points (n, 3) in m, marker frame."""
         return np.array([[point.x, point.y, point.z] for point in self.control_points], dtype=float).reshape(-1, 3)
+
+    @cached_property
+    def plates(self) -> tuple[Plate, ...]:
+        """Its only plate, whose frame is the marker's."""
+        return (Plate("marker", self, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0.0, 0.0, 0.0)),)
+
+    @property
+    def radius(self) -> float:
+        """Size in m: radius of the boundary's smallest enclosing circle."""
+        return self.boundary.radius
+
+    @cached_property
+    def ids(self) -> Indices:
+        """Ids (n,) of the control points."""
+        return np.array([point.id for point in self.control_points], dtype=np.intp)
+
+    def only(self, dots: Indices) -> "Marker":
+        """Return the marker with some of its dots, (m,), alone."""
+        if len(dots) == len(self):
+            return self
+        points = tuple(self.control_points[k] for k in dots)
+        joint = self.joint_covariance
+        if joint is None:
+            return replace(self, control_points=points)
+        ids = {point.id for point in points}
+        kept = [k for k, number in enumerate(joint.order) if number in ids]
+        axes = len(joint.axes)
+        rows = (axes * np.array(kept, dtype=np.intp)[:, None] + np.arange(axes)).ravel()
+        order = tuple(joint.order[k] for k in kept)
+        matrix = tuple(map(tuple, joint.array[np.ix_(rows, rows)].tolist()))
+        return replace(
+            self,
+            control_points=points,
+            joint_covariance=replace(joint, order=order, matrix=matrix) if kept else None,
+        )
 
     @cached_property
     def place_covariance(self) -> Array | None:
@@ -461,9 +402,6 @@ def check_supported(marker: Marker, doing: str, light: bool = True) -> None:
         remedy = f"{LIGHT_DOTS}; design it without --colors inverted" if marker.light else remedy
         kind = "dots all dark or all light" if light else "dark dots"
         raise InputError(f"{kind} {doing}", f"light dots: {some}", remedy)
-    if marker.plates:
-        names = ", ".join(plate.name for plate in marker.plates)
-        raise InputError(f"a marker on one plate {doing}", f"plates: {names[:80]}", remedy)
 
 
 def light_marker(marker: Marker) -> Marker:

@@ -7,6 +7,7 @@ boundary and substrate: reader, writer and both schemas follow. A choice added l
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
@@ -15,9 +16,12 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 from pydantic import Tag as Choice
 
 from markergen.errors import InputError, brief
+from markergen.model.body import Plate
 from markergen.model.feature import Feature, Polarity
 from markergen.model.findings import UNNAMED, Location
-from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize, Plate
+from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize
+from markergen.model.rig import Rig
+from markergen.model.rigid import check_pose
 from markergen.model.shape_file import STRICT, BoundaryFile, Finite, SubstrateFile, built, holds_together
 from markergen.model.tag import FAMILIES, Tag
 
@@ -181,11 +185,25 @@ class _Plate(_MarkerPart):
         # A tag that contradicts itself is reported with its own path.
         return holds_together(self.model_copy(update={"tag": None})) and self
 
-    def build(self) -> Plate:
-        pose, tag = self.pose, self.tag.build() if self.tag else None
-        x, y, z = pose.translation
-        ids, rows = tuple(self.control_points), tuple(map(tuple, pose.rotation))
-        return Plate(self.name, rows, (x, y, z), self.boundary.build(), ids, built(self.keep_outs), tag)
+    def build(self) -> None:
+        """Check the pose; raises InputError."""
+        check_pose(tuple(map(tuple, self.pose.rotation)), tuple(self.pose.translation))
+
+    def mounted(self, marker: Marker) -> Plate:
+        """Return a marker on this plate."""
+        return Plate(self.name, marker, tuple(map(tuple, self.pose.rotation)), tuple(self.pose.translation))
+
+    def moved(self, point: ControlPoint) -> ControlPoint:
+        """Return a control point in the frame of this plate."""
+        rotation, shift = np.array(self.pose.rotation), np.array(self.pose.translation)
+        designed_x, designed_y = point.designed or (point.x, point.y)
+        designed_z = point.z if point.designed_z is None else point.designed_z
+        x, y, z = ((np.array([point.x, point.y, point.z]) - shift) @ rotation).tolist()
+        u, v, w = ((np.array([designed_x, designed_y, designed_z]) - shift) @ rotation).tolist()
+        is_measured = point.designed is not None or point.designed_z is not None
+        return replace(
+            point, x=x, y=y, z=z, designed=(u, v) if is_measured else None, designed_z=w if is_measured else None
+        )
 
 
 class MarkerFile(_MarkerPart):
@@ -223,9 +241,34 @@ class MarkerFile(_MarkerPart):
             print_scale=(correction.scale_x, correction.scale_y) if correction else (1, 1),
             joint_covariance=self.joint_covariance.build() if self.joint_covariance else None,
             rulers=(rulers.x, rulers.y) if rulers else None,
-            plates=tuple(plate.build() for plate in self.plates),
             extensions=self.extensions,
         )
+
+    def build_rig(self) -> Rig:
+        """Build the rig of a file with plates; what was measured of dots of different plates together is left out."""
+        whole = self.build()
+        joint = whole.joint_places
+        places = {point.id: k for k, point in enumerate(whole.control_points)}
+        markers = []
+        for plate in self.plates:
+            rotation, ids = np.array(plate.pose.rotation), plate.control_points
+            dots = [places[number] for number in ids]
+            part = replace(
+                whole,
+                control_points=tuple(plate.moved(whole.control_points[k]) for k in dots),
+                boundary=plate.boundary.build(),
+                keep_outs=built(plate.keep_outs),
+                tag=plate.tag.build() if plate.tag else None,
+                joint_covariance=None,
+            )
+            if joint is not None and (measured := [k for k in dots if np.isfinite(joint[k, :, k]).all()]):
+                block = np.einsum("ba,ibjc,cd->iajd", rotation, joint[np.ix_(measured, range(3), measured)], rotation)
+                matrix = block.reshape(3 * len(measured), -1)
+                rows = tuple(map(tuple, ((matrix + matrix.T) / 2).tolist()))
+                order = tuple(whole.control_points[k].id for k in measured)
+                part = replace(part, joint_covariance=JointCovariance(order, "xyz", rows))
+            markers.append(plate.mounted(part))
+        return Rig(tuple(markers), provenance=whole.provenance, extensions=whole.extensions)
 
 
 Form = type[BaseModel]

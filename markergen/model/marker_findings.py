@@ -237,8 +237,8 @@ def _plates(parts: _Parts, designed: Array) -> list[str]:
             placed.add(number)
         here = {paths[number]: parts.points[paths[number]] for number in file.control_points if number in paths}
         if here:
-            frame = file.model_copy(update={"tag": None}).build()  # The tag may contradict itself.
-            dots = _dots(here, frame.to_plate(np.array([rows[each] for each in here])))
+            rotation, shift = np.array(file.pose.rotation), np.array(file.pose.translation)
+            dots = _dots(here, (np.array([rows[path] for path in here]) - shift) @ rotation)
             borders = _borders(file.boundary, _numbered("keep_outs", file.keep_outs), file.tag)
             borders = {f"{name} of {path}": border for name, border in borders.items()}
             findings += _room(dots, borders, parts.clearance) + _gaps(dots, parts.clearance)

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from markergen.errors import InputError, brief
 from markergen.guard import Content, read, text_of
 from markergen.model.findings import findings_of, listed, path_of
-from markergen.model.marker import ControlPoint, JointCovariance, Marker, Plate
+from markergen.model.marker import ControlPoint, JointCovariance, Marker
 from markergen.model.marker_file import (
     FORMAT,
     TOLERANCE,
@@ -58,7 +58,6 @@ def to_json(marker: Marker) -> bytes:
         "clearance": marker.clearance,
         "control_points": [_control_point(point) for point in marker.control_points],
         **({"joint_covariance": {"order": joint.order, "axes": joint.axes, "matrix": None}} if joint else {}),
-        **({"plates": [_plate(plate) for plate in marker.plates]} if marker.plates else {}),
         "tag": _tag(marker.tag),
         "substrate": marker.substrate.as_dict(),
         "print_correction": None if marker.print_scale == (1.0, 1.0) else _correction(marker.print_scale),
@@ -93,17 +92,6 @@ def _control_point(point: ControlPoint) -> dict[str, Any]:
 
 def _given(**values: float | None) -> dict[str, float]:
     return {key: value for key, value in values.items() if value is not None}
-
-
-def _plate(plate: Plate) -> dict[str, Any]:
-    return {
-        "name": plate.name,
-        "pose": {"rotation": plate.rotation, "translation": plate.translation},
-        "boundary": plate.boundary.as_dict(),
-        "control_points": plate.control_points,
-        **({"keep_outs": [keep_out.as_dict() for keep_out in plate.keep_outs]} if plate.keep_outs else {}),
-        **({"tag": _tag(plate.tag)} if plate.tag else {}),
-    }
 
 
 def _correction(scale: tuple[float, float]) -> dict[str, float]:
@@ -199,6 +187,15 @@ def json_of(content: Content) -> Any:
 
 def from_content(content: Any, name: str) -> Marker:
     """Make a marker from the values of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
+    form = checked(content, name)
+    if form.plates:
+        names = ", ".join(plate.name for plate in form.plates)
+        raise InputError(f"a marker on one plate in {name}", f"plates: {names[:80]}", "load it with Rig.load")
+    return form.build()
+
+
+def checked(content: Any, name: str) -> MarkerFile:
+    """Check the values of a marker.json; raises as `read_marker` does."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
@@ -215,7 +212,7 @@ def from_content(content: Any, name: str) -> Marker:
     findings += contradictions(content, form)
     if form is None or findings:
         raise InputError(f"a valid marker in {name}", listed(findings), "correct these places")
-    return form.build()
+    return form
 
 
 def _other_version(content: Mapping[str, Any], name: str) -> InputError:

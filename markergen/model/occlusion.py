@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.region import Region
+from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
@@ -107,18 +108,16 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
     return gaps
 
 
-def hidden(body: Marker | Rig, poses: PoseDistribution) -> NDArray[np.bool_]:
-    """Return which dots (P, n) are partly or wholly hidden at poses T_camera_marker, or T_camera_rig of a rig.
+def hidden(body: Body, poses: PoseDistribution) -> NDArray[np.bool_]:
+    """Return which dots (P, n) are partly or wholly hidden at poses T_camera_body.
 
-    A dot is hidden by another dot's pillar on its own plate, by another plate of the rig (see `Rig.plates`), or by its
-    own plate: if it is seen from below. A tolerance of a nanometer allows for rounding between neighbors. Pillars of
-    other plates hide nothing.
+    A dot is hidden by another dot's pillar on its own plate, by another plate (see `Rig.plate_regions`), or by its own
+    plate: if it is seen from below. A tolerance of a nanometer allows for rounding between neighbors. Pillars of other
+    plates hide nothing.
     """
     eyes = eyes_of(poses)
-    if isinstance(body, Marker):
-        return _hidden_by_pillars(body, eyes)
-    parts = [_hidden_by_pillars(each.marker, each.to_marker(eyes)) for each in body.markers]
-    if not body.is_convex:
+    parts = [_hidden_by_pillars(plate.marker, plate.to_marker(eyes)) for plate in body.plates]
+    if isinstance(body, Rig) and not body.is_convex:
         parts = [part | _hidden_by_plates(body, k, eyes) for k, part in enumerate(parts)]
     return np.concatenate(parts, axis=1)
 
@@ -152,7 +151,7 @@ def painting_levels(rig: Rig, eye: Array) -> list[list[int]]:
 
 def _plate_hides(rig: Rig, j: int, k: int, eye: Array) -> bool:
     """True if plate j hides part of plate k, which may be seen from its back."""
-    shadow, plate = _shadow(rig, j, k, rig.markers[k].to_marker(eye)), rig.plates[k]
+    shadow, plate = _shadow(rig, j, k, rig.markers[k].to_marker(eye)), rig.plate_regions[k]
     return shadow is not None and (shadow & plate).area > _TOUCHING * plate.area
 
 
@@ -180,10 +179,10 @@ def _shadow(rig: Rig, j: int, k: int, eye: Array, height: float = 0.0) -> Region
     one, other = rig.markers[j], rig.markers[k]
     # From below, the plane's other side counts.
     side = np.array([1.0, 1.0, -1.0 if eye[2] < height else 1.0])
-    turn = side[:, None] * (other.turn.T @ one.turn)[:, :2]
-    shift, eye = side * (other.to_marker(one.shift) - [0, 0, height]), side * (eye - [0, 0, height])
+    turn = side[:, None] * (other.rotation_matrix.T @ one.rotation_matrix)[:, :2]
+    shift, eye = side * (other.to_marker(one.translation_vector) - [0, 0, height]), side * (eye - [0, 0, height])
     low, high = _TOUCHING * max(rig.radius, 1.0), (1 - 1e-6) * eye[2]
-    plate = rig.plates[j]
+    plate = rig.plate_regions[j]
     corners = np.concatenate(plate.rings)
     heights = corners @ turn[2] + shift[2]
     if heights.max() <= low or heights.min() >= high:

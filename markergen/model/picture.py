@@ -1,6 +1,6 @@
 """Pictures of a marker's layout: a small one for notebooks, and a plot to scale; neither is a sheet to print."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +27,7 @@ _DARK, _PAPER, _TAKEN = "#111111", "#ffffff", "#d9d9d9"
 
 def svg(marker: "Marker") -> str:
     """Return an SVG of boundary, keep-outs, holes, tag, and dots with their ids, seen along -z of the marker frame."""
-    outlines = [*marker.boundary.outlines(), *(_in_marker(plate, ring) for plate, ring in _plates(marker))]
+    outlines = marker.boundary.outlines()
     corners = np.concatenate(outlines) * 1e3
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     margin = 0.03 * float(size.max())
@@ -44,17 +44,6 @@ def svg(marker: "Marker") -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{WIDTH * box[3] / box[2]:.4g}" '
         f'viewBox="{" ".join(f"{value:.6g}" for value in box)}">{"".join(parts)}</svg>'
     )
-
-
-def _plates(marker: "Marker") -> Iterable[tuple[Array, Array]]:
-    """Yield the pose (3, 4) and one outline (m, 2) of each plate in turn, m."""
-    for plate in marker.plates:
-        pose = np.column_stack([np.array(plate.rotation), np.array(plate.translation)])
-        yield from ((pose, ring) for ring in plate.boundary.outlines())
-
-
-def _in_marker(pose: Array, ring: Array) -> Array:
-    return ring @ pose[:2, :2].T + pose[:2, 3]
 
 
 def _path(rings: Sequence[Array], style: str) -> str:

@@ -5,14 +5,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, Unpack
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
-from markergen.model.marker import ROUNDING, Marker, Rows, check_covariance, check_pose
+from markergen.model.body import Body, Plate
+from markergen.model.marker import Marker
+from markergen.model.rigid import ROUNDING, Rows, check_covariance
 from markergen.model.spec import USUAL_PRINT
 from markergen.registry import door
 from markergen.units import format_length
@@ -27,77 +29,11 @@ MOST_MARKERS = 100
 """Maximum number of markers of a rig."""
 
 
-@dataclass(frozen=True)
-class RigMarker:
-    """One marker of a rig, by its name, with its pose in the rig frame.
-
-    Examples
-    --------
-    >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.marker import build_marker
-    >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
-    >>> marker = build_marker(square, Circle(0.06), diameter=0.02, clearance=0.002)
-    >>> front = RigMarker("front", marker, np.eye(3), (0, 0, 0.1))
-    >>> front.to_rig(np.array([0.03, 0.03, 0]))
-    array([0.03, 0.03, 0.1 ])
-
-    Attributes
-    ----------
-    name : str
-        Such as ``+x`` or ``row 1 column 2``; no two of a rig have the same.
-    marker : Marker
-        In its own frame: x right, y up, z out of the printed face.
-    rotation : tuple of tuple of float
-        R (3, 3) of T_rig_marker: X_rig = R X_marker + t.
-    translation : tuple of float
-        t (3,) of T_rig_marker, m.
-
-    Raises
-    ------
-    InputError
-        If the name is empty or longer than 40 characters, or the pose is not finite or its rotation is invalid: not
-        orthonormal to 1e-9, or mirrored.
-    """
-
-    name: str
-    marker: Marker
-    rotation: Rows
-    translation: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not (self.name.strip() and len(self.name) <= 40 and self.name.isprintable()):
-            raise InputError("a name of 1 to 40 characters for a marker of a rig", brief(self.name), "name its place")
-        object.__setattr__(self, "rotation", tuple(tuple(map(float, row)) for row in self.rotation))
-        object.__setattr__(self, "translation", tuple(map(float, self.translation)))
-        check_pose(self.rotation, self.translation, f"T_rig_marker of {self.name}")
-
-    @property
-    def turn(self) -> Array:
-        """R (3, 3) of T_rig_marker."""
-        return np.array(self.rotation)
-
-    @property
-    def shift(self) -> Array:
-        """Translation t (3,) of T_rig_marker, m."""
-        return np.array(self.translation)
-
-    def to_rig(self, points: Array) -> Array:
-        """Transform points (..., 3) in m from the marker frame to the rig frame."""
-        return points @ self.turn.T + self.shift
-
-    def to_marker(self, points: Array) -> Array:
-        """Transform points (..., 3) in m from the rig frame to the marker frame."""
-        return (points - self.shift) @ self.turn
-
-    def camera_pose(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
-        """T_camera_marker of poses T_camera_rig, rotation (..., 3, 3) and translation (..., 3) in m."""
-        return rotation @ self.turn, rotation @ self.shift + translation
-
-
 @dataclass(frozen=True, repr=False)
-class Rig:
-    """Markers with a known rigid relation; a pose T_camera_rig is estimated from all dots of all markers in view.
+class Rig(Body):
+    """Markers with a known rigid relation, a body of several plates.
 
+    A pose T_camera_rig is estimated from all dots of all markers in view.
     The dots are numbered through the markers in their order; `owner` is the marker of each.
 
     Examples
@@ -107,7 +43,7 @@ class Rig:
     >>> points = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
     >>> marker = build_marker(points, Circle(0.06), diameter=0.02, clearance=0.002)
     >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    >>> rig = Rig((RigMarker("front", marker, np.eye(3), [0, 0, 0.1]), RigMarker("side", marker, side, [0.1, 0, 0])))
+    >>> rig = Rig((Plate("front", marker, np.eye(3), [0, 0, 0.1]), Plate("side", marker, side, [0.1, 0, 0])))
     >>> rig
     Rig(2 markers, 8 control points within 117 mm of its origin)
     >>> rig.xyz.shape, rig.normals[4], rig.owner
@@ -115,7 +51,7 @@ class Rig:
 
     Attributes
     ----------
-    markers : tuple of RigMarker
+    markers : tuple of Plate
     relation : tuple of tuple of float, or None
         Covariance (6 k, 6 k) of the k markers' poses T_rig_marker, of (w, dt) in rad and m, in the rig frame: R <-
         exp([w]x) R and t <- t + dt; None if they are exact.
@@ -129,7 +65,9 @@ class Rig:
         finite, symmetric and positive semidefinite.
     """
 
-    markers: tuple[RigMarker, ...]
+    frame: ClassVar[str] = "rig"
+
+    markers: tuple[Plate, ...]
     relation: Rows | None = field(default=None, repr=False)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     extensions: Mapping[str, Any] = field(default_factory=dict)
@@ -170,36 +108,18 @@ class Rig:
             f"within {format_length(float(f'{self.radius:.3g}'))} of its origin)"
         )
 
-    def __len__(self) -> int:
-        return len(self.owner)
-
     def __hash__(self) -> int:
         return hash((self.markers, self.relation))
 
-    @cached_property
-    def owner(self) -> NDArray[np.intp]:
-        """Index (n,) of the marker that each control point is on."""
-        return np.repeat(np.arange(len(self.markers)), [len(each.marker) for each in self.markers])
+    @property
+    def plates(self) -> tuple[Plate, ...]:
+        """The markers with their poses."""
+        return self.markers
 
     @cached_property
-    def dots(self) -> tuple[tuple[str, int], ...]:
-        """Name of the marker that each of the n control points is on, and its id there."""
-        return tuple((each.name, point.id) for each in self.markers for point in each.marker.control_points)
-
-    @cached_property
-    def xyz(self) -> Array:
-        """Control points (n, 3) in m, rig frame."""
-        return np.concatenate([each.to_rig(each.marker.xyz) for each in self.markers])
-
-    @cached_property
-    def normals(self) -> Array:
-        """Normals (n, 3) of the plates that the control points are on, rig frame."""
-        return np.array([each.turn[:, 2] for each in self.markers])[self.owner]
-
-    @cached_property
-    def radii(self) -> Array:
-        """Radii (n,) of the dots in m."""
-        return np.array([p.feature.diameter / 2 for each in self.markers for p in each.marker.control_points])
+    def ids(self) -> NDArray[np.intp]:
+        """Numbers (n,) of the control points, through the markers."""
+        return np.arange(len(self))
 
     @cached_property
     def radius(self) -> float:
@@ -210,7 +130,7 @@ class Rig:
         """Points (m, 3) in m of the outlines of one marker's boundary, rig frame."""
         each = self.markers[index]
         points = np.concatenate(each.marker.boundary.outlines())
-        return each.to_rig(np.column_stack([points, np.zeros(len(points))]))
+        return each.to_body(np.column_stack([points, np.zeros(len(points))]))
 
     @cached_property
     def margins(self) -> Array:
@@ -232,7 +152,7 @@ class Rig:
         return margins
 
     @cached_property
-    def plates(self) -> tuple[Region, ...]:
+    def plate_regions(self) -> tuple[Region, ...]:
         """Regions of the plates, in m in their markers' frames: the boundaries with their `margins`."""
         every = zip(self.markers, self.margins, strict=True)
         regions = ((each.marker.boundary.region, float(margin)) for each, margin in every)
@@ -257,11 +177,11 @@ class Rig:
         return door("api.export.export")(self, *paths, **options)
 
 
-def _rim(each: RigMarker, spacing: float) -> Array:
+def _rim(each: Plate, spacing: float) -> Array:
     """Points (m, 3) in m, rig frame, on the outlines of a marker's boundary, at most `spacing` apart unless it is 0."""
     region = each.marker.boundary.region
     points = np.concatenate((region.mapped(lambda corners: corners, spacing) if spacing else region).rings)
-    return each.to_rig(np.column_stack([points, np.zeros(len(points))]))
+    return each.to_body(np.column_stack([points, np.zeros(len(points))]))
 
 
 def _check_covariance(rows: Rows, size: int) -> None:
@@ -275,13 +195,16 @@ def _check_covariance(rows: Rows, size: int) -> None:
         raise InputError(expected, *error.args[1:]) from None
 
 
-def planned_print(*targets: Marker | Rig) -> float:
+Target = Marker | Rig
+"""What is designed, printed and detected."""
+
+
+def planned_print(*bodies: Body) -> float:
     """Return the print error in m that markers were designed for, the largest of several; the usual one for others.
 
     Standard deviation of a dot's position along each axis, as in `Spec.print_sigma`.
     """
-    parts = [[each.marker for each in target.markers] if isinstance(target, Rig) else [target] for target in targets]
-    specs = [marker.provenance.get("spec") for markers in parts for marker in markers]
+    specs = [plate.marker.provenance.get("spec") for body in bodies for plate in body.plates]
     planned = [spec.get("print_sigma") if isinstance(spec, Mapping) else None for spec in specs]
-    known = [each if isinstance(each, float) and each > 0 else USUAL_PRINT for each in planned]
-    return max(known, default=USUAL_PRINT)
+    sigmas = [sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT for sigma in planned]
+    return max(sigmas, default=USUAL_PRINT)

@@ -11,10 +11,12 @@ from pydantic import BaseModel, Field, ValidationError
 
 from markergen.errors import InputError, brief
 from markergen.guard import check_size, read
+from markergen.model.body import Plate
 from markergen.model.findings import findings_of, listed
 from markergen.model.marker import Marker
 from markergen.model.marker_file import PoseFile
 from markergen.model.marker_json import (
+    checked,
     dumped,
     from_content,
     from_json,
@@ -24,7 +26,7 @@ from markergen.model.marker_json import (
     read_marker,
     to_json,
 )
-from markergen.model.rig import MOST_MARKERS, Rig, RigMarker
+from markergen.model.rig import MOST_MARKERS, Rig
 from markergen.model.shape_file import STRICT, Finite
 
 FORMAT, VERSION = "markergen-rig", 1
@@ -72,8 +74,8 @@ class RigFile(_Part):
 
 
 def is_rig(content: object) -> bool:
-    """Return whether the content of a JSON file says that it is a rig.json."""
-    return isinstance(content, Mapping) and content.get("format") == FORMAT
+    """Return whether the content of a JSON file is a rig.json, or a marker.json on several plates."""
+    return isinstance(content, Mapping) and (content.get("format") == FORMAT or bool(content.get("plates")))
 
 
 def rig_to_json(rig: Rig) -> bytes:
@@ -154,6 +156,8 @@ def _folder(source: object) -> Path:
 def _built(content: Any, name: str, folder: Path) -> Rig:
     if not is_rig(content):
         raise InputError(f'"format": "{FORMAT}" in {name}', "another kind of file", "give what markergen rig wrote")
+    if content.get("format") != FORMAT:
+        return checked(content, name).build_rig()
     version = content.get("version")
     if type(version) is not int or version != VERSION:
         update = "update markergen" if isinstance(version, int) and version > VERSION else "make the rig again"
@@ -162,14 +166,14 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
         form = RigFile.model_validate(content)
     except ValidationError as error:
         raise InputError(f"a valid rig in {name}", listed(findings_of(error)), "correct these places") from None
-    findings, markers = list[str](), list[RigMarker]()
+    findings, markers = list[str](), list[Plate]()
     for k, each in enumerate(form.markers):
         try:
             if (each.marker is None) == (each.file is None):
                 raise InputError("a marker, or the file of one", "both or neither", "give one of them")
             marker = read_marker(folder / each.file) if each.file else from_json(dumped(each.marker, None), each.name)
             pose = each.T_rig_marker
-            markers.append(RigMarker(each.name, marker, tuple(map(tuple, pose.rotation)), tuple(pose.translation)))
+            markers.append(Plate(each.name, marker, tuple(map(tuple, pose.rotation)), tuple(pose.translation)))
         except InputError as error:
             findings.append(f"markers[{k}]: {error}")
     if findings:

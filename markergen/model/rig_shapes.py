@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, among, brief
+from markergen.model.body import Plate
 from markergen.model.boundary import Boundary, Polygon
-from markergen.model.marker import Marker, Rows
-from markergen.model.rig import MOST_MARKERS, RigMarker
+from markergen.model.marker import Marker
+from markergen.model.rig import MOST_MARKERS
+from markergen.model.rigid import Rows
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -39,16 +41,16 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class Face:
-    """A place for a marker: its name, boundary and pose T_rig_marker, as those of a `RigMarker`."""
+    """A place for a marker: its name, boundary and pose T_rig_marker, as those of a `Plate`."""
 
     name: str
     boundary: Boundary
     rotation: Rows
     translation: tuple[float, ...]
 
-    def mounted(self, marker: Marker) -> RigMarker:
+    def mounted(self, marker: Marker) -> Plate:
         """Return a marker on this face."""
-        return RigMarker(self.name, marker, self.rotation, self.translation)
+        return Plate(self.name, marker, self.rotation, self.translation)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Sight: which dots of a marker each pose shows, and which poses a marker serves."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
+from markergen.model.constellation import FEWEST, enough, scales_of
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -21,17 +21,8 @@ Mask = NDArray[np.bool_]
 MARGIN_PX = 3.0
 """Distance in px that the image of a dot keeps from the edge of the sensor to be detected."""
 
-FEWEST = 4
-"""Number of dots of one diameter, not all on a line, from which a pose is found."""
-
-SCALE_RATIO = 1.5
-"""Ratio of diameters, between one dot and the next larger one, from which on they are of two scales."""
-
 RIM = 16
 """Number of points on the rim of a dot that represent its image."""
-
-FLAT = 0.02
-"""Ratio of the spreads across and along a line below which points count as on it."""
 
 BANDS, FINE_BANDS = 8, 32
 """Numbers of ranges of distance, of equal ratio, in tables and in sentences."""
@@ -175,7 +166,7 @@ def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) ->
     InputError
         If there is none.
     """
-    if len(constellations_of(marker)) < 2:
+    if len(marker.constellations) < 2:
         return poses.seen_whole(marker.boundary, camera, marker.height)
     kept = np.flatnonzero(coverage(marker, camera, poses).served)
     if not kept.size:
@@ -187,37 +178,10 @@ def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) ->
 
 def partly_seen(marker: Marker, camera: Camera, poses: PoseDistribution) -> Mask | None:
     """Mask (P, n) of the dots that count, of a marker with dots of several sizes; None if all count."""
-    several = len(constellations_of(marker)) > 1
+    several = len(marker.constellations) > 1
     return coverage(marker, camera, poses).seen if several else None
 
 
 def diameters_of(marker: Marker) -> Array:
     """Diameters (n,) in m of a marker's dots."""
     return np.array([point.feature.diameter for point in marker.control_points])
-
-
-def scales_of(diameters: Array | Sequence[float]) -> tuple[NDArray[np.intp], ...]:
-    """Indices of the dots of each scale, the largest first: diameters in m without a gap of `SCALE_RATIO`."""
-    sizes = np.asarray(diameters, dtype=float)
-    order = np.argsort(-sizes, kind="stable")
-    ratio = sizes[order[:-1]] / np.maximum(sizes[order[1:]], np.finfo(float).tiny)
-    return tuple(np.sort(scale) for scale in np.split(order, np.flatnonzero(ratio >= SCALE_RATIO) + 1))
-
-
-def constellations_of(marker: Marker) -> tuple[NDArray[np.intp], ...]:
-    """Indices of the dots that a pose can be estimated from by themselves, by scale; all dots if only one scale can."""
-    found = [scale for scale in scales_of(diameters_of(marker)) if len(scale) >= FEWEST and spans(marker.xyz[scale])]
-    return tuple(found) if len(found) > 1 else (np.arange(len(marker)),)
-
-
-def enough(points: Array, seen: Mask) -> Mask:
-    """Mask (P,) of the poses that see four points (n, 2 or 3) that are not on a line, of those seen (P, n)."""
-    masks, which = np.unique(seen, axis=0, return_inverse=True)
-    found = [each.sum() >= FEWEST and spans(points[each]) for each in masks]
-    return np.array(found, dtype=bool)[which.ravel()]
-
-
-def spans(points: Array) -> bool:
-    """Whether points (m, 2 or 3) are not on a line."""
-    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(size[1] > FLAT * size[0])

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from markergen.model.sight import FEWEST, Coverage
+from markergen.model.constellation import FEWEST
+from markergen.model.sight import Coverage
 from markergen.presentation.plots import color_steps, log_axis
 
 if TYPE_CHECKING:

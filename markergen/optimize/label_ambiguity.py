@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.sight import constellations_of
 from markergen.objectives import Setting
 from markergen.optimize.rival_labelings import RivalFit, Rivals, SeenLayout, seen_layout
 
@@ -208,7 +207,7 @@ def _by_size(marker: Marker, setting: Setting) -> LabelSafety:
     assert setting.sight is not None
     n = len(marker)
     px, labels, at = np.full(n, np.inf), np.tile(np.arange(n), (n, 1)), np.zeros(n, dtype=np.intp)
-    for scale in constellations_of(marker):
+    for scale in (constellation.dots for constellation in marker.constellations):
         whole = np.flatnonzero(setting.sight.seen[:, scale].all(axis=1))
         if not whole.size:
             continue

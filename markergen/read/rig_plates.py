@@ -12,11 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from markergen.errors import InputError, among
 from markergen.guard import read, text_of
 from markergen.maths.rotation import exponential, turn_z
+from markergen.model.body import Plate
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.findings import findings_of, listed
 from markergen.model.marker import Marker
 from markergen.model.marker_json import parsed, read_marker
-from markergen.model.rig import MOST_MARKERS, RigMarker
+from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, span_of
 from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import Finite, Length
@@ -82,7 +83,7 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
             face = Face(plate.name, _boundary(plate, marker), _rotation(plate), tuple(plate.translation))
             if marker is not None:
                 markers[k] = marker
-                RigMarker(face.name, marker, face.rotation, face.translation)
+                Plate(face.name, marker, face.rotation, face.translation)
             faces.append(face)
         except InputError as error:
             findings.append(f"plates[{k}]: {error}")

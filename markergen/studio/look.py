@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.baselines import line_up
+from markergen.comparison.baselines import line_up
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary

@@ -22,7 +22,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.sight import constellations_of, partly_seen
+from markergen.model.sight import partly_seen
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import Setting
 from markergen.objectives.observation import lens_blocks, through_lens
@@ -202,7 +202,7 @@ def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]
 def _outlook(series: SyntheticViews) -> str | None:
     """What more dots would bring (see `outlook`); None for a relief, bare points, several sizes and measured prints."""
     marker, errors = series.marker, series.errors
-    several = len(constellations_of(marker)) > 1
+    several = len(marker.constellations) > 1
     if several or marker.height or marker.places_measured or not marker.dot_diameter or not len(series.poses):
         return None
     optics = series.optics

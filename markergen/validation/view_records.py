@@ -12,7 +12,6 @@ from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.maths.rotation import logarithm
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.sight import constellations_of
 from markergen.objectives.homography import validation_grid
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import (
@@ -270,7 +269,7 @@ def _pose_errors(
 
 
 def _homography_px(series: SyntheticViews, view: View, rotation: Array, translation: Array) -> float:
-    if view.detection.homography is None or len(constellations_of(series.marker)) > 1:
+    if view.detection.homography is None or len(series.marker.constellations) > 1:
         return np.nan
     grid = validation_grid(series.marker.boundary.radius)
     pixels = series.camera.ideal.project(grid, rotation[None], translation[None])[0]

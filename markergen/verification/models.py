@@ -37,8 +37,8 @@ class ShownMesh:
 
     path: str
     color: Color
-    turn: Array
-    shift: Array
+    rotation: Array
+    translation: Array
     scale: Array
 
 
@@ -95,7 +95,7 @@ def model_of(kind: str, data: bytes, name: str) -> Model:
     except (ParseError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         found = brief(str(error)) if isinstance(error, ParseError) else "something else"
         raise InputError(f"a {kind} of one link with meshes in {name}", found, "export it again") from None
-    numbers = np.array([[*each.turn.flat, *each.shift, *each.scale] for each in shown])
+    numbers = np.array([[*each.rotation.flat, *each.translation, *each.scale] for each in shown])
     if not len(shown) or not np.isfinite(numbers).all():
         raise InputError(f"meshes at finite places in {name}", "none" if not shown else "others", "export it again")
     meshes = tuple(MeshObject(_corners(each, Path(name)), color=each.color) for each in shown)
@@ -115,7 +115,7 @@ def _corners(shown: ShownMesh, path: Path) -> Array:
         remedy = "export it again: other formats have axes of their own"
         raise InputError(f"meshes as .stl in the folder of {path}", found, remedy)
     (mesh,) = triangles_of("STL", read_content(target, "artifact").data, str(path.parent / inner))
-    return 1e3 * (mesh.corners * shown.scale @ shown.turn.T + shown.shift)
+    return 1e3 * (mesh.corners * shown.scale @ shown.rotation.T + shown.translation)
 
 
 def _pose_flaws(shown: Sequence[ShownMesh]) -> list[str]:
@@ -123,7 +123,10 @@ def _pose_flaws(shown: Sequence[ShownMesh]) -> list[str]:
 
     flaws = []
     for each in shown:
-        angle, off = Rotation.from_matrix(each.turn).magnitude(), float(np.linalg.norm(each.shift))
+        angle, off = (
+            Rotation.from_matrix(each.rotation).magnitude(),
+            float(np.linalg.norm(each.translation)),
+        )
         said = [f"turned by {np.degrees(angle):.4g} degrees"] if angle > ANGLE else []
         said += [f"{1e3 * off:.4g} mm off"] if off > DISTANCE else []
         if said:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.body import Plate
+from markergen.model.rig import Rig
 from markergen.verification.check import UNTAGGED, Check
 from markergen.verification.findings import AGAIN, MIRRORED, Verdict, extras, judge
 from markergen.verification.made import is_light_alone
@@ -61,8 +62,8 @@ class Placed:
     """
 
     verdict: Verdict
-    turn: Array
-    shift: Array
+    rotation: Array
+    translation: Array
     points: Array
     wanted: Array
     view: View
@@ -73,12 +74,13 @@ class Placed:
 class Motion:
     """A rigid motion from the rig frame to that of a file, mm."""
 
-    turn: Array
-    shift: Array
+    rotation: Array
+    translation: Array
 
-    def of(self, each: RigMarker) -> tuple[Array, Array]:
+    def of(self, each: Plate) -> tuple[Array, Array]:
         """Pose that a marker has in the file if its place in the rig is right."""
-        return self.turn @ each.turn, self.turn @ (1e3 * each.shift) + self.shift
+        place = self.rotation @ (1e3 * each.translation_vector) + self.translation
+        return self.rotation @ each.rotation_matrix, place
 
 
 def check_solid(rig: Rig, suffix: str, data: bytes, name: str, tolerance: float | None) -> Check:
@@ -105,18 +107,18 @@ def check_solid(rig: Rig, suffix: str, data: bytes, name: str, tolerance: float 
 
 def _read(rig: Rig, suffix: str, data: bytes, name: str) -> tuple[str, list[View], list[str]]:
     """Kind of a file, views of all its sides, and what is wrong with it otherwise."""
-    ways = np.array([each.turn[:, 2] for each in rig.markers])
+    ways = np.array([each.rotation_matrix[:, 2] for each in rig.markers])
     if suffix in KERNEL:
         return KERNEL[suffix], sides_of_kernel(KERNEL[suffix], data, name), []
     if suffix in MESHES:
         return MESHES[suffix], sides_of(triangles_of(MESHES[suffix], data, name), ways, name), []
     model = model_of(MODELS[suffix], data, name)
     wanted = {
-        f"{each.name}/dot-{point.id}": each.to_rig(np.array([point.x, point.y, point.z]))
+        f"{each.name}/dot-{point.id}": each.to_body(np.array([point.x, point.y, point.z]))
         for each in rig.markers
         for point in each.marker.control_points
     }
-    wanted |= {f"{each.name}/marker": each.shift for each in rig.markers}
+    wanted |= {f"{each.name}/marker": each.translation_vector for each in rig.markers}
     flaws = [*model.flaws, *site_flaws(model, wanted)[:MOST_LISTED]]
     return MODELS[suffix], sides_of(model.pieces, ways, name), flaws
 
@@ -199,7 +201,7 @@ def _compared(rig: Rig, kind: str, views: Sequence[View], tolerance: float, fram
     return _Compared(check, verdicts)
 
 
-def _placements(each: RigMarker, views: Sequence[View], tolerance: float) -> list[Placed]:
+def _placements(each: Plate, views: Sequence[View], tolerance: float) -> list[Placed]:
     """Find all places of a marker's layout in the sides of a file."""
     wanted = expected_dots(each.marker)
     ids = [point.id for point in each.marker.control_points]
@@ -269,8 +271,8 @@ def _motion(rig: Rig, found: Sequence[Sequence[Placed]], tolerance: float) -> Mo
     best: tuple[float, list[tuple[int, Placed]]] | None = None
     for k, some in enumerate(found):
         for one in some:
-            turn = one.turn @ rig.markers[k].turn.T
-            guess = Motion(turn, one.shift - turn @ (1e3 * rig.markers[k].shift))
+            turn = one.rotation @ rig.markers[k].rotation_matrix.T
+            guess = Motion(turn, one.translation - turn @ (1e3 * rig.markers[k].translation_vector))
             agreed, off = [], 0.0
             for j, others in enumerate(found):
                 away = [(_apart(other, *guess.of(rig.markers[j])), other) for other in others]
@@ -285,11 +287,11 @@ def _motion(rig: Rig, found: Sequence[Sequence[Placed]], tolerance: float) -> Mo
     if best is None:
         return None
     agreed = best[1]
-    if np.linalg.det(agreed[0][1].turn) < 0:
+    if np.linalg.det(agreed[0][1].rotation) < 0:
         one = agreed[0][1]
-        turn = one.turn @ rig.markers[agreed[0][0]].turn.T
-        return Motion(turn, one.shift - turn @ (1e3 * rig.markers[agreed[0][0]].shift))
-    source = np.concatenate([1e3 * rig.markers[j].to_rig(one.wanted / 1e3) for j, one in agreed])
+        turn = one.rotation @ rig.markers[agreed[0][0]].rotation_matrix.T
+        return Motion(turn, one.translation - turn @ (1e3 * rig.markers[agreed[0][0]].translation_vector))
+    source = np.concatenate([1e3 * rig.markers[j].to_body(one.wanted / 1e3) for j, one in agreed])
     target = np.concatenate([one.points for _, one in agreed])
     middle, goal = source.mean(axis=0), target.mean(axis=0)
     turn = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
@@ -298,15 +300,15 @@ def _motion(rig: Rig, found: Sequence[Sequence[Placed]], tolerance: float) -> Mo
 
 def _apart(one: Placed, turn: Array, shift: Array) -> float:
     """Largest distance in mm of a found marker's dots from where a pose puts them."""
-    return float(np.linalg.norm(one.wanted @ (one.turn - turn).T + one.shift - shift, axis=-1).max())
+    return float(np.linalg.norm(one.wanted @ (one.rotation - turn).T + one.translation - shift, axis=-1).max())
 
 
 def _frame(motion: Motion, rig: Rig, tolerance: float) -> str:
     """Say how the rig lies in the file; empty if it is where its file says."""
-    off = 1e3 * rig.xyz @ (motion.turn - np.eye(3)).T + motion.shift
+    off = 1e3 * rig.xyz @ (motion.rotation - np.eye(3)).T + motion.translation
     if np.linalg.norm(off, axis=-1).max() <= 1e3 * tolerance:
         return ""
-    return _motion_words(motion.turn, motion.shift, 1e3 * tolerance)
+    return _motion_words(motion.rotation, motion.translation, 1e3 * tolerance)
 
 
 def _motion_words(turn: Array, shift: Array, tolerance: float) -> str:
@@ -347,16 +349,16 @@ def _moved(rig: Rig, k: int, chosen: Sequence[Placed | None], motion: Motion, to
                 return [Finding("relation", f"{names} are swapped", "put each in its own place")]
             return [Finding("relation", f"{each.name} is in the place of {other.name}", "put it in its own place")]
     turn, shift = motion.of(each)
-    words = _motion_words(turn.T @ one.turn, turn.T @ (one.shift - shift), 1e3 * tolerance)
+    words = _motion_words(turn.T @ one.rotation, turn.T @ (one.translation - shift), 1e3 * tolerance)
     return [Finding("relation", f"{each.name} is {words}, in its own frame", "put it in its place")]
 
 
-def _beside(each: RigMarker, one: Placed, tolerance: float) -> tuple[list[Finding], list[str]]:
+def _beside(each: Plate, one: Placed, tolerance: float) -> tuple[list[Finding], list[str]]:
     """Findings about heights, colors and the tag of a marker that was found, and about dots that it does not have."""
     assert one.verdict.motion is not None
     findings, notes = list[Finding](), list[str]()
     tol, marker = 1e3 * tolerance, each.marker
-    rise = (one.points - one.shift) @ one.turn[:, 2] - one.wanted[:, 2]
+    rise = (one.points - one.translation) @ one.rotation[:, 2] - one.wanted[:, 2]
     findings += [
         Finding(
             "height",

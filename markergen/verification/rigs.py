@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.guard import read
+from markergen.model.body import Plate
 from markergen.model.marker import check_supported
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.verification.check import (
     Check,
     best_check,
@@ -121,7 +122,7 @@ def _none_found(rig: Rig, readings: Sequence[Reading], tolerance: float) -> Chec
     return Check("", readings[0].kind, tolerance=tolerance, findings=(said,))
 
 
-def _shown(markers: Sequence[RigMarker], readings: Sequence[Reading], tolerance: float) -> dict[int, _Shown]:
+def _shown(markers: Sequence[Plate], readings: Sequence[Reading], tolerance: float) -> dict[int, _Shown]:
     """Where each marker is shown, the one with the fewest findings first; dots belong to one marker only."""
     places = []
     for k, (each, reading) in enumerate(zip(markers, readings, strict=True)):

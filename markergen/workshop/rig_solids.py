@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle, flattened
+from markergen.model.body import Plate
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.solid.bodies import OFF, Body, Part, Prism, mm
 from markergen.workshop.mesh import Mesh, failed, grid_of, shell_of, welded
 from markergen.workshop.processes import Made, parts_of
@@ -51,7 +52,7 @@ class Piece:
     rotation: tuple[tuple[float, ...], ...]
     translation: tuple[float, ...]
 
-    def to_rig(self, points: Array) -> Array:
+    def to_body(self, points: Array) -> Array:
         """Transform points (..., 3) in mm to the rig frame."""
         return points @ np.array(self.rotation).T + np.array(self.translation)
 
@@ -184,7 +185,7 @@ def meshes_of_rig(parts: Sequence[RigPart], tolerance: float) -> tuple[Mesh, ...
             found = [(each, *shell_of(each.part, tolerance, part.is_block)) for each in part.pieces]
         except ValueError as error:
             raise failed(part.name, str(error)) from None
-        corners = np.concatenate([piece.to_rig(corners) for piece, corners, _ in found])
+        corners = np.concatenate([piece.to_body(corners) for piece, corners, _ in found])
         shells.append((corners, np.concatenate([marked for _, _, marked in found])))
     grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
     return tuple(
@@ -201,7 +202,9 @@ def block_of(rig: Rig) -> tuple[Face, ...]:
         if len(contours) > 1 or contours[0].has_arcs or len(contours[0].points) > MOST_CORNERS:
             return ()
         flat = 1e3 * np.array(contours[0].points)
-        rings.append(np.column_stack([flat, np.zeros(len(flat))]) @ each.turn.T + 1e3 * each.shift)
+        rings.append(
+            np.column_stack([flat, np.zeros(len(flat))]) @ each.rotation_matrix.T + 1e3 * each.translation_vector
+        )
     vertices, index = _vertices(np.concatenate(rings))
     loops = np.split(index, np.cumsum([len(ring) for ring in rings])[:-1])
     bare = _bare(loops, vertices)
@@ -221,7 +224,7 @@ def volume_of(block: Sequence[Face]) -> float:
     return total
 
 
-def _piece(each: RigMarker, part: Part) -> Piece:
+def _piece(each: Plate, part: Part) -> Piece:
     return Piece(part, each.rotation, tuple(mm(value) for value in each.translation))
 
 
@@ -258,10 +261,10 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
     return found
 
 
-def _face(name: str, ring: Array, each: RigMarker | None = None) -> Face:
+def _face(name: str, ring: Array, each: Plate | None = None) -> Face:
     """Make a face of its corners (m, 3) in the rig frame, in the frame of a marker or in one at its middle."""
     if each is not None:
-        rotation, shift = each.turn, 1e3 * each.shift
+        rotation, shift = each.rotation_matrix, 1e3 * each.translation_vector
     else:
         shift = ring.mean(axis=0)
         normal = np.sum(np.cross(ring - shift, np.roll(ring, -1, axis=0) - shift), axis=0)
@@ -284,7 +287,7 @@ def _depths(face: Face, points: Array) -> Array:
     return np.asarray((face.ring()[0] - points) @ face.normal)
 
 
-def _named(each: RigMarker, make: Callable[[Marker], Made]) -> Made:
+def _named(each: Plate, make: Callable[[Marker], Made]) -> Made:
     """Make a marker; what is refused is told with the name of the marker."""
     try:
         return make(each.marker)
@@ -437,4 +440,4 @@ def _hull(piece: Piece) -> tuple[Array, Array, Array]:
     up = np.array([[0.0, 0.0, 1.0]])
     corners = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in body.span])
     turn = np.array(piece.rotation).T
-    return piece.to_rig(corners), np.concatenate([up, np.cross(along, up)]) @ turn, np.concatenate([up, along]) @ turn
+    return piece.to_body(corners), np.concatenate([up, np.cross(along, up)]) @ turn, np.concatenate([up, along]) @ turn

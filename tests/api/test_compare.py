@@ -10,8 +10,8 @@ import pytest
 from markergen.api import compare as module
 from markergen.api.compare import compare
 from markergen.cli import main
-from markergen.compare import compare as engine
-from markergen.compare import series as comparison_series
+from markergen.comparison import compare as engine
+from markergen.comparison import series as comparison_series
 from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.model.marker_json import to_json
 

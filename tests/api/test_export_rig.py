@@ -17,7 +17,7 @@ from markergen.model.rig_json import load_marker_or_rig, rig_to_json
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
 MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)
 SIDE = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-RIG = mg.Rig((mg.RigMarker("front", MARKER, np.eye(3), (0, 0, 0.1)), mg.RigMarker("side", MARKER, SIDE, (0.1, 0, 0))))
+RIG = mg.Rig((mg.Plate("front", MARKER, np.eye(3), (0, 0, 0.1)), mg.Plate("side", MARKER, SIDE, (0.1, 0, 0))))
 
 
 def test_plate_options_are_for_every_marker(tmp_path):

@@ -14,7 +14,8 @@ from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.calibration.relation import relate
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential, logarithm
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.body import Plate
+from markergen.model.rig import Rig
 from markergen.render import Optics, render_rig
 
 SIGMA = 0.01
@@ -25,11 +26,11 @@ def assembled(rig, rng, turn=0.005, shift=5e-4, apart=1.0):
     """The rig as it was put together: markers turned by some rad and shifted by some m."""
     return Rig(
         tuple(
-            RigMarker(
+            Plate(
                 each.name,
                 each.marker,
-                exponential(rng.normal(0, turn, 3)) @ each.turn,
-                apart * each.shift + rng.normal(0, shift, 3),
+                exponential(rng.normal(0, turn, 3)) @ each.rotation_matrix,
+                apart * each.translation_vector + rng.normal(0, shift, 3),
             )
             for each in rig.markers
         )
@@ -65,11 +66,14 @@ def errors_of(found, truth):
     """Errors (w, dt) of the markers' poses in the rig frame, once the truth is moved to the frame of the result."""
     from markergen.calibration.relation import _as_designed
 
-    turns, shifts = np.array([each.turn for each in truth.markers]), np.array([each.shift for each in truth.markers])
+    turns, shifts = (
+        np.array([each.rotation_matrix for each in truth.markers]),
+        np.array([each.translation_vector for each in truth.markers]),
+    )
     turns, shifts, _ = _as_designed(CUBE, turns, shifts, np.zeros((36, 36)))
     return np.concatenate(
         [
-            np.r_[logarithm(each.turn @ turn.T), each.shift - shift]
+            np.r_[logarithm(each.rotation_matrix @ turn.T), each.translation_vector - shift]
             for each, turn, shift in zip(found.markers, turns, shifts, strict=True)
         ]
     )
@@ -134,7 +138,11 @@ def test_the_frame_is_that_of_the_design():
     moved = replace(
         truth,
         markers=tuple(
-            replace(each, rotation=exponential(np.array([0, 0, 0.3])) @ each.turn, translation=each.shift + 0.1)
+            replace(
+                each,
+                rotation=exponential(np.array([0, 0, 0.3])) @ each.rotation_matrix,
+                translation=each.translation_vector + 0.1,
+            )
             for each in truth.markers
         ),
     )

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from markergen.cli import main
-from markergen.compare import compare
+from markergen.comparison import compare
 from markergen.model.marker_json import to_json
 
 

@@ -11,7 +11,7 @@ import typer
 import markergen as mg
 from markergen.cli import main
 from markergen.cli.commands import app
-from markergen.compare import compare
+from markergen.comparison import compare
 from markergen.detect import kernel
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera

@@ -6,8 +6,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from markergen.compare.baselines import line_up
-from markergen.compare.contestants import KINDS, Absent, Arena, forms, listed
+from markergen.comparison.baselines import line_up
+from markergen.comparison.contestants import KINDS, Absent, Arena, forms, listed
 from markergen.maths.projection import project
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import polygon_from
@@ -158,7 +158,7 @@ def test_every_setting_has_words_of_its_own(name, contestant):
 @pytest.mark.parametrize("name", MODULES)
 def test_without_its_library_it_says_what_to_install(name, monkeypatch):
     monkeypatch.setitem(sys.modules, MODULES[name], None)
-    from markergen.compare.contestants import ringgrid
+    from markergen.comparison.contestants import ringgrid
 
     ringgrid._drawn.cache_clear()
     from markergen.model.spec import Spec

@@ -9,18 +9,19 @@ from rigs import rectangle
 from scipy.spatial.transform import Rotation
 
 from markergen.detect import Detector, detect
-from markergen.detect.bodies import body_of
+from markergen.detect.conic_projection import body_outlines
 from markergen.detect.detection import identify, prepare
 from markergen.detect.joining import Spare, joined, of_body, spatial_errors
 from markergen.detect.pose import PoseEstimate
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, PoseBudget
 from markergen.maths.rotation import angle_between, exponential, logarithm, skew
+from markergen.model.body import Plate
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, JointCovariance, Marker
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.render import DEFAULT_OPTICS, render_rig, render_view
 
 EXACT = ErrorSources(print_sigma=0.0)
@@ -55,7 +56,7 @@ def scattered(seed, n=6, reach=0.032, gap=0.016):
 def cube():
     markers = [Marker(dots_of(scattered(k), [0.012] * 6), rectangle(0.08, 0.08), 0.001) for k in range(6)]
     faces = zip(TURNS.items(), markers, strict=True)
-    return Rig(tuple(RigMarker(name, marker, turn, 0.04 * turn[:, 2]) for (name, turn), marker in faces))
+    return Rig(tuple(Plate(name, marker, turn, 0.04 * turn[:, 2]) for (name, turn), marker in faces))
 
 
 @pytest.fixture(scope="module")
@@ -68,15 +69,14 @@ def pad():
 
 def seen(rig, rotation, translation, rng, sigma=0.02, hidden=()):
     """Blobs of the dots of a rig that face the camera, with noise in px, in any order, and which dot each is."""
-    body, camera = body_of(rig), PAPER_CAMERA
-    pose = PoseEstimate(rotation, translation, PoseBudget(*[np.zeros((6, 6))] * 4), 0.0, 1, 1.0)
-    drawn = body.outlines(pose)
-    dots = rng.permutation(np.setdiff1d(np.flatnonzero(body.facing(pose) > 0.3), hidden))
+    body, camera = rig, PAPER_CAMERA
+    drawn = body_outlines(body, rotation[None], translation[None])
+    dots = rng.permutation(np.setdiff1d(np.flatnonzero(body.facing(rotation, translation) > 0.3), hidden))
     values, vectors = np.linalg.eigh(drawn.shape[0, dots] * camera.fx * camera.fy)
     center = camera.to_pixels(drawn.center[0, dots]) + sigma * rng.standard_normal((len(dots), 2))
     angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
     covariance = np.broadcast_to(sigma**2 * np.eye(2), (len(dots), 2, 2))
-    return plain_blobs(center, np.sqrt(values[:, ::-1]), angle, body.rings[dots], covariance), dots
+    return plain_blobs(center, np.sqrt(values[:, ::-1]), angle, body.is_ring[dots], covariance), dots
 
 
 def found_in(rig, blobs, errors=EXACT):
@@ -155,7 +155,7 @@ def test_two_rigs_are_two_copies_and_a_wrong_rig_is_refused(cube):
     assert sorted(round(float(each.pose.translation[0]), 2) for each in found) == [-0.12, 0.12]
     # A face that is mounted a quarter turn off contradicts the others: with three faces in view two agree.
     turn = exponential(np.array([0, 0, np.pi / 2]))
-    off = replace(cube.markers[0], rotation=cube.markers[0].turn @ turn)
+    off = replace(cube.markers[0], rotation=cube.markers[0].rotation_matrix @ turn)
     wrong = Rig((off, *cube.markers[1:]))
     rotation = exponential(np.array([0.5, 0.5, 0.2])) @ np.diag([1.0, -1, -1])
     blobs, dots = seen(cube, rotation, np.array([0, 0, 0.4]), rng)
@@ -197,9 +197,9 @@ def test_errors_of_places_and_of_the_relation_are_those_of_samples(cube):
     measured = replace(cube.markers[2], marker=replace(cube.markers[2].marker, joint_covariance=joint))
     root = np.kron(np.eye(6), np.diag([1e-3] * 3 + [1e-4] * 3)) @ rng.standard_normal((36, 36))
     rig = Rig((*cube.markers[:2], measured, *cube.markers[3:]), tuple(map(tuple, root @ root.T)))
-    body, dots = body_of(rig), np.array([0, 3, 12, 13, 17])
+    body, dots = rig, np.array([0, 3, 12, 13, 17])
     plate = body.plates[2]
-    sources = spatial_errors(body, dots, plate.placed.turn, ErrorSources(print_sigma=5e-5))
+    sources = spatial_errors(body, dots, plate.rotation_matrix, ErrorSources(print_sigma=5e-5))
     samples = []
     for _ in range(5_000):
         step = root @ rng.standard_normal(36)
@@ -207,12 +207,12 @@ def test_errors_of_places_and_of_the_relation_are_those_of_samples(cube):
         shift = np.linalg.cholesky(matrix) @ rng.standard_normal(12)
         for dot in dots:
             each, first = body.plates[body.owner[dot]], 6 * body.owner[dot]
-            local = each.marker.xyz[dot - each.first].copy()
-            number = dot - each.first
+            local = each.marker.xyz[dot - body.first[body.owner[dot]]].copy()
+            number = dot - body.first[body.owner[dot]]
             local[:2] += shift[2 * number : 2 * number + 2] if body.owner[dot] == 2 else 5e-5 * rng.standard_normal(2)
             turn = np.eye(3) + skew(step[first : first + 3])
-            place = turn @ each.placed.turn @ local + each.placed.shift + step[first + 3 : first + 6]
-            moved.append(plate.placed.to_marker(place))
+            place = turn @ each.rotation_matrix @ local + each.translation_vector + step[first + 3 : first + 6]
+            moved.append(plate.to_marker(place))
         samples.append(np.ravel(moved))
     expected = sources.whole(len(dots), 3)
     sigma = np.sqrt(np.diag(expected))
@@ -242,17 +242,17 @@ def test_a_pad_is_found_by_the_dots_in_view(pad, distance, ids):
 
 
 def test_dots_of_nearly_one_size_are_one_constellation(pad, cube):
-    assert [len(part.dots) for part in body_of(pad).parts] == [6, 5]
+    assert [len(part.dots) for part in pad.constellations] == [6, 5]
     alike = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.024] * 6 + [0.02] * 5))
     few = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.13] * 8 + [0.02] * 3))
     # One dot of another size, such as the origin of a grid, or a few, belong to the others.
     odd = replace(pad, control_points=dots_of(pad.xyz[:, :2], [0.13] + [0.024] * 10))
     for marker in (alike, few, odd):
-        body = body_of(marker)
-        assert len(body.parts) == 1
-        assert len(body.parts[0].dots) == 11
-    assert not body_of(alike).joined
-    assert [each.placed.name for each in body_of(cube).plates] == list(TURNS)
+        body = marker
+        assert len(body.constellations) == 1
+        assert len(body.constellations[0].dots) == 11
+    assert alike.is_single
+    assert [plate.name for plate in cube.plates] == list(TURNS)
 
 
 def test_a_pad_is_tracked_and_drawn(pad):

@@ -44,7 +44,9 @@ BODIES = [
 def folded(net, rig):
     """Dots (n, 3) in mm of all faces after folding the net, in the frame of the first one folded."""
     edge_of = {fold: net.edges[fold[0]][fold[1]] for fold in net.folds}
-    root = next(k for k, place in enumerate(net.places) if not place.shift.any() and (place.turn == np.eye(2)).all())
+    root = next(
+        k for k, place in enumerate(net.places) if not place.translation.any() and (place.rotation == np.eye(2)).all()
+    )
     motion = {root: (np.eye(3), np.zeros(3))}
     waiting = [root]
     while waiting:
@@ -54,7 +56,7 @@ def folded(net, rig):
                 continue
             child = edge.meets[0]
             start, end = np.column_stack([net.places[k](np.array([edge.start, edge.end])), [0, 0]])
-            normals = rig.markers[k].turn[:, 2], rig.markers[child].turn[:, 2]
+            normals = rig.markers[k].rotation_matrix[:, 2], rig.markers[child].rotation_matrix[:, 2]
             angle = np.arccos(np.clip(normals[0] @ normals[1], -1, 1))
             # Edges run counterclockwise, so a turn by a positive angle folds back what is beyond, print outside.
             turn = exponential(angle * (end - start) / np.linalg.norm(end - start))
@@ -73,7 +75,7 @@ def folded(net, rig):
 def test_the_folded_net_is_the_body(text, measures):
     rig = rig_of(text, **measures)
     root, points = folded(unfold(rig), rig)
-    assert rig.markers[root].to_rig(points / 1e3) == pytest.approx(rig.xyz, abs=1e-9)
+    assert rig.markers[root].to_body(points / 1e3) == pytest.approx(rig.xyz, abs=1e-9)
 
 
 @pytest.mark.parametrize(("text", "measures"), BODIES, ids=str)
@@ -97,7 +99,7 @@ def test_the_sheet_has_the_dots_at_true_size():
     assert drawn[:, :2] - drawn[0, :2] == pytest.approx(dots - dots[0], abs=1e-9)
     assert (drawn[:, 2] == 2.5).all()
     assert sheet.origins_mm[1] - np.array(sheet.origins_mm[0]) == pytest.approx(
-        net.places[1].shift - net.places[0].shift
+        net.places[1].translation - net.places[0].translation
     )
     low, high = np.array(sheet.trim_mm).reshape(2, 2)
     for shape in shapes:

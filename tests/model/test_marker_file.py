@@ -1,7 +1,7 @@
 """marker.json version 2, and that version 1 stays what it was."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from markergen.errors import InputError
 from markergen.guard import KINDS
 from markergen.model.feature import Feature
-from markergen.model.marker import JointCovariance, Marker, MeasuredSize, Plate
+from markergen.model.marker import JointCovariance, MeasuredSize
 from markergen.model.marker_file import SINCE, VERSIONS, json_schema
-from markergen.model.marker_json import from_json, read_marker, to_json
+from markergen.model.marker_json import checked, from_json, read_marker, to_json
+from markergen.model.rig import Rig
+from markergen.model.rig_json import load_rig, rig_to_json
 
 DATA = Path(__file__).parent / "data"
 OLD = ["designed-v1.json", "measured-v1.json"]
@@ -43,7 +45,7 @@ def at(content, path):
     return content
 
 
-@pytest.mark.parametrize("name", [*OLD, FULL])
+@pytest.mark.parametrize("name", OLD)
 def test_files_are_saved_again_byte_for_byte(name):
     data = (DATA / name).read_bytes()
     assert to_json(read_marker(DATA / name)) == data
@@ -73,31 +75,44 @@ def test_every_key_of_version_2_is_in_the_file_and_in_no_schema_of_version_1(ful
     assert {key for _, key in keys(json_schema(1))}.isdisjoint(new)
 
 
-def test_every_attribute_comes_back():
-    marker = read_marker(DATA / FULL)
-    # What a cube has not is held by the files of version 1.
-    unset = {"keep_outs", "tag", "print_scale", "substrate"}
-    for field in fields(Marker):
-        default = field.default_factory() if callable(field.default_factory) else field.default
-        assert (getattr(marker, field.name) == default) == (field.name in unset), field.name
-    assert [point.feature.polarity for point in marker.control_points] == ["dark"] * 4 + ["light"] * 4
-    assert marker.control_points[1].measured == MeasuredSize(0.0119)
-    assert marker.control_points[4].measured == MeasuredSize(0.0121, 2e-5)
-    assert marker.control_points[7].designed_z == 0.03
-    assert marker.rulers == (0.05, None)
-    assert marker.joint_covariance.array.shape == (18, 18)
-    assert marker.plates[0].tag.id == 3
-    assert marker.extensions == {"org.example.line": {"lot": 7, "passed": True, "notes": [None, "µ"]}}
-
-
-def test_plates_are_turned_as_their_pose_says():
-    marker = read_marker(DATA / FULL)
-    right = marker.plates[1]
-    here = marker.as_designed.xyz[list(right.control_points)]
+def test_a_file_with_plates_opens_as_a_rig_with_everything_in_it(full):
+    rig = Rig.load(DATA / FULL)
+    assert load_rig(rig_content := json.loads(rig_to_json(rig))) == rig
+    assert rig_content["format"] == "markergen-rig"
+    whole = checked(full, FULL).build()
+    front, right = (plate.marker for plate in rig.plates)
+    assert [point.feature.polarity for point in whole.control_points] == ["dark"] * 4 + ["light"] * 4
+    assert [plate.name for plate in rig.plates] == [plate["name"] for plate in full["plates"]]
+    points = [point for plate in rig.plates for point in plate.marker.control_points]
+    assert {point.id: (point.feature, point.measured) for point in points} == {
+        point.id: (point.feature, point.measured) for point in whole.control_points
+    }
+    xyz = dict(zip((point.id for point in whole.control_points), whole.xyz, strict=True))
+    np.testing.assert_allclose(rig.xyz, [xyz[point.id] for point in points], atol=1e-15)
+    assert front.tag.id == 3
+    assert front.rulers == right.rulers == (0.05, None)
+    assert rig.extensions == {"org.example.line": {"lot": 7, "passed": True, "notes": [None, "µ"]}}
     # Its face looks along x of the marker; three dots are on it, one is raised by 4 mm.
-    np.testing.assert_allclose(right.to_plate(here)[:, 2], [0, 0, 0, 0.004], atol=1e-12)
-    assert marker.as_designed.joint_covariance is None
-    assert all(point.measured is None for point in marker.as_designed.control_points)
+    np.testing.assert_allclose(right.as_designed.xyz[:, 2], [0, 0, 0, 0.004], atol=1e-12)
+
+
+def test_what_was_measured_of_one_plate_is_turned_into_its_frame(full):
+    rig, whole = Rig.load(DATA / FULL), checked(full, FULL).build()
+    order = {number: k for k, number in enumerate(whole.joint_covariance.order)}
+    matrix = whole.joint_covariance.array.reshape(len(order), 3, len(order), 3)
+    for plate in rig.plates:
+        joint = plate.marker.joint_covariance
+        rows = [order[number] for number in joint.order]
+        turned = np.einsum(
+            "ia,majb->mijb", plate.rotation_matrix, joint.array.reshape(len(rows), 3, len(rows), 3)[:, :, :, :]
+        )
+        turned = np.einsum("mijb,cb->mijc", turned, plate.rotation_matrix)
+        np.testing.assert_allclose(turned, matrix[np.ix_(rows, range(3), rows, range(3))], atol=1e-20)
+
+
+def test_a_file_with_plates_is_refused_where_a_marker_is_asked_for():
+    with pytest.raises(InputError, match="a marker on one plate"):
+        read_marker(DATA / FULL)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +244,7 @@ def test_dots_of_different_plates_may_be_near_each_other(full):
     # The same two places in the marker frame's x and y, on plates that look elsewhere.
     xy = {point["id"]: (point["x"], point["y"]) for point in full["control_points"]}
     assert min(np.hypot(*np.subtract(xy[a], xy[b])) for a in range(4) for b in range(4, 8)) < 0.02
-    from_json(json.dumps(full))
+    assert len(load_rig(full)) == 8
 
 
 COORDINATES = st.floats(-0.04, 0.04).map(lambda value: round(value, 6))
@@ -319,10 +334,3 @@ def test_a_matrix_elsewhere_is_left_alone(pentagon):
     covariance = JointCovariance((0, 1), "xy", np.eye(4) * 1e-9)
     marker = replace(pentagon, joint_covariance=covariance, provenance={"matrix": None, "note": '\n    "matrix": null'})
     assert from_json(to_json(marker).decode()) == marker
-
-
-def test_plates_are_checked_where_they_are_made(pentagon):
-    with pytest.raises(InputError, match="determinant 1"):
-        Plate("left", np.diag([1, 1, -1]), (0, 0, 0), pentagon.boundary, (0,))
-    with pytest.raises(InputError, match="3x3 and 3 numbers"):
-        Plate("left", np.eye(2), (0, 0, 0), pentagon.boundary, (0,))

@@ -15,8 +15,8 @@ def test_dots_move_in_their_plates_and_plates_stay():
     for before, after in zip(RIG.markers, found.marker.markers, strict=True):
         scale = [1.01, 1.01] if before.name == "plate 2" else [0.99, 1.005]
         np.testing.assert_allclose(after.marker.xyz[:, :2], before.marker.xyz[:, :2] * scale, atol=1e-15)
-        assert (after.turn == before.turn).all()
-        assert (after.shift == before.shift).all()
+        assert (after.rotation_matrix == before.rotation_matrix).all()
+        assert (after.translation_vector == before.translation_vector).all()
         assert after.marker.print_scale == pytest.approx(tuple(scale))
     assert found.marker.relation == RIG.relation
     said = str(found)

@@ -10,32 +10,33 @@ from hypothesis import strategies as st
 import markergen as mg
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
+from markergen.model.body import Plate
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
 from markergen.model.marker_json import to_json
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_to_json
 
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
 MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)
 SIDE = ((0, 0, 1), (1, 0, 0), (0, 1, 0))
-RIG = Rig((RigMarker("front", MARKER, np.eye(3), (0, 0, 0.1)), RigMarker("side", MARKER, SIDE, (0.1, 0, 0))))
+RIG = Rig((Plate("front", MARKER, np.eye(3), (0, 0, 0.1)), Plate("side", MARKER, SIDE, (0.1, 0, 0))))
 
 vectors = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 
 
 @given(vectors, vectors, vectors, vectors)
 def test_points_go_through_the_rig_frame_as_through_the_camera_frame(w, t, other_w, other_t):
-    mounted = RigMarker("a", MARKER, exponential(w), t)
+    mounted = Plate("a", MARKER, exponential(w), t)
     rotation, translation = exponential(other_w), other_t
     points = MARKER.xyz
-    assert mounted.to_marker(mounted.to_rig(points)) == pytest.approx(points, abs=1e-14)
+    assert mounted.to_marker(mounted.to_body(points)) == pytest.approx(points, abs=1e-14)
     turned, moved = mounted.camera_pose(rotation, translation)
-    assert points @ turned.T + moved == pytest.approx(mounted.to_rig(points) @ rotation.T + translation, abs=1e-13)
+    assert points @ turned.T + moved == pytest.approx(mounted.to_body(points) @ rotation.T + translation, abs=1e-13)
 
 
 def test_dots_are_numbered_through_the_markers():
-    assert RIG.xyz[4:] == pytest.approx(RIG.markers[1].to_rig(MARKER.xyz))
+    assert RIG.xyz[4:] == pytest.approx(RIG.markers[1].to_body(MARKER.xyz))
     assert RIG.owner.tolist() == [0] * 4 + [1] * 4
     assert (RIG.normals[4:] == [1, 0, 0]).all()
     assert (RIG.radii == 0.01).all()

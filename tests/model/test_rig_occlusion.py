@@ -5,10 +5,11 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
+from markergen.model.body import Plate
 from markergen.model.marker import build_marker
 from markergen.model.occlusion import hidden, painting_levels
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from tests.support.rigs import corner, cube, face, first_hits, mounted, plate, rectangle, scattered, wall
 
 RIM = 60
@@ -29,8 +30,8 @@ def by_rays(rig, eye, scale):
     for k in range(len(rig)):
         each = rig.markers[rig.owner[k]]
         rim = scale * rig.radii[k] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-        ways = rig.xyz[k] + np.concatenate([rim, np.zeros((1, 3))]) @ each.turn.T - eye
-        behind = (eye - rig.xyz[k]) @ each.turn[:, 2] <= 0
+        ways = rig.xyz[k] + np.concatenate([rim, np.zeros((1, 3))]) @ each.rotation_matrix.T - eye
+        behind = (eye - rig.xyz[k]) @ each.rotation_matrix[:, 2] <= 0
         found[k] = behind or np.any(first_hits(rig, eye, ways)[0] != rig.owner[k])
     return found
 
@@ -61,10 +62,10 @@ def test_a_rig_of_one_marker_is_that_marker():
     relief = build_marker(points, rectangle(0.08, 0.08), 0.012, 0.0012)
     poses, _ = poses_of(50, 5)
     expected = hidden(relief, poses)
-    assert (hidden(Rig((RigMarker("a", relief, np.eye(3).tolist(), (0, 0, 0)),)), poses) == expected).all()
+    assert (hidden(Rig((Plate("a", relief, np.eye(3).tolist(), (0, 0, 0)),)), poses) == expected).all()
     turn, shift = exponential(rng.normal(size=3)), rng.normal(size=3)
     there = PoseDistribution("", poses.rotation @ turn.T, poses.translation - poses.rotation @ turn.T @ shift)
-    assert (hidden(Rig((RigMarker("a", relief, turn.tolist(), tuple(shift)),)), there) == expected).all()
+    assert (hidden(Rig((Plate("a", relief, turn.tolist(), tuple(shift)),)), there) == expected).all()
 
 
 def test_plates_are_painted_behind_what_hides_them():

@@ -3,9 +3,10 @@ import pytest
 
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
+from markergen.model.constellation import scales_of
 from markergen.model.marker import build_marker
 from markergen.model.poses import PoseDistribution, named_poses
-from markergen.model.sight import Coverage, coverage, dots_in_view, scales_of
+from markergen.model.sight import Coverage, coverage, dots_in_view
 from markergen.model.spec import PAPER_CAMERA
 from markergen.render.view import dot_ellipses
 

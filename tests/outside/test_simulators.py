@@ -127,7 +127,7 @@ def test_in_pictures_by_mujoco_every_face_of_a_cube_is_where_it_is(process, tmp_
     save(rig, [tmp_path / "cube.mjcf.xml"], ExportOptions(fabrication=Fabrication(process)))
     camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     for each in rig.markers:
-        center = 0.3 * each.turn[:, 2] + np.array([0.06, -0.05, 0.07])
+        center = 0.3 * each.rotation_matrix[:, 2] + np.array([0.06, -0.05, 0.07])
         rotation = looking_at_origin(center)
         image = photograph(tmp_path / "cube.mjcf.xml", center, rotation)
         (found,) = Detector(each.marker, camera)(image)

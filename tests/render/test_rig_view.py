@@ -5,8 +5,9 @@ import pytest
 
 import markergen as mg
 from markergen.maths.rotation import exponential
+from markergen.model.body import Plate
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.render import Optics, Scenery, render_rig, render_view
 from tests.support.rigs import corner, cube, first_hits, plate, scattered, wall
 
@@ -59,7 +60,7 @@ def test_a_view_shows_what_rays_meet(rig):
 
 def test_a_rig_of_one_marker_is_seen_as_that_marker():
     marker, (rotation, translation) = plate(0), (exponential(np.array([3.0, 0.4, 0])), np.array([0, 0, 0.3]))
-    rig, scenery = Rig((RigMarker("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), Scenery(70.0)
+    rig, scenery = Rig((Plate("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), Scenery(70.0)
     alone, one = (
         view(body, CAMERA, rotation, translation, Optics(), np.random.default_rng(0), scenery)
         for view, body in ((render_view, marker), (render_rig, rig))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import markergen as mg
+from markergen.model.body import Plate
 from markergen.model.boundary import Boundary
 from markergen.model.marker_json import to_json
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_to_json
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.studio.opening import opened, options_of
@@ -104,7 +105,7 @@ def test_a_drawing_is_asked_for_what_it_does_not_say():
 
 def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
     identity = tuple(map(tuple, np.eye(3).tolist()))
-    rig = Rig((RigMarker("one", pentagon, identity, (0.0, 0.0, 0.0)),))
+    rig = Rig((Plate("one", pentagon, identity, (0.0, 0.0, 0.0)),))
     content = json.loads(rig_to_json(rig))
     assert opened("rig.json", json.dumps(content).encode())["rig"] == content
     content["markers"][0] = {**content["markers"][0], "marker": None, "file": "/etc/passwd"}

@@ -12,8 +12,9 @@ import trimesh
 
 import markergen as mg
 from markergen.cli import main
+from markergen.model.body import Plate
 from markergen.model.marker_json import load_marker
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_to_json
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
@@ -25,9 +26,7 @@ from markergen.validation.validation import setting_of
 def pair(make_ngon):
     marker = make_ngon(4, 0.04, 0.012)
     identity = tuple(map(tuple, np.eye(3).tolist()))
-    return Rig(
-        (RigMarker("left", marker, identity, (-0.05, 0.0, 0.0)), RigMarker("right", marker, identity, (0.05, 0.0, 0.0)))
-    )
+    return Rig((Plate("left", marker, identity, (-0.05, 0.0, 0.0)), Plate("right", marker, identity, (0.05, 0.0, 0.0))))
 
 
 def dots_of(png: bytes, dots: list[list[float]]) -> np.ndarray:

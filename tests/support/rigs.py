@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from markergen.model.body import Plate
 from markergen.model.boundary import polygon_from
 from markergen.model.marker import build_marker
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 
 
 def rectangle(width, height):
@@ -30,7 +31,7 @@ def plate(seed, width=0.08, height=0.08, n=6, diameter=0.012):
 
 def mounted(markers, rotations, translations):
     rows = zip(markers, rotations, translations, strict=True)
-    return Rig(tuple(RigMarker(f"plate {k}", m, r.tolist(), tuple(t)) for k, (m, r, t) in enumerate(rows)))
+    return Rig(tuple(Plate(f"plate {k}", m, r.tolist(), tuple(t)) for k, (m, r, t) in enumerate(rows)))
 
 
 def cube(edge=0.08, seed=0, **of_plates):
@@ -63,7 +64,7 @@ def first_hits(rig, eye, ways):
     """Plate (m,) that each ray from an eye (3,) along ways (m, 3) meets first, -1 for none, and where in its frame."""
     nearest, owner, places = np.full(len(ways), np.inf), np.full(len(ways), -1), np.zeros((len(ways), 2))
     for k, (each, margin) in enumerate(zip(rig.markers, rig.margins, strict=True)):
-        start, way = each.to_marker(eye), ways @ each.turn
+        start, way = each.to_marker(eye), ways @ each.rotation_matrix
         with np.errstate(divide="ignore", invalid="ignore"):
             far = -start[2] / way[:, 2]
         place = start[:2] + far[:, None] * way[:, :2]
@@ -76,7 +77,7 @@ def first_hits(rig, eye, ways):
 
 def looking(rig, rng, distance=(0.25, 0.4)):
     """Random pose T_camera_rig from the side to which a rig's plates face."""
-    toward = np.mean([each.turn[:, 2] for each in rig.markers], axis=0) + rng.normal(0, 0.25, 3)
+    toward = np.mean([each.rotation_matrix[:, 2] for each in rig.markers], axis=0) + rng.normal(0, 0.25, 3)
     back = -toward / np.linalg.norm(toward)
     right = np.cross(rng.normal(size=3), back)
     right /= np.linalg.norm(right)

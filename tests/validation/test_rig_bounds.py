@@ -7,9 +7,10 @@ import pytest
 
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import skew
+from markergen.model.body import Plate
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, named_poses
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.validation import bounds
 from markergen.validation.metrics import mean_nees_interval
 from markergen.validation.rigs.bounds import _budget_at, budget_of, dot_noise, visibility
@@ -28,7 +29,7 @@ def series(rig, errors=EXACT, poses=AROUND):
 
 def test_a_rig_of_one_marker_has_the_errors_of_that_marker():
     marker, poses = plate(0), named_poses("cone:distance=0.3..0.4m,tilt=10..50,count=5")
-    rig, errors = Rig((RigMarker("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), ErrorSources(1e-4)
+    rig, errors = Rig((Plate("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), ErrorSources(1e-4)
     shown = visibility(series(rig, errors, poses))
     assert shown.seen.all()
     expected = bounds.budget_of(SyntheticViews(marker, PAPER_CAMERA, poses, 0, errors=errors))
@@ -53,7 +54,9 @@ def test_the_information_of_plates_adds_up():
 def test_what_moves_all_plates_together_moves_the_pose():
     rig, motion = cube(), np.random.default_rng(0).normal(size=(6, 6)) * 1e-3
     # A plate at R x + s, moved by (w, dt) of the whole rig, is turned by w and shifted by dt + w x s.
-    moved = [np.block([[np.eye(3), np.zeros((3, 3))], [-skew(each.shift), np.eye(3)]]) for each in rig.markers]
+    moved = [
+        np.block([[np.eye(3), np.zeros((3, 3))], [-skew(each.translation_vector), np.eye(3)]]) for each in rig.markers
+    ]
     relation = np.concatenate(moved) @ motion @ motion.T @ np.concatenate(moved).T
     relation = (relation + relation.T) / 2
     shown = visibility(series(replace(rig, relation=relation.tolist())))

@@ -79,7 +79,9 @@ def test_a_rig_is_assembled_as_its_relation_says(rig):
     sigma = np.tile([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4], 6)
     loose, rng = replace(rig, relation=np.diag(sigma**2).tolist()), np.random.default_rng(0)
     made = [built(loose, ErrorSources(0.0), rng) for _ in range(200)]
-    shifts = np.array([[each.shift for each in one.markers] for one in made]) - [each.shift for each in rig.markers]
+    shifts = np.array([[each.translation_vector for each in one.markers] for one in made]) - [
+        each.translation_vector for each in rig.markers
+    ]
     # 3600 samples: 5 standard errors of their standard deviation are 6 %.
     assert shifts.std() == pytest.approx(1e-4, rel=0.06)
     assert all(one.markers[0].marker == rig.markers[0].marker for one in made)

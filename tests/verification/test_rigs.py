@@ -35,7 +35,9 @@ def said_of(rig, path):
 def moved(rig, k, about=(0, 0, 0), shift=(0, 0, 0)):
     """The rig with one marker turned by a rotation vector and shifted, in its own frame."""
     each, turn = rig.markers[k], exponential(np.array(about, float))
-    place = replace(each, rotation=(each.turn @ turn).tolist(), translation=tuple(each.to_rig(np.array(shift, float))))
+    place = replace(
+        each, rotation=(each.rotation_matrix @ turn).tolist(), translation=tuple(each.to_body(np.array(shift, float)))
+    )
     return replace(rig, markers=tuple(place if j == k else other for j, other in enumerate(rig.markers)))
 
 
@@ -102,7 +104,7 @@ def test_two_swapped_faces_are_named(tmp_path):
     [path] = written(CUBE, tmp_path, ".stl")
     markers = [each.marker for each in CUBE.markers]
     markers[0], markers[5] = markers[5], markers[0]
-    places = [(each.turn, each.shift) for each in CUBE.markers]
+    places = [(each.rotation_matrix, each.translation_vector) for each in CUBE.markers]
     assert said_of(mounted(markers, *zip(*places, strict=True)), path) == ["plate 0 and plate 5 are swapped"]
 
 

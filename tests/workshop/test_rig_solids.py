@@ -74,7 +74,7 @@ def test_the_open_ends_of_a_prism_are_closed():
 def test_balls_lower_the_faces_of_a_block():
     square = build_marker(regular_polygon(4, 0.02), rectangle(0.08, 0.08), diameter=0.006, clearance=0.0006)
     whole, balls = cube(0.08), Fabrication(process="dome", dome="ball")
-    turns, places = zip(*((each.turn, each.shift) for each in whole.markers), strict=True)
+    turns, places = zip(*((each.rotation_matrix, each.translation_vector) for each in whole.markers), strict=True)
     made = parts_of_rig(mounted([square] * 6, turns, places), balls)
     low = made.block[0].height
     assert low < 0
@@ -95,7 +95,7 @@ def test_a_wall_is_an_assembly_of_the_plates_of_its_markers():
         for part in parts_of(each.marker, FDM).parts:
             alone, placed = mesh_of(part, 0.005), meshes[f"{each.name}/{part.name}"]
             np.testing.assert_allclose(
-                placed.points.min(axis=0) / 1e3, each.to_rig(alone.points / 1e3).min(axis=0), atol=1e-6
+                placed.points.min(axis=0) / 1e3, each.to_body(alone.points / 1e3).min(axis=0), atol=1e-6
             )
             assert placed.volume == pytest.approx(alone.volume, rel=1e-5)
 
@@ -110,7 +110,11 @@ def test_faces_that_do_not_close_a_body_are_no_block():
 def three_faces_of_a_cube():
     whole = cube()
     chosen = whole.markers[::2]
-    return [each.marker for each in chosen], [each.turn for each in chosen], [each.shift for each in chosen]
+    return (
+        [each.marker for each in chosen],
+        [each.rotation_matrix for each in chosen],
+        [each.translation_vector for each in chosen],
+    )
 
 
 def test_plates_that_overlap_are_refused():
@@ -131,7 +135,9 @@ def test_plates_side_by_side_do_not_overlap():
 def test_inlays_that_meet_inside_of_a_block_are_refused():
     rig = cube(0.08)
     thick = [replace_plate(each.marker, Substrate(thickness=0.03)) for each in rig.markers]
-    rig = mounted(thick, [each.turn for each in rig.markers], [each.shift for each in rig.markers])
+    rig = mounted(
+        thick, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
+    )
     parts_of_rig(rig, Fabrication(depth=0.001))
     with pytest.raises(InputError, match="that do not meet"):
         parts_of_rig(rig, Fabrication(depth=0.02))
@@ -160,4 +166,9 @@ def test_a_block_has_no_chamfer():
     rig = cube()
     cut = [replace_plate(each.marker, Substrate(chamfer=0.001)) for each in rig.markers]
     with pytest.raises(InputError, match="made as one block"):
-        parts_of_rig(mounted(cut, [each.turn for each in rig.markers], [each.shift for each in rig.markers]), FDM)
+        parts_of_rig(
+            mounted(
+                cut, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
+            ),
+            FDM,
+        )

@@ -11,7 +11,7 @@ from markergen.options.declarations import CompareKeywords
 
 
 def _contestants() -> Rows:
-    from markergen.compare.contestants import listed
+    from markergen.comparison.contestants import listed
 
     return listed()
 

@@ -5,9 +5,9 @@ import shlex
 from collections.abc import Mapping
 from functools import partial
 
+from markergen.model.body import Plate
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
-from markergen.model.rig import RigMarker
 from markergen.model.sight import coverage
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.optimize.coverage_picture import draw_coverage
@@ -72,7 +72,7 @@ def answer(subject: Subject) -> Section:
     section = Section(
         sentences(subject.headline), tables=[table], book=("what to plan with", "validate.md#what-to-plan-with")
     )
-    found, alone = subject.expected, RigMarker("marker", subject.marker, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
+    found, alone = subject.expected, Plate("marker", subject.marker, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
     errors = {"rotation": found.rotation_deg, "translation": found.translation_mm}
     section.plots += pose_dome([alone], subject.setting.poses, errors, found.source)
     if "coverage" in subject.results:

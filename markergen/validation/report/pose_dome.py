@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.model.body import Plate
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import RigMarker
 from markergen.presentation.pages import dome
 from markergen.presentation.plots import FAINT, INK, Plot, color_steps, plot, ticks
 from markergen.validation.report.subject import number
@@ -28,7 +28,7 @@ _MOST_POSES, _MOST_TO_TURN = 1500, 4000
 
 
 def pose_dome(
-    markers: Sequence[RigMarker],
+    markers: Sequence[Plate],
     poses: PoseDistribution,
     errors: Mapping[str, Array],
     source: str,
@@ -38,7 +38,7 @@ def pose_dome(
 
     Parameters
     ----------
-    markers : sequence of RigMarker
+    markers : sequence of Plate
         What the cameras look at; a single marker stands in its own frame.
     errors : mapping of str to array (P,)
         RMS ``rotation`` in deg and ``translation`` in mm; not finite where nothing is known.
@@ -51,18 +51,18 @@ def pose_dome(
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1) / 2
     outlines, dots, faces = [], [], []
     # The farthest first; of what shows its back, only the outline, and only in the picture to turn.
-    for each in sorted(markers, key=lambda each: _seen(each.shift)[2]):
-        normal = each.turn[:, 2]
-        rings = [each.to_rig(np.pad(ring, ((0, 0), (0, 1)))) for ring in each.marker.boundary.outlines()]
+    for each in sorted(markers, key=lambda each: _seen(each.translation_vector)[2]):
+        normal = each.rotation_matrix[:, 2]
+        rings = [each.to_body(np.pad(ring, ((0, 0), (0, 1)))) for ring in each.marker.boundary.outlines()]
         sizes = [point.feature.diameter for point in each.marker.control_points]
-        places = each.to_rig(each.marker.xyz)
+        places = each.to_body(each.marker.xyz)
         outlines += rings
         dots += [
             {**dict(zip("xyz", place, strict=True)), "diameter": size, "normal": normal.round(5).tolist()}
             for place, size in zip(places.round(5).tolist(), sizes, strict=True)
         ]
         if _seen(normal)[2] > 0:
-            turned = circle @ each.turn.T
+            turned = circle @ each.rotation_matrix.T
             faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
     centers = camera_centers(poses)
     hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]

@@ -6,11 +6,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.conic_projection import body_outlines
 from markergen.detect.joining import LEAST_FACING, spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
+from markergen.model.constellation import enough
 from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.poses import PoseDistribution
-from markergen.model.sight import dots_in_view, enough
+from markergen.model.sight import dots_in_view
 from markergen.validation.bounds import image_covariance
 from markergen.validation.rigs.views import RigViews
 
@@ -77,11 +79,14 @@ def visibility(series: RigViews) -> Visibility:
     """Compute which dots each pose of a series shows."""
     rig, camera, poses = series.rig, series.camera, series.poses
     parts = []
-    for plate in series.body.plates:
-        here = PoseDistribution("here", *plate.placed.camera_pose(poses.rotation, poses.translation))
-        least = series.body.least_px[plate.first : plate.first + len(plate.marker)]
-        whole = dots_in_view(plate.marker.xyz, 2 * plate.radii, camera, here, least)
-        shape = plate.outlines(poses.rotation, poses.translation).shape * np.outer(camera.focal, camera.focal)
+    first = 0
+    for plate in rig.plates:
+        here = PoseDistribution("here", *plate.camera_pose(poses.rotation, poses.translation))
+        least = rig.least_px[first : first + len(plate.marker)]
+        whole = dots_in_view(plate.marker.xyz, 2 * plate.marker.radii, camera, here, least)
+        first += len(plate.marker)
+        shape = body_outlines(plate.marker, here.rotation, here.translation).shape
+        shape = shape * np.outer(camera.focal, camera.focal)
         # The smaller eigenvalue of an ellipse's matrix; nan where there is no ellipse.
         half = np.trace(shape, axis1=-2, axis2=-1) / 2
         with np.errstate(invalid="ignore"):
@@ -124,5 +129,5 @@ def _budget_at(series: RigViews, pose: int, dots: Indices, noise: Array) -> Pose
     rig, poses = series.rig, series.poses
     return pose_budget(
         rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, noise[None],
-        spatial_errors(series.body, dots, np.eye(3), series.errors),
+        spatial_errors(series.rig, dots, np.eye(3), series.errors),
     )  # fmt: skip

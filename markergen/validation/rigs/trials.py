@@ -145,8 +145,8 @@ def _errors(
     estimator = ESTIMATORS[NEES_OF]
     assert isinstance(estimator, PoseEstimator)
     rotation, place = Correspondences.from_distorted(points, images[:, dots], camera).once(estimator).best
-    found = rotation @ each.turn.T
-    moved = place - found @ each.shift
+    found = rotation @ each.rotation_matrix.T
+    moved = place - found @ each.translation_vector
     te_pct = translation_error_pct(moved, here.translation[0])
     failed = pose_failed(points, rotation, place, te_pct)
     apart = trials.noise_px * FLIP_SEPARATION < flip_separation(turn[None], shift[None], covariance(bounds.information))

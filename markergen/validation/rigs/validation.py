@@ -276,7 +276,7 @@ class RigValidation(ValidationResult[RigViews]):
     >>> import markergen as mg
     >>> marker = mg.design(n=5, boundary="rect:80mmx80mm", restarts=2).marker
     >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    >>> faces = mg.RigMarker("+z", marker, np.eye(3), [0, 0, 0.04]), mg.RigMarker("+x", marker, side, [0.04, 0, 0])
+    >>> faces = mg.Plate("+z", marker, np.eye(3), [0, 0, 0.04]), mg.Plate("+x", marker, side, [0.04, 0, 0])
     >>> found = mg.validate(mg.Rig(faces), poses="cone:tilt=40..50,azimuth=0,distance=0.3,count=10", runs=0, views=0)
     >>> joint, alone = (found.headline["by_plates"]["2"], found.headline["by_plates"]["2"]["alone"])
     >>> joint["rotation_deg"] < alone["rotation_deg"]

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import detect
-from markergen.detect.bodies import Body, body_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import exponential, logarithm
@@ -37,11 +36,6 @@ class RigViews(ViewSeries[Rig]):
         """Rig in the views."""
         return self.subject
 
-    @cached_property
-    def body(self) -> Body:
-        """The rig as it is detected."""
-        return body_of(self.rig)
-
     def take(self, k: int) -> View:
         """See `ViewSeries.take`."""
         camera, pose = self.camera, self.pose_of(k)
@@ -51,7 +45,7 @@ class RigViews(ViewSeries[Rig]):
         image = render_rig(made, camera, rotation, translation, self.optics, noise, Scenery(self.behind(surroundings)))
         found = detect(image, self.rig, camera, self.errors)
         truth = camera.project(made.xyz, rotation[None], translation[None])[0]
-        return View(k, pose, image, found, truth, self.body.ids)
+        return View(k, pose, image, found, truth, self.rig.ids)
 
     def words(self, sample: Mapping[str, Any]) -> tuple[str, str]:
         """See `ViewSeries.words`."""
@@ -123,8 +117,10 @@ def built(rig: Rig, errors: ErrorSources, rng: np.random.Generator) -> Rig:
         values, vectors = np.linalg.eigh(relation)
         steps = (vectors * np.sqrt(np.maximum(values, 0))) @ rng.standard_normal(len(values))
         for k, (each, step) in enumerate(zip(markers, steps.reshape(-1, 6), strict=True)):
-            turn = exponential(step[:3]) @ each.turn
-            markers[k] = replace(each, rotation=tuple(map(tuple, turn)), translation=tuple(each.shift + step[3:]))
+            turn = exponential(step[:3]) @ each.rotation_matrix
+            markers[k] = replace(
+                each, rotation=tuple(map(tuple, turn)), translation=tuple(each.translation_vector + step[3:])
+            )
     return replace(rig, markers=tuple(markers))
 
 
@@ -140,7 +136,7 @@ def record(series: RigViews, view: View) -> RigRecord:
         )  # fmt: skip
     rotation, translation = series.poses.rotation[view.pose], series.poses.translation[view.pose]
     off = np.concatenate([logarithm(own.rotation @ rotation.T), own.translation - translation])
-    plates = [(series.body.parts[part.marker].plate.placed, part.pose) for part in detection.parts if part.pose]
+    plates = [(series.rig.constellations[part.marker].plate, part.pose) for part in detection.parts if part.pose]
     alone = [(each.camera_pose(rotation, translation), pose) for each, pose in plates]
     return RigRecord(
         view.index, view.pose, True, False, "", detection.ids, view.error, off,

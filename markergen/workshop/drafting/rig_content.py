@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry.contour import Contour, flattened
+from markergen.model.body import Plate
 from markergen.model.boundary import Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
-from markergen.model.rig import Rig, RigMarker
+from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_name
 from markergen.solid.bodies import OFF, Part, Prism
 from markergen.workshop.dot_geometry import dots_of
@@ -133,7 +134,7 @@ def _sides(made: RigMade) -> list[_Side]:
         if piece.part.is_plate:
             prism = piece.part.add[0]
             ring = np.array(flattened(prism.outer, OFF) if isinstance(prism, Prism) else [])
-            top = piece.to_rig(np.column_stack([ring, np.full(len(ring), prism.span[1])]))
+            top = piece.to_body(np.column_stack([ring, np.full(len(ring), prism.span[1])]))
             name = part.name.rpartition("/")[0]
             if all(side.name != name for side in sides):
                 sides.append(_Side(name, top, np.array(piece.rotation)[:, 2]))
@@ -156,7 +157,7 @@ def _datums(sides: Sequence[_Side]) -> list[_Side]:
 
 def _main_view(rig: Rig) -> tuple[Array, Array, Array]:
     """Directions to the right and up in the main view, and toward the viewer: -y, or where more faces point."""
-    normals = np.array([each.turn[:, 2] for each in rig.markers])
+    normals = np.array([each.rotation_matrix[:, 2] for each in rig.markers])
     x, y, z = np.eye(3)
     ways = [(x, z, -y), (x, y, z), (y, z, x), (-x, z, y), (-y, z, -x), (x, -y, -z)]
     return max(ways, key=lambda way: round(float(np.maximum(normals @ way[2], 0).sum()), 6))
@@ -209,15 +210,15 @@ def _picture(main: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> RigVi
     axes = (right, np.cross(toward, right), toward)
     flat = np.stack(axes[:2], axis=1)
     names = tuple(
-        _name(each.name, 1e3 * each.to_rig(_flat(np.concatenate(each.marker.boundary.outlines()))) @ flat, each, flat)
+        _name(each.name, 1e3 * each.to_body(_flat(np.concatenate(each.marker.boundary.outlines()))) @ flat, each, flat)
         for each in rig.markers
-        if each.turn[:, 2] @ toward > SHOWN
+        if each.rotation_matrix[:, 2] @ toward > SHOWN
     )
     return RigView("picture", "seen from a corner, not to scale", _projected(axes, rig, made), names)
 
 
 def _name(
-    words: str, ring: Array, each: RigMarker | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
+    words: str, ring: Array, each: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
 ) -> FaceName:
     """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
     middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
@@ -226,7 +227,7 @@ def _name(
         [[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))]
     )
     if each is not None:
-        dots = 1e3 * each.to_rig(each.marker.xyz) @ flat
+        dots = 1e3 * each.to_body(each.marker.xyz) @ flat
         radii = np.array([500 * point.feature.diameter for point in each.marker.control_points])
         # Names are wider than high.
         room = np.linalg.norm((places[:, None] - dots) * [0.5, 1.0], axis=-1) - radii
@@ -256,7 +257,7 @@ def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> tup
     return tuple(face for _, faces in found for face in faces)
 
 
-def _plates(each: RigMarker, made: RigMade, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
+def _plates(each: Plate, made: RigMade, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
     """Distance toward the viewer of a marker's plates, and what is seen of them: convex hull, face, dots."""
     from scipy.spatial import ConvexHull
 
@@ -267,14 +268,14 @@ def _plates(each: RigMarker, made: RigMade, flat: Array, toward: Array) -> tuple
         if not piece.part.is_plate or part.name.rpartition("/")[0] != each.name or not isinstance(body, Prism):
             continue
         ring = np.array(flattened(body.outer, OFF))
-        ends = [piece.to_rig(np.column_stack([ring, np.full(len(ring), z)])) for z in body.span]
+        ends = [piece.to_body(np.column_stack([ring, np.full(len(ring), z)])) for z in body.span]
         depth = float(np.concatenate(ends).mean(axis=0) @ toward)
         points = np.concatenate(ends) @ flat
         faces.append(_face(points[ConvexHull(points).vertices]))
-        slope = float(each.turn[:, 2] @ toward)
+        slope = float(each.rotation_matrix[:, 2] @ toward)
         if abs(slope) > SHOWN:
             faces.append(_face(ends[slope > 0] @ flat))
-    if each.turn[:, 2] @ toward > SHOWN:
+    if each.rotation_matrix[:, 2] @ toward > SHOWN:
         faces += _ink(each, flat)
     return depth, faces
 
@@ -283,7 +284,7 @@ def _face(ring: Array, material: str = "light", fine: bool = False) -> ViewFace:
     return ViewFace((Contour(tuple(map(tuple, ring.tolist()))),), material, fine=fine)
 
 
-def _ink(each: RigMarker, flat: Array) -> list[ViewFace]:
+def _ink(each: Plate, flat: Array) -> list[ViewFace]:
     """Dots and tag of a marker as they are seen."""
     turns = 2 * np.pi * np.arange(TURNS) / TURNS
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -291,14 +292,14 @@ def _ink(each: RigMarker, flat: Array) -> list[ViewFace]:
 
     def add(points: Array, height: float, material: str) -> None:
         local = np.column_stack([points, np.full(len(points), height)])
-        faces.append(_face(1e3 * each.to_rig(local / 1e3) @ flat, material, fine=True))
+        faces.append(_face(1e3 * each.to_body(local / 1e3) @ flat, material, fine=True))
 
     for dot in dots_of(each.marker):
         add([dot.x, dot.y] + dot.radius * circle, dot.z, "dark")
         if dot.inner:
             add([dot.x, dot.y] + dot.inner * circle, dot.z, "light")
     if each.marker.tag is not None:
-        rings = [1e3 * each.to_rig(_flat(ring)) @ flat for ring in each.marker.tag.outlines]
+        rings = [1e3 * each.to_body(_flat(ring)) @ flat for ring in each.marker.tag.outlines]
         faces.append(ViewFace(tuple(Contour(tuple(map(tuple, ring.tolist()))) for ring in rings), "dark", fine=True))
     return faces
 
@@ -325,8 +326,8 @@ def _face_table(rig: Rig) -> DrawingTable:
     """Where each marker is in the rig: its origin, and where its axes point."""
     rows = []
     for each in rig.markers:
-        axes = ["(" + ", ".join(_fixed(value, 6) for value in each.turn[:, k]) + ")" for k in range(3)]
-        rows.append((each.name, *(_fixed(value, 4) for value in 1e3 * each.shift), *axes))
+        axes = ["(" + ", ".join(_fixed(value, 6) for value in each.rotation_matrix[:, k]) + ")" for k in range(3)]
+        rows.append((each.name, *(_fixed(value, 4) for value in 1e3 * each.translation_vector), *axes))
     headings = ("face", "x", "y", "z", "its x axis (right)", "its y axis (up)", "its z axis (out)")
     title = "Faces in the rig frame: origins in mm, and axes as unit vectors, theoretically exact"
     return DrawingTable(title, headings, tuple(rows), (0,))
@@ -382,7 +383,7 @@ def _signed(value: float) -> str:
     return f"{'-' if value < 0 else '+'}{abs(value):.6g}"
 
 
-def _face_work(each: RigMarker, made: RigMade, k: int, fabrication: Fabrication) -> Workpiece:
+def _face_work(each: Plate, made: RigMade, k: int, fabrication: Fabrication) -> Workpiece:
     """Describe one face of a body as if it were a plate, with the body seen from the side."""
     face, one = made.block[k], made.made[k]
     low = face.height - 2 * one.depth - 1

@@ -91,7 +91,7 @@ class Collision:
     shape: str
     size: tuple[float, ...]
     center: Array
-    turn: Array
+    rotation: Array
     mesh: Shown | None = None
 
     @property
@@ -104,7 +104,7 @@ class Collision:
     @property
     def angles(self) -> str:
         """Roll, pitch and yaw."""
-        return numbers(roll_pitch_yaw(self.turn))
+        return numbers(roll_pitch_yaw(self.rotation))
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Site:
 
     name: str
     place: Array
-    turn: Array
+    rotation: Array
     diameter: float = 0.0
 
 
@@ -188,10 +188,10 @@ def _sites(marker: Marker) -> Iterator[Site]:
 
 
 def _sites_of_rig(rig: Rig) -> Iterator[Site]:
-    yield from (Site(f"{each.name}/marker", each.shift, each.turn) for each in rig.markers)
+    yield from (Site(f"{each.name}/marker", each.translation_vector, each.rotation_matrix) for each in rig.markers)
     for each in rig.markers:
         for site in _sites(each.marker):
-            yield Site(f"{each.name}/{site.name}", each.to_rig(site.place), each.turn, site.diameter)
+            yield Site(f"{each.name}/{site.name}", each.to_body(site.place), each.rotation_matrix, site.diameter)
 
 
 def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
@@ -217,7 +217,7 @@ def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
         piece = part.pieces[0]
         if piece.part.is_plate:
             (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
-            middle = piece.to_rig(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
+            middle = piece.to_body(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
             width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
             whole = piece.part.is_disk
             yield Collision(
@@ -437,7 +437,7 @@ def _body(body: Simulated) -> str:
         for each in body.collisions
     )
     sites = "".join(
-        f"""      <site name={quoteattr(each.name)} class="place" pos="{numbers(each.place)}"{_mjcf_turn(each.turn)}\
+        f"""      <site name={quoteattr(each.name)} class="place" pos="{numbers(each.place)}"{_euler(each.rotation)}\
 {f' size="{number(each.diameter / 4)}"' if each.diameter else ""}/>
 """
         for each in body.sites
@@ -465,10 +465,10 @@ def _mjcf_shape(each: Collision) -> str:
     if each.mesh is not None:
         return f'type="mesh" mesh="{each.mesh.name}"'
     halves = (each.size[0], each.size[1] / 2) if each.shape == "cylinder" else np.array(each.size) / 2
-    return f'type="{each.shape}" size="{numbers(np.array(halves))}" pos="{numbers(each.center)}"{_mjcf_turn(each.turn)}'
+    return f'type="{each.shape}" size="{numbers(np.array(halves))}" pos="{numbers(each.center)}"{_euler(each.rotation)}'
 
 
-def _mjcf_turn(turn: Array) -> str:
+def _euler(turn: Array) -> str:
     """Rotation as a quaternion w, x, y, z; nothing for none."""
     from scipy.spatial.transform import Rotation
 

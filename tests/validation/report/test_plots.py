@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
+from markergen.model.body import Plate
 from markergen.model.poses import paper
-from markergen.model.rig import RigMarker
 from markergen.validation.report import measured
 from markergen.validation.report.plots import (
     QUANTILE_95,
@@ -135,7 +135,7 @@ def test_dome_of_very_many_poses_keeps_the_hardest(pentagon, monkeypatch):
     errors = {"rotation": np.ones(len(poses)), "translation": np.full(len(poses), np.inf)}
     errors["rotation"][[7, 11]] = 3.0, np.inf
     errors["translation"][13] = 1.0
-    alone = RigMarker("marker", pentagon, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
+    alone = Plate("marker", pentagon, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
     turned, *stills = pose_dome([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
     data = json.loads(html.unescape(turned.markup.split("'")[1]))
     assert [set(each) for each in data["dots"]] == 5 * [{"x", "y", "z", "diameter", "normal"}]

@@ -104,8 +104,8 @@ def test_mujoco_has_a_frame_for_every_marker_and_a_site_on_every_dot(folder):
     sites = iter(CUBE.xyz)
     for each in CUBE.markers:
         frame = data.site(f"{each.name}/marker")
-        np.testing.assert_allclose(frame.xpos, each.shift, atol=1e-8)
-        np.testing.assert_allclose(frame.xmat.reshape(3, 3), each.turn, atol=1e-8)
+        np.testing.assert_allclose(frame.xpos, each.translation_vector, atol=1e-8)
+        np.testing.assert_allclose(frame.xmat.reshape(3, 3), each.rotation_matrix, atol=1e-8)
         for point in each.marker.control_points:
             np.testing.assert_allclose(data.site(f"{each.name}/dot-{point.id}").xpos, next(sites), atol=1e-8)
     assert model.body("rig").mass[0] == pytest.approx(DENSITY * 0.08**3, rel=1e-4)
@@ -123,7 +123,7 @@ def test_every_plate_of_a_wall_has_its_own_box_to_collide_with(tmp_path):
     for each in rig.markers:
         shape = model.geom(f"{each.name}/plate/collision")
         np.testing.assert_allclose(shape.size, [0.042, 0.042, 0.0015])
-        np.testing.assert_allclose(shape.pos, each.shift - [0, 0, 0.0015], atol=1e-9)
+        np.testing.assert_allclose(shape.pos, each.translation_vector - [0, 0, 0.0015], atol=1e-9)
 
 
 def test_plates_that_overlap_are_only_to_look_at(tmp_path):

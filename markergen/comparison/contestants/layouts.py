@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
+from markergen.comparison.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
 from markergen.detect import detect
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources

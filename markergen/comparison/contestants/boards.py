@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import KINDS, Arena, Kind
-from markergen.compare.contestants.printed import Grey, Lattice, Printed, grid_size, share_of
+from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, share_of
 from markergen.detect.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from markergen.compare import compare as module
-from markergen.compare.compare import compare
-from markergen.compare.comparison import Comparison, comparison_figure, comparison_tables, heading, sentences
-from markergen.compare.contestants.boards import ChArUco
-from markergen.compare.contestants.layouts import DotMarker
-from markergen.compare.contestants.tags import SquareTag
-from markergen.compare.series import Observation
-from markergen.compare.statistics import _ratio, rms_interval
+from markergen.comparison import compare as module
+from markergen.comparison.compare import compare
+from markergen.comparison.contestants.boards import ChArUco
+from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.tags import SquareTag
+from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
+from markergen.comparison.series import Observation
+from markergen.comparison.statistics import _ratio, rms_interval
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.model.marker_json import to_json as marker_bytes

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from markergen.compare.baselines import DEFAULTS, line_up
-from markergen.compare.contestants.boards import ChArUco
-from markergen.compare.contestants.layouts import DotMarker
-from markergen.compare.contestants.tags import SquareTag
+from markergen.comparison.baselines import DEFAULTS, line_up
+from markergen.comparison.contestants.boards import ChArUco
+from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.tags import SquareTag
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project

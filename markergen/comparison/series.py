@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants import Contestant, Sighting
+from markergen.comparison.contestants import Contestant, Sighting
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import turn_z

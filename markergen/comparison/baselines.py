@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from markergen.compare.contestants import KINDS, Arena, Contestant, forms
-from markergen.compare.contestants.layouts import DotMarker
-from markergen.compare.contestants.rigs import RigOfDots, RigOfTags
+from markergen.comparison.contestants import KINDS, Arena, Contestant, forms
+from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.rigs import RigOfDots, RigOfTags
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported
@@ -43,7 +43,7 @@ def line_up(
     Parameters
     ----------
     texts : sequence of str
-        Contestants in the forms of `markergen.compare.contestants.listed`; a single one is compared with `DEFAULTS`.
+        Contestants in the forms of `markergen.comparison.contestants.listed`; a single one is compared with `DEFAULTS`.
     poses : str, PoseDistribution or None
         Poses to use instead, in any form that `poses_from` accepts.
     seed : int

@@ -270,7 +270,7 @@ class Kind:
             return Absent(text, f"needs {self.requires}: {PEERS}")
 
 
-KINDS: Registry[Kind] = Registry("contestant", "markergen.compare.contestants", entry=Kind)
+KINDS: Registry[Kind] = Registry("contestant", "markergen.comparison.contestants", entry=Kind)
 """Kinds of contestants by the first word of their text."""
 
 

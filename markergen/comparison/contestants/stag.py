@@ -11,8 +11,8 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import KINDS, Arena, Kind
-from markergen.compare.contestants.printed import Grey, Lattice, Printed, ours
+from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.printed import Grey, Lattice, Printed, ours
 from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.geometry.region import Region

@@ -29,12 +29,12 @@ _SHOWN = 8
 
 
 class Comparison(SavableResult):
-    """The result of `markergen.compare`; ``print(comparison)`` shows what the command prints.
+    """The result of `markergen.comparison`; ``print(comparison)`` shows what the command prints.
 
     Parameters
     ----------
     results : mapping
-        Return value of `markergen.compare.compare.compare`.
+        Return value of `markergen.comparison.compare.compare`.
     written : sequence of Written
         Files that were written together with the results.
     cpu_s : mapping
@@ -57,7 +57,7 @@ class Comparison(SavableResult):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """All results as plain JSON values, see `markergen.compare.compare.compare`; read-only."""
+        """All results as plain JSON values, see `markergen.comparison.compare.compare`; read-only."""
         return MappingProxyType(self._results)
 
     @property

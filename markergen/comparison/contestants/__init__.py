@@ -1,6 +1,6 @@
 """Table of contestants for `compare`: each kind of marker, tag or board in a file of its own."""
 
-from markergen.compare.contestants.base import (
+from markergen.comparison.contestants.base import (
     KINDS,
     Absent,
     Arena,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import KINDS, Arena, Kind
-from markergen.compare.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
+from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
 from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import Contestant, Image, Pose, Sighting
-from markergen.compare.contestants.layouts import DotMarker
-from markergen.compare.contestants.printed import Lattice
+from markergen.comparison.contestants.base import Contestant, Image, Pose, Sighting
+from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.printed import Lattice
 from markergen.detect import detect
 from markergen.detect.fiducials import FiducialSettings, find_tags, tag_settings
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
@@ -97,7 +97,7 @@ class RigOfTags(RigContestant):
     def points(self) -> Array:
         """See `Contestant.points`: the corners of the black squares."""
         corners = [np.column_stack([tag.corners, np.zeros(4)]) for tag in self.tags]
-        return np.concatenate([m.to_rig(points) for m, points in zip(self.rig.markers, corners, strict=True)])
+        return np.concatenate([m.to_body(points) for m, points in zip(self.rig.markers, corners, strict=True)])
 
     @property
     def settings(self) -> Sequence[Any]:
@@ -131,7 +131,7 @@ class RigOfTags(RigContestant):
         def patches_of(index: int, turn: Array, shift: Array) -> list[Patch]:
             del turn, shift
             ink = self._lattice(self.tags[index]).displaced(self.tags[index].outlines, parts[index])
-            outlines = (self.rig.plates[index].rings, ink)
+            outlines = (self.rig.plate_regions[index].rings, ink)
             return [Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in each), 1.0 - k) for k, each in enumerate(outlines)]
 
         return photograph(painted_rig(self.rig, patches_of, camera, *pose), camera, optics, rng)
@@ -161,8 +161,8 @@ class RigOfTags(RigContestant):
         assert isinstance(estimator, PoseEstimator)
         batch = Correspondences.from_distorted(points, pixels[None], camera)
         rotation, translation = (part[0] for part in batch.once(estimator).best)
-        turned = rotation @ each.turn.T
-        return turned, translation - turned @ each.shift
+        turned = rotation @ each.rotation_matrix.T
+        return turned, translation - turned @ each.translation_vector
 
     def _lattice(self, tag: Tag) -> Lattice:
         return Lattice(1, 1, tag.side)

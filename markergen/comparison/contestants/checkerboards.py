@@ -7,8 +7,8 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import KINDS, Arena, Kind
-from markergen.compare.contestants.printed import Grey, Lattice, Printed, grid_size, ours
+from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, ours
 from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera

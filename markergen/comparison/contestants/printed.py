@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants.base import FlatContestant, Image, Pose, Sighting
+from markergen.comparison.contestants.base import FlatContestant, Image, Pose, Sighting
 from markergen.detect.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.estimators import Correspondences

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.baselines import line_up
-from markergen.compare.series import TUNING, VIEWS, Choice, Observation, Series
-from markergen.compare.statistics import comparison_results
+from markergen.comparison.baselines import line_up
+from markergen.comparison.series import TUNING, VIEWS, Choice, Observation, Series
+from markergen.comparison.statistics import comparison_results
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution

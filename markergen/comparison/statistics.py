@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.compare.contestants import Contestant
-from markergen.compare.series import Observation, Series
+from markergen.comparison.contestants import Contestant
+from markergen.comparison.series import Observation, Series
 from markergen.objectives import Setting
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import FLIP_SEPARATION, rms, statistics

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import markergen as mg
-from markergen.compare.baselines import line_up
-from markergen.compare.contestants.rigs import RigOfDots, RigOfTags
+from markergen.comparison.baselines import line_up
+from markergen.comparison.contestants.rigs import RigOfDots, RigOfTags
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
@@ -36,7 +36,7 @@ def test_print_errors_move_what_is_seen():
     assert moved.std() == pytest.approx(1e-3, rel=0.4)
     image = contestant.render(PAPER_CAMERA, (rotation, translation), Optics(), np.random.default_rng(0), moved)
     seen = contestant.sight(image, PAPER_CAMERA, None, 1e-3)
-    there = [each.to_rig(np.column_stack([part, np.zeros(6)])) for each, part in _moved(moved)]
+    there = [each.to_body(np.column_stack([part, np.zeros(6)])) for each, part in _moved(moved)]
     pixels = PAPER_CAMERA.project(np.concatenate(there), rotation[None], translation[None])[0]
     np.testing.assert_allclose(seen.pixels, pixels[seen.ids], atol=0.2)
 

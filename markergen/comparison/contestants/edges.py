@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from markergen.compare.contestants.base import KINDS, Arena, Kind
-from markergen.compare.contestants.printed import Grey
-from markergen.compare.contestants.tags import SquareTag, tag_in
-from markergen.compare.tag_edges import fit_edges
+from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.printed import Grey
+from markergen.comparison.contestants.tags import SquareTag, tag_in
+from markergen.comparison.tag_edges import fit_edges
 from markergen.detect.fiducials import FiducialDetection, FiducialSettings, detect_fiducial
 from markergen.model.camera import Camera
 
