@@ -2,17 +2,24 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
+CORE = -n 2 --dist worksteal -m "not long and not package and not outside and not browser and not docs"
 
 # The tests start hundreds of interpreters, each of which would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-browser test-docs test-long test-outside test-package lint bench docs book numbers clean
+.PHONY: demo check test test-browser test-docs test-long test-outside test-package lint bench docs book numbers clean
 
 demo: $(VENV)/installed $(VENV)/kernel
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
+# What is to pass before every commit, in a minute: lint, types, contracts, and the tests of what changed since BASE.
+BASE ?= main
+check: lint $(VENV)/kernel
+	@tests=$$($(BIN)/python tests/changed.py $(BASE)) || exit; echo $$tests; \
+	[ -z "$$tests" ] || $(BIN)/python -m pytest $(CORE) $$tests || [ $$? = 5 ]  # 5: none of them is in the core suite
+
 test: lint $(VENV)/kernel
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside and not browser and not docs"
+	$(BIN)/python -m pytest $(CORE)
 
 test-long: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m pytest -m long
