@@ -14,7 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
     ("arrays", "errors", "units", "registry", "files", "guard", "pool", "occt"),
-    ("options",), ("presentation",), ("geometry",), ("maths",), ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
+    ("options",), ("presentation",), ("geometry",), ("maths",), ("model",), ("read",),
+    ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
     ("exporters",), ("render",), ("detect",), ("validation",),
     ("calibration", "comparison", "studies", "verification", "workshop"), ("api",), ("studio",), ("cli", "__main__"),
 ]  # fmt: skip
