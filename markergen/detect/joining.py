@@ -24,6 +24,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
+from markergen.model.sight import LEAST_FACING
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -38,8 +39,8 @@ SIZE_LOG = 0.35
 AGREED = 0.75
 """Minimum share of a constellation's dots that are where the pose of another one predicts them, for joining the two."""
 
-LEAST_FACING, SURE_FACING = 0.1, 0.4
-"""Cosines of the tilt from which on a dot may be seen, and from which on it is expected to be."""
+SURE_FACING = 0.4
+"""Cosine of the tilt from which on a dot is expected to be seen; from `LEAST_FACING` on it may be."""
 
 SHORT_PX = 3.5
 """Length of the short axis of a dot's image at which its center is off by 1.4 times as much as the grey levels tell: by

@@ -203,6 +203,9 @@ def _shadow(rig: Rig, j: int, k: int, eye: Array, height: float = 0.0) -> Region
 
 
 def _hidden_by_pillars(marker: Marker, eyes: Array) -> NDArray[np.bool_]:
+    heights = marker.xyz[:, 2]
+    if np.all(heights == heights[0]):
+        return eyes[:, 2:] <= heights
     diameters = np.array([point.feature.diameter for point in marker.control_points])
     walls = np.array([pillar_radius(diameter, marker.clearance) for diameter in diameters])
     return np.stack([sight_gaps(marker.xyz, diameters / 2, walls, eye[None])[0].min(axis=-1) < -1e-9 for eye in eyes])

@@ -1,4 +1,4 @@
-"""Sight: which dots of a marker each pose shows, and which poses a marker serves."""
+"""Sight: which dots of a body each pose shows, and which poses a marker serves."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
+from markergen.model.body import Body
 from markergen.model.camera import Camera
 from markergen.model.constellation import FEWEST, enough, scales_of
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.marker import Marker
+from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
 
 Array = NDArray[np.float64]
@@ -21,6 +23,12 @@ Mask = NDArray[np.bool_]
 MARGIN_PX = 3.0
 """Distance in px that the image of a dot keeps from the edge of the sensor to be detected."""
 
+LEAST_FACING, TRIED_FACING = 0.1, 0.34
+"""Cosines of the tilt from which on a dot may be seen, 84 deg, and up to which `Feature.least_pixels` was tried, 70."""
+
+NARROWEST_PX = 3.0
+"""Minimum short axis in px of the image of a dot at a steeper tilt; narrower ones are found in some images only."""
+
 RIM = 16
 """Number of points on the rim of a dot that represent its image."""
 
@@ -28,13 +36,32 @@ BANDS, FINE_BANDS = 8, 32
 """Numbers of ranges of distance, of equal ratio, in tables and in sentences."""
 
 
-def dots_in_view(
+def dots_in_view(body: Body, camera: Camera, poses: PoseDistribution) -> Mask:
+    """Mask (P, n) of the dots of a body that each pose T_camera_body shows: see `disks_in_view`; and not hidden.
+
+    They are large enough from `Feature.least_pixels` on, and what hides them is what `occlusion.hidden` knows.
+    """
+    parts = [
+        disks_in_view(
+            plate.marker.xyz,
+            2 * plate.marker.radii,
+            camera,
+            PoseDistribution("", *plate.camera_pose(poses.rotation, poses.translation)),
+            body.least_px[body.owner == k],
+        )
+        for k, plate in enumerate(body.plates)
+    ]
+    return np.concatenate(parts, axis=1) & ~hidden(body, poses)
+
+
+def disks_in_view(
     points: Array, diameters: Array, camera: Camera, poses: PoseDistribution, least_px: Array | float = RELIABLE_PIXELS
 ) -> Mask:
-    """Mask (P, n) of the dots that each pose shows: whole, from the front, and large enough.
+    """Mask (P, n) of the disks of one plate that each pose T_camera_marker shows: whole, from the front, large enough.
 
-    The whole image of a dot lies `MARGIN_PX` or more inside the sensor, and its mean diameter, the root of long times
-    short axis, is at least `least_px`. What hides dots from each other does not count.
+    The whole image lies `MARGIN_PX` or more inside the sensor. Its mean diameter, the root of long times short axis, is
+    at least `least_px`, and the cosine of the disk's tilt above `LEAST_FACING`; below `TRIED_FACING`, the short axis is
+    at least `NARROWEST_PX`. What hides disks from each other does not count.
 
     Parameters
     ----------
@@ -47,19 +74,24 @@ def dots_in_view(
     rims = np.repeat(points[:, None], RIM, axis=1)
     rims[..., :2] += diameters[:, None, None] / 2 * circle
     seen = to_camera(rims.reshape(-1, rims.shape[-1]), poses.rotation, poses.translation)
-    height = -np.sum(poses.rotation[:, :, 2] * poses.translation, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         pixels = camera.to_pixels(perspective(seen)).reshape(len(poses), len(points), RIM, 2)
         x, y = pixels[..., 0], pixels[..., 1]
         area = np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1) / 2
         # The rim is a polygon of slightly less area.
         mean = np.sqrt(np.abs(area) / (RIM / 2 * np.sin(2 * np.pi / RIM)) * 4)
+        # Along an axis of an ellipse, the mean square over its rim is half the square of the semi-axis.
+        x, y = x - x.mean(axis=-1, keepdims=True), y - y.mean(axis=-1, keepdims=True)
+        half, skew = np.mean(x**2 + y**2, axis=-1), np.hypot(np.mean(x**2 - y**2, axis=-1), 2 * np.mean(x * y, axis=-1))
+        short = 2 * np.sqrt(np.maximum(half - skew, 0.0))
         low = pixels >= MARGIN_PX - 0.5
         high = pixels <= np.array([camera.width, camera.height]) - 0.5 - MARGIN_PX
         whole = np.all(low & high, axis=(-2, -1)) & (mean >= least_px)
     ahead = np.all(seen.reshape(len(poses), len(points), RIM, 3)[..., 2] > 0, axis=-1)
-    heights = points[:, 2] if points.shape[-1] == 3 else 0.0
-    return np.asarray(whole & ahead & (height[:, None] > heights))
+    places = to_camera(points, poses.rotation, poses.translation)
+    facing = -np.sum(places * poses.rotation[:, None, :, 2], axis=-1) / np.linalg.norm(places, axis=-1)
+    clear = (facing > LEAST_FACING) & ((facing >= TRIED_FACING) | (short >= NARROWEST_PX))
+    return np.asarray(whole & ahead & clear)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +186,7 @@ class Coverage:
 def coverage(marker: Marker, camera: Camera, poses: PoseDistribution) -> Coverage:
     """What each pose sees of a marker; dots are large enough from `Feature.least_pixels` on."""
     diameters = diameters_of(marker)
-    least = np.array([point.feature.least_pixels for point in marker.control_points])
-    return Coverage(marker.xyz, diameters, poses, dots_in_view(marker.xyz, diameters, camera, poses, least))
+    return Coverage(marker.xyz, diameters, poses, dots_in_view(marker, camera, poses))
 
 
 def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) -> PoseDistribution:

@@ -26,7 +26,7 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
-from markergen.model.sight import Coverage, dots_in_view
+from markergen.model.sight import Coverage, disks_in_view
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
@@ -163,7 +163,7 @@ def seen_by(scales: tuple[Scale, ...], camera: Camera, poses: PoseDistribution) 
     """What each pose sees of several scales."""
     points = np.concatenate([scale.points for scale in scales])
     diameters = np.concatenate([np.full(len(scale.points), scale.diameter) for scale in scales])
-    return Coverage(points, diameters, poses, dots_in_view(points, diameters, camera, poses))
+    return Coverage(points, diameters, poses, disks_in_view(points, diameters, camera, poses))
 
 
 def dot_information(coverage: Coverage, camera: Camera, image: ImageNoise, print_sigma: float = 0.0) -> Array:

@@ -6,11 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.conic_projection import body_outlines
-from markergen.detect.joining import LEAST_FACING, spatial_errors
+from markergen.detect.joining import spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.model.constellation import enough
-from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import dots_in_view
 from markergen.validation.bounds import image_covariance
@@ -20,9 +18,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-NARROWEST_PX = 3.0
-"""Minimum short axis in px of a dot's image; narrower ones are found in some images only."""
-
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
@@ -31,8 +26,7 @@ class Visibility:
     Attributes
     ----------
     seen : array (P, n) of bool
-        Dots that are not hidden, wholly in the image, not seen at a steeper angle than `detect` uses them, and large
-        enough there to be found: with a mean diameter of `Feature.least_pixels`, a short axis of `NARROWEST_PX`.
+        See `dots_in_view`.
     """
 
     series: RigViews
@@ -77,24 +71,7 @@ class Visibility:
 
 def visibility(series: RigViews) -> Visibility:
     """Compute which dots each pose of a series shows."""
-    rig, camera, poses = series.rig, series.camera, series.poses
-    parts = []
-    first = 0
-    for plate in rig.plates:
-        here = PoseDistribution("here", *plate.camera_pose(poses.rotation, poses.translation))
-        least = rig.least_px[first : first + len(plate.marker)]
-        whole = dots_in_view(plate.marker.xyz, 2 * plate.marker.radii, camera, here, least)
-        first += len(plate.marker)
-        shape = body_outlines(plate.marker, here.rotation, here.translation).shape
-        shape = shape * np.outer(camera.focal, camera.focal)
-        # The smaller eigenvalue of an ellipse's matrix; nan where there is no ellipse.
-        half = np.trace(shape, axis1=-2, axis2=-1) / 2
-        with np.errstate(invalid="ignore"):
-            narrow = 2 * np.sqrt(half - np.sqrt(np.maximum(half**2 - np.linalg.det(shape), 0.0)))
-        parts.append(whole & (narrow >= NARROWEST_PX))
-    way = eyes_of(poses)[:, None] - rig.xyz
-    facing = np.sum(way * rig.normals, axis=-1) > LEAST_FACING * np.linalg.norm(way, axis=-1)
-    return Visibility(series, facing & ~hidden(rig, poses) & np.concatenate(parts, axis=1))
+    return Visibility(series, dots_in_view(series.rig, series.camera, series.poses))
 
 
 def dot_noise(series: RigViews) -> Array:
