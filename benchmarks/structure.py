@@ -15,7 +15,8 @@ python -m benchmarks.structure --list meaningless
   row those in WIDER, are words of grammar that name no thing.
 - A tuned number is a constant of a module whose value is a number, arithmetic with numbers, or a tuple or list of them.
   It has a note if a string follows it, or if a comment stands above it or on its lines.
-- Names given are what another module imports by name, or uses as attribute of the imported module.
+- Names given are what another module imports by name, or uses as attribute of the imported module. A pair of modules is
+  cut in two if one gives the other MANY_NAMES or more that no third module uses.
 
 `--without` leaves the modules of a package out, and their arrows; they still count as importers of the others.
 """
@@ -28,7 +29,7 @@ import subprocess
 import tarfile
 import tempfile
 import tokenize
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from itertools import chain, groupby, pairwise
@@ -38,7 +39,7 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).parents[1] / "markergen"
 MEANINGLESS = frozenset(["each", "found", "own", "said", "known", "told", "shown", "given", "some", "near", "words"])
 WIDER = MEANINGLESS | {"other", "one", "made"}
-LEAVES = frozenset({"verification", "calibration", "compare", "studies", "studio", "workshop"})
+LEAVES = frozenset({"verification", "calibration", "comparison", "studies", "studio", "workshop"})
 LARGE_LINES = 500
 MANY_NAMES = 6
 TOP_PAIRS = 15
@@ -205,11 +206,11 @@ def size_figures(modules: list[Module]) -> dict[str, Figure]:
 def import_figures(modules: list[Module], arrows: list[Arrow]) -> dict[str, Figure]:
     importers: dict[str, list[Module]] = defaultdict(list)
     imports: dict[str, list[str]] = defaultdict(list)
-    names_used: dict[str, set[str]] = defaultdict(set)
+    users: dict[str, Counter[str]] = defaultdict(Counter)
     for arrow in arrows:
         importers[arrow.module.name].append(arrow.importer)
         imports[arrow.importer.name].append(arrow.module.name)
-        names_used[arrow.module.name] |= arrow.names
+        users[arrow.module.name].update(arrow.names)
 
     @cache
     def longest_chain(name: str) -> tuple[str, ...]:
@@ -223,6 +224,9 @@ def import_figures(modules: list[Module], arrows: list[Arrow]) -> dict[str, Figu
     singles = [module for module in files if len(importers[module.name]) == 1]
     exchanges = sorted(arrows, key=lambda arrow: -len(arrow.names))
     many = [arrow for arrow in exchanges if len(arrow.names) >= MANY_NAMES]
+    unshared = [
+        arrow._replace(names={name for name in arrow.names if users[arrow.module.name][name] == 1}) for arrow in arrows
+    ]
     large = [module for module in modules if module.lines > LARGE_LINES]
     return {
         "arrows": Figure(len(arrows), f"({len(crossing):,} between packages)"),
@@ -237,8 +241,9 @@ def import_figures(modules: list[Module], arrows: list[Arrow]) -> dict[str, Figu
             sum(len(arrow.names) for arrow in arrows), "", tuple(map(Arrow.place, exchanges[:TOP_PAIRS]))
         ),
         "givers-of-many": counted(map(Arrow.place, many), f"pairs of {len({arrow.module for arrow in many})} modules"),
+        "cut-in-two": counted(map(Arrow.place, (arrow for arrow in unshared if len(arrow.names) >= MANY_NAMES))),
         "large": counted(
-            Place(m.package, f"{m.path}: {m.lines} lines, {len(names_used[m.name])} names used outside") for m in large
+            Place(m.package, f"{m.path}: {m.lines} lines, {len(users[m.name])} names used outside") for m in large
         ),
     }
 
@@ -266,8 +271,8 @@ def name_figures(modules: list[Module]) -> dict[str, Figure]:
     }
 
 
-def structure(root: Path, left_out: Sequence[str] = ()) -> dict[str, Figure]:
-    """Return the figures of the package in a folder, by their keys."""
+def package(root: Path, left_out: Sequence[str] = ()) -> tuple[list[Module], list[Arrow]]:
+    """Return the modules of the package in a folder, and who imports them."""
     every = {module.name: module for module in (Module(root, path) for path in sorted(root.rglob("*.py")))}
     modules = [module for module in every.values() if module.package not in left_out]
     arrows = [
@@ -276,6 +281,12 @@ def structure(root: Path, left_out: Sequence[str] = ()) -> dict[str, Figure]:
         for name, names in sorted(importer.imports(every).items())
         if every[name] in modules
     ]
+    return modules, arrows
+
+
+def structure(root: Path, left_out: Sequence[str] = ()) -> dict[str, Figure]:
+    """Return the figures of the package in a folder, by their keys."""
+    modules, arrows = package(root, left_out)
     return size_figures(modules) | import_figures(modules, arrows) | name_figures(modules)
 
 

@@ -113,6 +113,13 @@ def test_imports_count_when_the_program_runs(figures):
     assert texts(figures["names-given"])[0].startswith("model/rig.py <- errors.py: 6: HEIGHT, LIMIT")
     assert "calibration/run.py <- errors.py: 1: Problem" in texts(figures["names-given"])
     assert figures["givers-of-many"].number == 1
+    assert [text.partition(": ")[0] for text in texts(figures["cut-in-two"])] == ["model/rig.py <- errors.py"]
+
+
+def test_what_a_third_module_uses_is_no_half_of_a_thought(root):
+    user = root / "calibration" / "run.py"
+    user.write_text(user.read_text() + "\nfrom house.errors import LIMIT\n")
+    assert texts(structure(root)["cut-in-two"]) == []
 
 
 def test_names(figures):
@@ -144,7 +151,8 @@ def test_the_command_lists_what_a_figure_counts():
     command = [sys.executable, "-m", "benchmarks.structure", "--list"]
     root = Path(__file__).parents[1]
     listed = subprocess.run([*command, "floors"], cwd=root, capture_output=True, text=True, check=True)
-    assert "== floors ==\nmarkergen.__main__\n" in listed.stdout
+    assert "== floors ==\nmarkergen." in listed.stdout
+    assert listed.stdout.endswith("\nmarkergen.errors\n")
     refused = subprocess.run([*command, "ceilings"], cwd=root, capture_output=True, text=True)
     assert refused.returncode == 2
     assert "there is no 'ceilings'" in refused.stderr

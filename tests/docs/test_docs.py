@@ -72,7 +72,7 @@ def test_links_of_the_readme_lead_somewhere_from_everywhere():
 def test_every_room_on_the_map_is_there():
     """ARCHITECTURE.md sends readers to files; each of them exists, and every package is in its table."""
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`([\w.]+(?:/[\w.]*)+)`", text))
+    named = set(re.findall(r"`([\w.]+(?:/[\w.]*)+|[\w.]+\.(?:py|js|j2|md|yml))`", text))
     assert len(named) > 30
     for path in named:
         assert (ROOT / path).exists() or (ROOT / "markergen" / path).exists(), path
