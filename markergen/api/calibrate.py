@@ -13,7 +13,7 @@ from markergen.calibration.run import calibrate as run
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig, planned_print
+from markergen.model.rig import planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import check_scale
 from markergen.options import (
@@ -108,11 +108,12 @@ def calibrate(
         raise InputError("the geometry free or nominal", repr(settled["geometry"]), "see markergen calibrate --help")
     check_scale(settled["scale_sigma"])
     others = as_list(settled["also"] or ())
-    whole = load_marker_or_rig(marker)
-    if isinstance(whole, Rig) and others:
+    body = load_marker_or_rig(marker)
+    has_relation = len(body.plates) > 1
+    if has_relation and others:
         raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
-    designs = [each.marker for each in whole.markers] if isinstance(whole, Rig) else [whole]
-    designs += [marker_of(each) for each in others]
+    bodies = [body, *map(marker_of, others)]
+    designs = [plate.marker for body in bodies for plate in body.plates]
     taken = camera_of(camera)
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
@@ -127,13 +128,12 @@ def calibrate(
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
-    rigged = isinstance(whole, Rig)
-    if known.camera is not None and known.covariance is None and not known.free and not rigged:
+    if known.camera is not None and known.covariance is None and not known.free and not has_relation:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
     moved = known.camera is None or known.covariance is not None
-    Calibration.check_targets(targets, 1 if rigged else len(designs), known.free or rigged, moved)
+    Calibration.check_targets(targets, len(bodies), known.free or has_relation, moved)
     targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
-    found = run(whole if isinstance(whole, Rig) else designs, photos, known, settled["workers"], progress)
+    found = run(bodies, photos, known, settled["workers"], progress)
     _log.info("calibrated by %d views", len(found.adjustment.views))
     return found.saved(targets)
 

@@ -93,7 +93,7 @@ class Adjustment:
     @cached_property
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
-        return _normal_equations(self.network, self.views, self.places, self.camera, self.weights)
+        return normal_equations(self.network, self.views, self.places, self.camera, self.weights)
 
     @cached_property
     def unscaled(self) -> Array:
@@ -233,7 +233,7 @@ def adjust(
     stiffness = (
         float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
-    problem = _Problem(network, views, factors, stiffness, tolerance)
+    problem = _Adjusting(network, views, factors, stiffness, tolerance)
     start = (
         views.rotation[None],
         views.translation[None],
@@ -244,7 +244,7 @@ def adjust(
     rotation, translation, places, moved = (each[0] for each in unknowns)
     found = replace(views, rotation=rotation, translation=translation)
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
-    residual = _residual(network.radii, found, places, camera)[0]
+    residual = residuals(network.radii, found, places, camera)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that see all dots from the front")
     if network.free and network.loose is not None:
@@ -271,7 +271,7 @@ def _freedom(network: Network, measured: int, views: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem(LeastSquares):
+class _Adjusting(LeastSquares):
     """One network as a batch of one; the unknowns are rotations, translations, dots, and the camera's u."""
 
     network: Network
@@ -285,10 +285,10 @@ class _Problem(LeastSquares):
         rotation, translation, places, moved = (each[0] for each in unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         views = replace(self.views, rotation=rotation, translation=translation)
-        residual, front = _residual(self.network.radii, views, places, camera)
+        residual, front = residuals(self.network.radii, views, places, camera)
         inverse = np.linalg.inv(self.views.covariance) * self.weights[..., None, None]
         cost = float(np.einsum("vni,vnij,vnj->", residual, inverse, residual))
-        cost += float(moved @ self.network.freedom.precision @ moved) + _prior(self.network, places)[0]
+        cost += float(moved @ self.network.freedom.precision @ moved) + dots_prior(self.network, places)[0]
         if self.network.free:
             cost += self.stiffness * float(np.sum((self.gauge.T @ (places - self.network.design).ravel()) ** 2))
         return np.array([cost if front and cost < np.inf else np.inf]), residual[None]
@@ -303,7 +303,7 @@ class _Problem(LeastSquares):
         rotation, translation, places, moved = (each[0] for each in unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         views = replace(self.views, rotation=rotation, translation=translation)
-        parts = _normal_equations(self.network, views, places, camera, self.weights, found[1][0])
+        parts = normal_equations(self.network, views, places, camera, self.weights, found[1][0])
         size = parts.dots
         parts.gradient_rest[size:] -= self.network.freedom.precision @ moved
         if size:
@@ -346,13 +346,13 @@ class _Problem(LeastSquares):
         """See `LeastSquares.converged`."""
         return attempt.good & (attempt.before - attempt.after <= self.tolerance * attempt.before)
 
-    def take(self, chosen: Mask) -> "_Problem":
+    def take(self, chosen: Mask) -> "_Adjusting":
         """See `LeastSquares.take`: the batch is of one."""
         del chosen
         return self
 
 
-def _residual(radii: Array, views: Views, places: Array, camera: Camera) -> tuple[Array, bool]:
+def residuals(radii: Array, views: Views, places: Array, camera: Camera) -> tuple[Array, bool]:
     """Residuals (v, n, 2) in px, 0 where not seen; and whether every seen dot is seen from the front."""
     place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
     normal = views.rotation[:, None, :, 2]
@@ -373,7 +373,7 @@ def _centers(place: Array, normal: Array, radii: Array) -> tuple[Array, Array]:
     return center, level[..., 0]
 
 
-def _normal_equations(
+def normal_equations(
     network: Network,
     views: Views,
     places: Array,
@@ -381,6 +381,10 @@ def _normal_equations(
     weights: Array,
     residual: Array | None = None,
 ) -> NormalEquations:
+    """Normal equations of views at their poses, with the gradient if residuals (v, n, 2) in px are given.
+
+    Poses change by (w, dt): R <- exp([w]x) R, t <- t + dt.
+    """
     place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
     center = _centers(place, views.rotation[:, None, :, 2], network.radii)[0]
     center = np.where(views.seen[..., None], center, 0.0)
@@ -410,14 +414,14 @@ def _normal_equations(
         rest[:size, :size].reshape(n, 3, n, 3)[index, :, index, :] = (turned @ dots).sum(axis=0)
         rest[:size, size:] = (turned @ moved).sum(axis=0).reshape(size, r)
         rest[size:, :size] = rest[:size, size:].T
-        _, gradient, matrix = _prior(network, places)
+        _, gradient, matrix = dots_prior(network, places)
         rest[:size, :size] += matrix
         if residual is not None:
             gradient_rest[:size] = (turned @ residual[..., None]).sum(axis=0).ravel() + gradient
     return NormalEquations(pose, cross, rest, size, rows, dots, moved, gradient_pose, gradient_rest)
 
 
-def _prior(network: Network, places: Array) -> tuple[float, Array | float, Array | float]:
+def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, Array | float]:
     """Cost of what is known of the dots besides the photographs, minus half its gradient (3 n,), and its matrix."""
     if not network.free or (not network.lengths and network.prior is None and network.loose is None):
         return 0.0, 0.0, 0.0

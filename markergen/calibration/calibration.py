@@ -21,8 +21,7 @@ from markergen.errors import InputError
 from markergen.files import Written, write_all
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.marker_json import to_json
-from markergen.model.rig_json import rig_to_json
+from markergen.model.rig_json import body_to_json
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
@@ -173,10 +172,9 @@ class Calibration(SavableResult):
 
     def write(self, targets: Targets) -> list[Written]:
         """See `SavableResult.write`."""
-        whole = None if self.relation is None else rig_to_json(self.relation.rig)
-        markers = iter(self.markers)
+        bodies = iter(self.markers if self.relation is None else [self.relation.rig])
         contents = {
-            path: (whole or to_json(next(markers))) if kind == "marker" else self.content(kind, path)
+            path: body_to_json(next(bodies)) if kind == "marker" else self.content(kind, path)
             for kind, path in targets.files
         }
         write_all(contents)
@@ -264,7 +262,7 @@ class Calibration(SavableResult):
     def _relation(self) -> dict[str, Any]:
         assert self.relation is not None
         found, (turned, moved) = self.relation, self.relation.sigma
-        rows = zip(found.rig.markers, found.turned_deg, found.moved, turned, moved, strict=True)
+        rows = zip(found.rig.plates, found.turned_deg, found.moved, turned, moved, strict=True)
         return {
             "photographs": found.photographs,
             "looseness": found.looseness,

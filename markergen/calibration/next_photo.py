@@ -243,7 +243,7 @@ def next_photos(
     earlier = adjustment.views.rotation[taken], adjustment.views.translation[taken]
     shown = np.isfinite(camera.project(points, *poses)).all(axis=(1, 2))
     working = (poses[0][shown], poses[1][shown]) if shown.any() else earlier
-    problem = _Problem(adjustment, points, camera, own, noise, working)
+    problem = _CandidateWorth(adjustment, points, camera, own, noise, working)
     covariance = bounded_covariance(adjustment, GUESS_M, GUESS_PX)
     covariance = covariance[np.ix_(problem.columns, problem.columns)]
     candidates = candidate_photos(points, radii, camera)
@@ -327,7 +327,7 @@ def _translations(points: Array, radii: Array, rotation: Array, camera: Camera, 
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _CandidateWorth:
     """What candidates are judged by; unknowns are the own dots (if free) and the camera's u."""
 
     adjustment: Adjustment

@@ -25,12 +25,11 @@ from markergen.calibration.weaknesses import explain, findings, rarely_seen, ref
 from markergen.calibration.working_error import ExpectedError, sensitivity
 from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
-from markergen.model.body import Plate
+from markergen.model.body import Body
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rescale import by_rulers, photographed
-from markergen.model.rig import Rig
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.validation.validation import setting_of
@@ -119,7 +118,7 @@ def _prior(designs: Sequence[Marker]) -> Array | None:
 
 
 def calibrate(
-    target: Sequence[Marker] | Rig,
+    bodies: Sequence[Body],
     photos: Any,
     known: Known,
     workers: int | None = None,
@@ -129,7 +128,8 @@ def calibrate(
 
     Parameters
     ----------
-    target : sequence of Marker, or Rig
+    bodies : sequence of Body
+        Markers, or a rig alone.
     photos : paths, folders, patterns or arrays
         See `photos.find_dots`.
     known : Known
@@ -142,8 +142,8 @@ def calibrate(
         If no photograph can be used, or they do not determine what is asked for.
     """
     # A print that was calibrated before is measured anew.
-    given = [each.marker for each in target.markers] if isinstance(target, Rig) else target
-    designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in given]
+    markers = [plate.marker for body in bodies for plate in body.plates]
+    designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
     ruled = told_by_rulers(designs, known.lengths, known.errors)
     sightings, camera = find_dots(
         designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
@@ -184,16 +184,18 @@ def calibrate(
     report("adjusting", 1, 1)
     report("judging", 0, 1)
     relation = None
-    if isinstance(target, Rig):
-        rig = replace(target, markers=tuple(map(_with, target.markers, designs)), relation=None)
-        relation = relate(rig, cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma)
+    if len(bodies[0].plates) > 1:
+        relation = relate(
+            _with_markers(bodies[0], designs), cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma
+        )
     result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
     report("judging", 1, 1)
     return result
 
 
-def _with(place: Plate, marker: Marker) -> Plate:
-    return replace(place, marker=marker)
+def _with_markers(body: Body, markers: Sequence[Marker], relation: Array | None = None) -> Body:
+    plates = [replace(plate, marker=marker) for plate, marker in zip(body.plates, markers, strict=True)]
+    return body.with_plates(plates, relation)
 
 
 def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
@@ -272,9 +274,7 @@ def _result(
         notes += [doubt(each) for k, each in enumerate(off) if each and k != network.marker[0]]
     if relation is not None:
         notes += relation.sentences[1:]
-        relation = replace(
-            relation, rig=replace(relation.rig, markers=tuple(map(_with, relation.rig.markers, markers)))
-        )
+        relation = replace(relation, rig=_with_markers(relation.rig, markers, relation.rig.relation_covariance))
     moved, first = bool(len(adjustment.network.freedom)), int(adjustment.network.marker[0])
     return Calibration(
         tuple(designs),

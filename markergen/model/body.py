@@ -140,6 +140,10 @@ class Body(ABC):
     def radius(self) -> float:
         """Distance in m from the frame's origin to the farthest point of an outline; of a marker, its size."""
 
+    @abstractmethod
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Body":
+        """Return the body with other plates in place of its own, and the covariance (6 k, 6 k) of their poses."""
+
     def __len__(self) -> int:
         return len(self.owner)
 

@@ -1,7 +1,7 @@
 """The marker: control points with their features inside a boundary, and its provenance."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
@@ -251,6 +251,12 @@ class Marker(Body):
     def plates(self) -> tuple[Plate, ...]:
         """Its only plate, whose frame is the marker's."""
         return (Plate("marker", self, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0.0, 0.0, 0.0)),)
+
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Marker":
+        """Return the marker of the only plate."""
+        del relation
+        (plate,) = plates
+        return plate.marker
 
     @property
     def radius(self) -> float:

@@ -1,7 +1,7 @@
 """The rig: markers with a known rigid relation, of which each view sees some, such as the faces of a cube."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from os import PathLike
@@ -115,6 +115,11 @@ class Rig(Body):
     def plates(self) -> tuple[Plate, ...]:
         """The markers with their poses."""
         return self.markers
+
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Rig":
+        """See `Body.with_plates`."""
+        rows = None if relation is None else tuple(map(tuple, relation))
+        return replace(self, markers=tuple(plates), relation=rows)
 
     @cached_property
     def ids(self) -> NDArray[np.intp]:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from markergen.errors import InputError, brief
 from markergen.guard import check_size, read
-from markergen.model.body import Plate
+from markergen.model.body import Body, Plate
 from markergen.model.findings import findings_of, listed
 from markergen.model.marker import Marker
 from markergen.model.marker_file import PoseFile
@@ -103,6 +103,11 @@ def rig_to_json(rig: Rig) -> bytes:
         **({"extensions": dict(rig.extensions)} if rig.extensions else {}),
     }
     return (dumped(content) + "\n").encode()
+
+
+def body_to_json(body: Body) -> bytes:
+    """Return a rig as rig.json, a marker as marker.json; see `rig_to_json` and `marker_json.to_json`."""
+    return rig_to_json(body) if isinstance(body, Rig) else to_json(body.plates[0].marker)
 
 
 def rig_name(rig: Rig) -> str:

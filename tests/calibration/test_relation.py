@@ -64,13 +64,9 @@ def photographed(rig, rng, count, freedom=None):
 
 def errors_of(found, truth):
     """Errors (w, dt) of the markers' poses in the rig frame, once the truth is moved to the frame of the result."""
-    from markergen.calibration.relation import _as_designed
+    from markergen.calibration.relation import _as_designed, _poses_of
 
-    turns, shifts = (
-        np.array([each.rotation_matrix for each in truth.markers]),
-        np.array([each.translation_vector for each in truth.markers]),
-    )
-    turns, shifts, _ = _as_designed(CUBE, turns, shifts, np.zeros((36, 36)))
+    (turns, shifts), _ = _as_designed(CUBE, _poses_of(truth), np.zeros((36, 36)))
     return np.concatenate(
         [
             np.r_[logarithm(each.rotation_matrix @ turn.T), each.translation_vector - shift]

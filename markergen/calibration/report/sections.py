@@ -93,7 +93,7 @@ def relation(subject: Subject) -> Section | None:
     rows = [
         [each.name, *map(number, (turn, 1e3 * shift, by_turn, 1e3 * by_shift))]
         for each, turn, shift, by_turn, by_shift in zip(
-            found.rig.markers, found.turned_deg, found.moved, *found.sigma, strict=True
+            found.rig.plates, found.turned_deg, found.moved, *found.sigma, strict=True
         )
     ]
     section.tables.append(
