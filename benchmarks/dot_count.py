@@ -26,12 +26,13 @@ import numpy as np
 
 from benchmarks.shapes import shapes
 from markergen.comparison.compare import compare_and_time
+from markergen.defaults import PRINT_SIGMA
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker import Marker
-from markergen.model.spec import AUTO, USUAL_PRINT, Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.optimize.design import design
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
@@ -77,7 +78,7 @@ def main() -> None:
             boundary, keep_outs = ROOMS[room]
             designs: dict[str, Marker] = {}
             for n in (AUTO, 5):
-                asked = {"dot": "auto", "print_sigma": USUAL_PRINT} if n else {"restarts": options.restarts}
+                asked = {"dot": "auto", "print_sigma": PRINT_SIGMA} if n else {"restarts": options.restarts}
                 spec = Spec(n=n, boundary=boundary, keep_outs=keep_outs, camera=CAMERAS[camera], **asked)
                 line, designs[f"{n or 'auto'} dots"] = row(spec, options.views)
                 print(f"{room:10s} {camera:6s} {line}", flush=True)
@@ -93,7 +94,7 @@ def row(spec: Spec, count: int) -> tuple[str, Marker]:
     found = design(spec)
     seconds = time.process_time() - begin
     marker, poses = found.marker, found.setting.poses
-    series = SyntheticViews(marker, spec.camera, poses, count, errors=ErrorSources(USUAL_PRINT))
+    series = SyntheticViews(marker, spec.camera, poses, count, errors=ErrorSources(PRINT_SIGMA))
     off, seen, wrong, spent = list[float](), list[int](), 0, 0.0
     for k in range(count):
         begin = time.process_time()
@@ -116,7 +117,7 @@ def row(spec: Spec, count: int) -> tuple[str, Marker]:
 def beside(designs: dict[str, Marker], rivals: Sequence[str], count: int) -> list[dict[str, Any]]:
     """Print how designs and rivals fare in the same views; their results, relative to the first design."""
     texts = [*designs, *rivals]
-    results, cpu_s = compare_and_time(texts, count, print_sigma=USUAL_PRINT, workers=1, given=designs)
+    results, cpu_s = compare_and_time(texts, count, print_sigma=PRINT_SIGMA, workers=1, given=designs)
     print("    beside                       found   RMS deg      95 % interval  ratio    bound  ms a view")
     first = results["contestants"][0]["pattern_bound"]["rotation_deg"]
     for each in results["contestants"]:

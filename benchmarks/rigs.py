@@ -31,6 +31,7 @@ import numpy as np
 import markergen as mg
 from benchmarks import detection_scenes as scenes
 from benchmarks.detection_scenes import Array, Image, Rows
+from markergen.defaults import PRINT_SIGMA
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import polygon_from
@@ -45,7 +46,6 @@ from markergen.validation.rigs.views import built
 
 EDGE, FAMILY, CELLS = 0.08, "aruco:DICT_4X4_50", 8
 POSES = "sphere:distance=0.25..0.6m,sampling=random,count={}"
-PRINT_SIGMA = 1e-4
 WRONG_DEG, WRONG_SHARE = 10.0, 0.1
 FACES = {
     "+X": ((0, 1, 0), (0, 0, 1)), "-X": ((0, -1, 0), (0, 0, 1)), "+Y": ((-1, 0, 0), (0, 0, 1)),

@@ -16,7 +16,7 @@ from benchmarks.structure import Figure, import_figures, package
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("arrays", "errors", "units", "registry", "files", "guard", "pool", "occt"),
+    ("arrays", "defaults", "errors", "units", "registry", "files", "guard", "pool", "occt"),
     ("options",), ("presentation",), ("geometry",), ("maths",), ("model",), ("read",),
     ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
     ("exporters",), ("render",), ("detect",), ("validation",),

@@ -8,6 +8,7 @@ from typing import Any, Unpack
 
 from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
+from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.exporters import RIG_EXPORTERS
 from markergen.exporters.saving import check_outputs, save, with_record
@@ -133,7 +134,7 @@ def request_of(shape: str, options: Mapping[str, Any]) -> Request:
         made, known = read_plates(Path(shape))
     else:
         made = rig_shape(shape, **measures)
-    values = {"poses": made.poses, "noise_model": "image", "print_sigma": 1e-4, "n": 6}
+    values = {"poses": made.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
     spec = spec_from_mapping(values, "the options")
     tags = _tags(asked, len(made.faces))

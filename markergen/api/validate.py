@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Unpack, overload
 
 from markergen.api.arguments import camera_of, files_among
+from markergen.defaults import VIEWS
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.model.rig import Rig, planned_print
@@ -34,7 +35,6 @@ from markergen.validation.views import SyntheticViews
 
 _log = logging.getLogger(__name__)
 
-VIEWS = 100
 """Default number of synthetic images."""
 
 

@@ -26,7 +26,7 @@ from markergen.read.images import check_frame, find_images, grey_frame, image_si
 
 Array = NDArray[np.float64]
 
-PRINT_SIGMA = 5e-4
+SEARCH_SIGMA = 5e-4
 """Standard deviation in m of a printed dot while the print is unknown: no dot is to be taken for an outlier."""
 
 FOCALS = np.geomspace(0.35, 5, 25)
@@ -178,7 +178,7 @@ def _searched(
 ) -> tuple[list[tuple[Found, ...]], dict[int, str]]:
     """Results for each photograph, and why some could not be used; notes remarks of the reader, each of them once."""
     if isinstance(sources[0], np.ndarray):
-        detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA)
+        detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=SEARCH_SIGMA)
         results: list[tuple[Found, ...]] = []
         for image in sources:
             results.append(tuple(detector(image)))
@@ -187,7 +187,7 @@ def _searched(
         return results, {}
     found = detect_files(
         sources, markers, camera,
-        camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA, workers=workers, progress=progress,
+        camera_covariance=camera_covariance, print_sigma=SEARCH_SIGMA, workers=workers, progress=progress,
     )  # fmt: skip
     notes.update(dict.fromkeys(note for each in found for note in each.notes))
     return [each.markers for each in found], {k: each.error for k, each in enumerate(found) if each.error}
@@ -281,7 +281,7 @@ def _dots_of(markers: Sequence[Marker], seen: _Seen) -> tuple[Array, Array]:
 def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array, Array, float] | None:
     points, radii = _dots_of(markers, seen)
     normalized = camera.from_pixels(seen.centers)
-    found = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(PRINT_SIGMA))
+    found = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(SEARCH_SIGMA))
     return None if found is None else (found.rotation, found.translation, found.chi2)
 
 
@@ -324,8 +324,8 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
 
 
 def _printed(views: Views, camera: Camera) -> Array:
-    """Covariance (v, 1, 2, 2) in px^2 of dots that are `PRINT_SIGMA` off."""
-    sigma = PRINT_SIGMA * camera.fx / views.translation[:, 2]
+    """Covariance (v, 1, 2, 2) in px^2 of dots that are `SEARCH_SIGMA` off."""
+    sigma = SEARCH_SIGMA * camera.fx / views.translation[:, 2]
     return np.asarray(sigma[:, None, None, None] ** 2 * np.eye(2))
 
 

@@ -23,6 +23,7 @@ from markergen.calibration.scale import source as scale_source
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
+from markergen.defaults import PRINT_SIGMA
 from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
 from markergen.model.body import Body
@@ -73,7 +74,7 @@ class Known:
     covariance: Array | None = None
     free: bool = True
     lengths: tuple[Length, ...] = ()
-    print_sigma: float = 1e-4
+    print_sigma: float = PRINT_SIGMA
     errors: ScaleErrors = field(default_factory=ScaleErrors)
     poses: str | PoseDistribution | None = None
 

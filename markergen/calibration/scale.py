@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.network import Length, Network
+from markergen.defaults import RULER_SIGMA
 from markergen.model.marker import Marker
 from markergen.model.rescale import scale_sigmas
 
@@ -33,7 +34,7 @@ class ScaleErrors:
     """
 
     unmeasured: float = 0.0
-    ruler: float = 2e-4
+    ruler: float = RULER_SIGMA
 
     def along(self, design: Marker) -> tuple[float, float]:
         """Along x and along y, as shares."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from markergen.comparison.baselines import line_up
 from markergen.comparison.series import TUNING, VIEWS, Choice, Observation, Series
 from markergen.comparison.statistics import comparison_results
+from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -40,7 +41,7 @@ def compare(*arguments: Any, **options: Any) -> dict[str, Any]:
 
 def compare_and_time(
     texts: Sequence[str],
-    views: int = 200,
+    views: int = COMPARED_VIEWS,
     seed: int = 0,
     poses: str | PoseDistribution | None = None,
     print_sigma: float = 0.0,

@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound, translation_bound
 from markergen.maths.projection import perspective, to_camera
@@ -58,7 +59,7 @@ class ErrorSources:
         If print_sigma is not 0 to 1 m, scale_sigma not 0 to 0.1, or the matrix is no covariance.
     """
 
-    print_sigma: float = 1e-4
+    print_sigma: float = PRINT_SIGMA
     camera_covariance: Array | None = None
     place_covariance: Array | None = None
     joint_places: Array | None = None

@@ -10,12 +10,12 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
 from markergen.model.body import Body, Plate
 from markergen.model.marker import Marker
 from markergen.model.rigid import ROUNDING, Rows, check_covariance
-from markergen.model.spec import USUAL_PRINT
 from markergen.registry import door
 from markergen.units import format_length
 
@@ -211,5 +211,5 @@ def planned_print(*bodies: Body) -> float:
     """
     specs = [plate.marker.provenance.get("spec") for body in bodies for plate in body.plates]
     planned = [spec.get("print_sigma") if isinstance(spec, Mapping) else None for spec in specs]
-    sigmas = [sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT for sigma in planned]
-    return max(sigmas, default=USUAL_PRINT)
+    sigmas = [sigma if isinstance(sigma, float) and sigma > 0 else PRINT_SIGMA for sigma in planned]
+    return max(sigmas, default=PRINT_SIGMA)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from math import comb, hypot, isfinite, sqrt
 from typing import Any, Literal
 
+from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -16,9 +17,6 @@ from markergen.model.substrate import Substrate
 from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
 from markergen.model.target import parse_target
-
-USUAL_BLUR_PX = 0.7
-"""Blur of an image in focus, px, at which the sizes that detection wants were measured."""
 
 PIXEL_VARIANCE = 1 / 12
 """Variance of a uniform unit interval: added to the blur by the area of a pixel (px^2), to the noise by rounding."""
@@ -43,9 +41,9 @@ class ImageNoise:
         If blur or noise is negative or not finite, or the contrast is not above 0 and at most 255.
     """
 
-    blur_px: float = USUAL_BLUR_PX
-    noise_grey: float = 2.0
-    contrast: float = 195.0
+    blur_px: float = BLUR_PX
+    noise_grey: float = NOISE_GREY
+    contrast: float = float(LIGHT - DARK)
 
     def __post_init__(self) -> None:
         for name in ("blur_px", "noise_grey"):
@@ -74,12 +72,12 @@ class ImageNoise:
         All markers were found from 6, 8, 8, 12, 14 and 16 px on at a blur of 0.7, 1, 1.5, 2, 2.5 and 3 px, by
         ``python -m benchmarks.detection_quality blurred``.
         """
-        return max(1.0, 1 + 0.72 * (self.blur_px - USUAL_BLUR_PX))
+        return max(1.0, 1 + 0.72 * (self.blur_px - BLUR_PX))
 
     @property
     def gap_factor(self) -> float:
         """How much farther apart images of dots have to be than at the usual blur; a gap is filled by its own blur."""
-        return max(1.0, self.blur_px / USUAL_BLUR_PX)
+        return max(1.0, self.blur_px / BLUR_PX)
 
     def as_dict(self) -> dict[str, float]:
         """Return plain JSON values."""
@@ -104,9 +102,6 @@ MOST_POINTS = 200
 
 AUTO = 0
 """Number of control points that stands for the best one."""
-
-USUAL_PRINT = 1e-4
-"""Print error in m that the number of dots is chosen for, unless another one is given."""
 
 UNSET: Any = None
 """Placeholder for a default that depends on other attributes."""
@@ -246,7 +241,7 @@ class Spec:
             object.__setattr__(self, "dot", "auto")
         check_scale(self.scale_sigma)
         if self.print_sigma is UNSET:
-            object.__setattr__(self, "print_sigma", USUAL_PRINT if self.n == AUTO else 0.0)
+            object.__setattr__(self, "print_sigma", PRINT_SIGMA if self.n == AUTO else 0.0)
 
     def _check_points(self) -> None:
         if not self.points:

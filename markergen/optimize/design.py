@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.feature import DOT_PIXELS
@@ -19,7 +20,7 @@ from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
 from markergen.model.sight import coverage
-from markergen.model.spec import USUAL_PRINT, Spec
+from markergen.model.spec import Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
@@ -213,7 +214,7 @@ class Design(Result):
         if self.spec.relief or not self.dots.diameter:
             return ""
         sources = sources_of(self.spec)
-        sources = sources if sources.print_sigma else replace(sources, print_sigma=USUAL_PRINT)
+        sources = sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
         return outlook(self.marker.xyz[:, :2], self.dots.diameter, self.spec, self.setting, sources)
 
     @property

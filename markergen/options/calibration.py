@@ -2,6 +2,7 @@
 
 from typing import Annotated, TypedDict
 
+from markergen.defaults import RULER_SIGMA
 from markergen.options import ERRORS, FILES, VIEW, Files, Length, Option, Poses, Texts
 from markergen.options.shared import Calibrated, Printed, Workers
 
@@ -43,7 +44,7 @@ class CalibrateKeywords(TypedDict, total=False):
             ERRORS,
             "Standard deviation of measured lengths that state none of their own, and of the rulers that markergen "
             "rescale was told.",
-            "0.2mm",
+            f"{1e3 * RULER_SIGMA:g}mm",
         ),
     ]
     camera_covariance: Calibrated

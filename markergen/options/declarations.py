@@ -7,6 +7,7 @@ line. Each table is a ``TypedDict``, so type checkers know the keywords, too.
 
 from typing import Annotated, TypedDict
 
+from markergen.defaults import BLUR_PX, COMPARED_VIEWS, DARK, LIGHT, NOISE_GREY, NOISE_PX, PRINT_SIGMA_TEXT, RUNS, VIEWS
 from markergen.options import (
     DOTS,
     ERRORS,
@@ -152,7 +153,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             VIEW,
             "Image quality that --noise-model image and the size of the dots count on: standard deviations of the "
             "blur, px, and of the noise, grey levels, and these between dot and ground.",
-            otherwise="blur_px=0.7,noise_grey=2,contrast=195",
+            otherwise=f"blur_px={BLUR_PX:g},noise_grey={NOISE_GREY:g},contrast={LIGHT - DARK}",
             metavar="NAME=VALUE,...",
         ),
     ]
@@ -161,7 +162,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             VIEW,
             "Standard deviation of a printed dot's position along each axis, for --noise-model image and --dot auto.",
-            otherwise="0mm; 0.1mm with --n auto and --target",
+            otherwise=f"0mm; {PRINT_SIGMA_TEXT} with --n auto and --target",
         ),
     ]
     scale_sigma: Annotated[
@@ -358,14 +359,15 @@ class ValidateKeywords(TypedDict, total=False):
             metavar="NAME|CONE|FILE",
         ),
     ]
-    runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", 1000)]
-    noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", 0.2, metavar="PX")]
+    runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", RUNS)]
+    noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", NOISE_PX, metavar="PX")]
     trials_for_all: Annotated[
         bool,
         Option(TRIALS, "Run trials for the n-gon, square and random layouts, too.", False, flags="--trials-for-all"),
     ]
     views: Annotated[
-        int, Option(IMAGES, "Synthetic images to find the marker in.", otherwise="100; 0 for bare points", metavar="N")
+        int,
+        Option(IMAGES, "Synthetic images to find the marker in.", otherwise=f"{VIEWS}; 0 for bare points", metavar="N"),
     ]
     optics: Annotated[
         str, Option(IMAGES, "Optics of the views, such as blur_px=1.5,noise_grey=4.", metavar="KEY=VALUE,...")
@@ -395,7 +397,7 @@ class ValidateKeywords(TypedDict, total=False):
 class CompareKeywords(TypedDict, total=False):
     """Options of a comparison, besides the contestants."""
 
-    views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", 200)]
+    views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", COMPARED_VIEWS)]
     poses: Annotated[
         Poses,
         Option(

@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import (
     DOTS,
     FILES,
@@ -60,7 +61,7 @@ class RigKeywords(SheetKeywords, total=False):
         ),
     ]
     print_sigma: Annotated[
-        Length, Option(VIEW, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
+        Length, Option(VIEW, "Standard deviation of a printed dot's position along each axis.", PRINT_SIGMA_TEXT)
     ]
     dot: Annotated[
         LengthOrAuto,

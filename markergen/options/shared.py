@@ -2,6 +2,7 @@
 
 from typing import Annotated, TypedDict
 
+from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import (
     ERRORS,
     RUN,
@@ -22,7 +23,7 @@ Printed = Annotated[
     Option(
         ERRORS,
         "Standard deviation of a printed dot's position along each axis.",
-        otherwise="that of the design, or 0.1mm",
+        otherwise=f"that of the design, or {PRINT_SIGMA_TEXT}",
     ),
 ]
 Calibrated = Annotated[

@@ -10,6 +10,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY
 from markergen.errors import InputError
 from markergen.geometry.coverage import polygon_coverage
 from markergen.units import parse_settings
@@ -60,10 +61,10 @@ class Optics:
         If a number is not finite or out of its range, or the levels are not 0 <= dark < light <= 255.
     """
 
-    blur_px: float = 0.7
-    noise_grey: float = 2.0
-    dark: float = 30
-    light: float = 225
+    blur_px: float = BLUR_PX
+    noise_grey: float = NOISE_GREY
+    dark: float = DARK
+    light: float = LIGHT
     defocus_px: float = 0.0
     motion_px: float = 0.0
     motion_deg: float = 0.0

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.comparison.baselines import line_up
+from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.spec import AUTO, USUAL_PRINT, Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
@@ -99,7 +100,7 @@ class Sketch:
     def sources(self) -> ErrorSources:
         """Print and calibration of the spec; the usual print where it has an exact one."""
         found = sources_of(self.spec)
-        return found if found.print_sigma else replace(found, print_sigma=USUAL_PRINT)
+        return found if found.print_sigma else replace(found, print_sigma=PRINT_SIGMA)
 
     @property
     def series(self) -> SyntheticViews:

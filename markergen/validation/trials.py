@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
 from markergen.maths.projection import project, to_camera
@@ -227,8 +228,8 @@ def run_experiment(
     marker: Marker,
     camera: Camera,
     poses: PoseDistribution,
-    noise_px: float = 0.2,
-    runs: int = 1000,
+    noise_px: float = NOISE_PX,
+    runs: int = RUNS,
     seed: int = 0,
     estimators: Sequence[str] | None = None,
     workers: int | None = None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -75,8 +76,8 @@ def setting_for(marker: Marker, camera: Camera, poses: PoseDistribution) -> Sett
 def validate(
     marker: Marker,
     setting: Setting,
-    noise_px: float = 0.2,
-    runs: int = 1000,
+    noise_px: float = NOISE_PX,
+    runs: int = RUNS,
     series: SyntheticViews | None = None,
     seed: int = 0,
     workers: int | None = None,

@@ -10,6 +10,7 @@ from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
+from markergen.defaults import NOISE_PX
 from markergen.errors import InputError, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -31,8 +32,8 @@ LAYOUTS = ("designed", "ngon", "square", "random")
 has four control points for any n.
 """
 
-RUNS, NOISE_PX = 100, 0.2
-"""Defaults: number of noisy trials per pose, and their noise."""
+RUNS = 100
+"""Default number of noisy trials per pose, of which a sweep has many more than a validation."""
 
 MOST_POINTS_OF_GRID, MOST_RUNS, MOST_NOISE_PX = 10_000, 2000, 1000.0
 MOST_NAME, SHOWN = 200, 200

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators.budget import PoseBudget
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -66,8 +67,8 @@ def rig_setting(
 
 def validate_rig(
     series: RigViews,
-    noise_px: float = 0.2,
-    runs: int = 1000,
+    noise_px: float = NOISE_PX,
+    runs: int = RUNS,
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,

@@ -1,0 +1,32 @@
+"""Defaults that stand in several places: in options and their help, in signatures, and in what counts on them."""
+
+PRINT_SIGMA = 1e-4
+"""Standard deviation in m of a printed dot's position along each axis, unless another one is given."""
+
+PRINT_SIGMA_TEXT = f"{1e3 * PRINT_SIGMA:g}mm"
+"""`PRINT_SIGMA` as options show it."""
+
+BLUR_PX = 0.7
+"""Standard deviation in px of the Gaussian blur of an image in focus, at which the sizes that detection wants were
+measured."""
+
+NOISE_GREY = 2.0
+"""Standard deviation of the noise of a grey level, before rounding."""
+
+DARK, LIGHT = 30, 225
+"""Grey levels of ink and of its ground."""
+
+NOISE_PX = 0.2
+"""Standard deviation in px of the noise on image coordinates in trials."""
+
+RUNS = 1000
+"""Noisy trials of a pose."""
+
+VIEWS = 100
+"""Synthetic views of a validation."""
+
+COMPARED_VIEWS = 200
+"""Synthetic views of a comparison, of each contestant."""
+
+RULER_SIGMA = 2e-4
+"""Standard deviation in m of a length measured with a ruler."""
