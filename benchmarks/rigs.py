@@ -40,7 +40,7 @@ from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import named_poses
 from markergen.model.tag import Tag
-from markergen.render import Optics, Scenery, render_rig
+from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS
 from markergen.validation.rigs.views import built
 
@@ -139,7 +139,7 @@ def cubes(rig: mg.Rig, views: int, aprilcube: str | None) -> Rows:
         clutter = Scenery(BACKGROUNDS["clutter"](camera, np.random.default_rng([k, 0])))
         made = built(rig, ErrorSources(PRINT_SIGMA), np.random.default_rng([k, 2]))
         image, rough, other = (
-            render_rig(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), clutter)
+            render_view(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), clutter)
             for each in (rig, made, tags)
         )
         for what, detector, seen in (("exact", exact, image), (f"{1e3 * PRINT_SIGMA:g} mm", printed, rough)):
@@ -170,7 +170,7 @@ def walls(rig: mg.Rig, camera: Camera, views: int) -> Rows:
     for k, truth in enumerate(zip(poses.rotation, poses.translation, strict=True)):
         behind = Scenery(scenes.background("photo", camera, np.random.default_rng([k, 0])))
         image, other = (
-            render_rig(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), behind) for each in (rig, board)
+            render_view(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), behind) for each in (rig, board)
         )
         found, seconds = timed(detector, image)
         scores["this wall"].add(k, poses_of(rig, found)[0], truth, seconds)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.geometry.region import Region
 from markergen.model.constellation import constellations_among
 from markergen.model.rigid import Rows, check_pose
 
@@ -205,6 +206,17 @@ class Body(ABC):
     def is_single(self) -> bool:
         """True for a marker that is one constellation: its pose is that of its only constellation."""
         return self.frame == "marker" and len(self.constellations) == 1
+
+    @cached_property
+    def margins(self) -> Array:
+        """Margins (k,) in m of the plates around the markers' boundaries, as they are drawn: one dot diameter."""
+        return np.array([plate.marker.dot_diameter for plate in self.plates])
+
+    @cached_property
+    def plate_regions(self) -> tuple[Region, ...]:
+        """Regions of the plates, in m in their markers' frames: the boundaries with their `margins`."""
+        regions = zip((plate.marker.boundary.region for plate in self.plates), self.margins.tolist(), strict=True)
+        return tuple(region.offset(margin, segments=64) if margin else region for region, margin in regions)
 
     @cached_property
     def is_convex(self) -> bool:

@@ -1,4 +1,4 @@
-"""What hides what: pillars of raised dots on a marker, and plates on a rig.
+"""What hides what: pillars of raised dots on a marker, and plates of a rig.
 
 A dot is a disk parallel to its marker's plane z = 0, a pillar an upright cylinder of substrate from that plane to its
 dot. A plate is flat and opaque, and its back is plain.
@@ -14,7 +14,6 @@ from markergen.geometry.region import Region
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.rig import Rig
 
 Array = NDArray[np.float64]
 
@@ -74,11 +73,11 @@ def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, 
         top = np.where(climb > 0, np.clip((pillars[..., 2] - dots[..., 2]) / climb, 0.0, 1.0), 1.0)
         slope = np.minimum(dot_radius / length, 1.0)
         # Where the distance grows as fast as the disk shrinks; an eye above the dot sees it best at the dot itself.
-        turn = np.where(slope < 1, (along - beside * slope / np.sqrt(1 - slope**2)) / length, 0.0)
-    share = np.clip(turn, 0.0, top)
+        bend = np.where(slope < 1, (along - beside * slope / np.sqrt(1 - slope**2)) / length, 0.0)
+    share = np.clip(bend, 0.0, top)
     nearest = np.linalg.norm(offset - share[..., None] * way, axis=-1)
     gap = nearest - (1 - share) * dot_radius - wall_radius
-    return Passage(gap, share, (turn >= top) & (top > 0) & (top < 1))
+    return Passage(gap, share, (bend >= top) & (top > 0) & (top < 1))
 
 
 def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array) -> Array:
@@ -99,11 +98,11 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
     """
     n = len(points)
     dot_radius, wall_radius = (np.broadcast_to(radius, n) for radius in (dot_radius, wall_radius))
-    found = passage(
+    passages = passage(
         points[:, None], dot_radius[:, None], points[None], wall_radius[None], eyes[:, None, None]
     )  # fmt: skip
     higher = points[None, :, 2] > points[:, None, 2]
-    gaps = np.where(higher & (wall_radius > 0), found.gap, np.inf)
+    gaps = np.where(higher & (wall_radius > 0), passages.gap, np.inf)
     gaps[eyes[:, 2][:, None] <= points[:, 2]] = -np.inf
     return gaps
 
@@ -111,21 +110,21 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
 def hidden(body: Body, poses: PoseDistribution) -> NDArray[np.bool_]:
     """Return which dots (P, n) are partly or wholly hidden at poses T_camera_body.
 
-    A dot is hidden by another dot's pillar on its own plate, by another plate (see `Rig.plate_regions`), or by its own
+    A dot is hidden by another dot's pillar on its own plate, by another plate (see `Body.plate_regions`), or by its own
     plate: if it is seen from below. A tolerance of a nanometer allows for rounding between neighbors. Pillars of other
     plates hide nothing.
     """
     eyes = eyes_of(poses)
     parts = [_hidden_by_pillars(plate.marker, plate.to_marker(eyes)) for plate in body.plates]
-    if isinstance(body, Rig) and not body.is_convex:
+    if not body.is_convex:
         parts = [part | _hidden_by_plates(body, k, eyes) for k, part in enumerate(parts)]
     return np.concatenate(parts, axis=1)
 
 
-def painting_levels(rig: Rig, eye: Array) -> list[list[int]]:
-    """Return the plates to paint as seen from an eye (3,) in m, rig frame, the farthest level first.
+def painting_levels(body: Body, eye: Array) -> list[list[int]]:
+    """Return the plates to paint as seen from an eye (3,) in m, body frame, the farthest level first.
 
-    No plate hides another of its own level or of a later one. Of a convex rig, only plates that face the eye are
+    No plate hides another of its own level or of a later one. Of a convex body, only plates that face the eye are
     painted: they hide the backs of the others.
 
     Raises
@@ -133,70 +132,71 @@ def painting_levels(rig: Rig, eye: Array) -> list[list[int]]:
     InputError
         If plates hide one another in a circle, or pierce one another.
     """
-    height = np.array([each.to_marker(eye)[2] for each in rig.markers])
-    if rig.is_convex:
+    height = np.array([plate.to_marker(eye)[2] for plate in body.plates])
+    if body.is_convex:
         return [[int(k) for k in np.flatnonzero(height > _TOUCHING)]]
     left = [int(k) for k in np.flatnonzero(np.abs(height) > _TOUCHING)]
-    hides = {(j, k) for j in left for k in left if j != k and _plate_hides(rig, j, k, eye)}
+    hides = {(j, k) for j in left for k in left if j != k and _plate_hides(body, j, k, eye)}
     levels = []
     while left:
         level = [j for j in left if not any((j, k) in hides for k in left)]
         if not level:
-            names = ", ".join(rig.markers[k].name for k in left[:5])
+            names = ", ".join(body.plates[k].name for k in left[:5])
             raise InputError("plates of which each hides only those behind it", f"{names} in a circle", "move them")
         levels.append(level)
         left = [k for k in left if k not in level]
     return levels
 
 
-def _plate_hides(rig: Rig, j: int, k: int, eye: Array) -> bool:
+def _plate_hides(body: Body, j: int, k: int, eye: Array) -> bool:
     """True if plate j hides part of plate k, which may be seen from its back."""
-    shadow, plate = _shadow(rig, j, k, rig.markers[k].to_marker(eye)), rig.plate_regions[k]
+    shadow, plate = _shadow(body, j, k, body.plates[k].to_marker(eye)), body.plate_regions[k]
     return shadow is not None and (shadow & plate).area > _TOUCHING * plate.area
 
 
-def _hidden_by_plates(rig: Rig, k: int, eyes: Array) -> NDArray[np.bool_]:
+def _hidden_by_plates(body: Body, k: int, eyes: Array) -> NDArray[np.bool_]:
     """Return which dots (P, n) of marker k are partly or wholly hidden by other plates."""
-    each = rig.markers[k]
-    xyz, radii = each.marker.xyz, rig.radii[rig.owner == k]
-    found = np.zeros((len(eyes), len(xyz)), dtype=bool)
+    plate = body.plates[k]
+    xyz, radii = plate.marker.xyz, plate.marker.radii
+    hidden = np.zeros((len(eyes), len(xyz)), dtype=bool)
     for height in np.unique(xyz[:, 2]):
         level = xyz[:, 2] == height
-        for pose, eye in enumerate(each.to_marker(eyes)):
-            shadows = (_shadow(rig, j, k, eye, height) for j in range(len(rig.markers)) if j != k)
+        for pose, eye in enumerate(plate.to_marker(eyes)):
+            shadows = (_shadow(body, j, k, eye, height) for j in range(len(body.plates)) if j != k)
             for shadow in filter(None, shadows):
                 reach = np.maximum(radii[level] - 1e-9, np.finfo(float).tiny)
-                found[pose, level] |= shadow.distance(xyz[level, :2]) < reach
-    return found
+                hidden[pose, level] |= shadow.distance(xyz[level, :2]) < reach
+    return hidden
 
 
-def _shadow(rig: Rig, j: int, k: int, eye: Array, height: float = 0.0) -> Region | None:
+def _shadow(body: Body, j: int, k: int, eye: Array, height: float = 0.0) -> Region | None:
     """Return the shadow that plate j casts from an eye (3,) on the plane at a height in m above plate k, in k's frame.
 
     It is the part of that plane that plate j hides: its part q between plane and eye e, mapped to e + (q - e) e_z/(e_z
     - q_z). None if no part of it lies there.
     """
-    one, other = rig.markers[j], rig.markers[k]
+    caster, screen = body.plates[j], body.plates[k]
     # From below, the plane's other side counts.
     side = np.array([1.0, 1.0, -1.0 if eye[2] < height else 1.0])
-    turn = side[:, None] * (other.rotation_matrix.T @ one.rotation_matrix)[:, :2]
-    shift, eye = side * (other.to_marker(one.translation_vector) - [0, 0, height]), side * (eye - [0, 0, height])
-    low, high = _TOUCHING * max(rig.radius, 1.0), (1 - 1e-6) * eye[2]
-    plate = rig.plate_regions[j]
+    rotation = side[:, None] * (screen.rotation_matrix.T @ caster.rotation_matrix)[:, :2]
+    translation = side * (screen.to_marker(caster.translation_vector) - [0, 0, height])
+    eye = side * (eye - [0, 0, height])
+    low, high = _TOUCHING * max(body.radius, 1.0), (1 - 1e-6) * eye[2]
+    plate = body.plate_regions[j]
     corners = np.concatenate(plate.rings)
-    heights = corners @ turn[2] + shift[2]
+    heights = corners @ rotation[2] + translation[2]
     if heights.max() <= low or heights.min() >= high:
         return None
     if heights.min() < low or heights.max() > high:
-        slope = float(np.linalg.norm(turn[2]))
-        along, reach = turn[2] / slope, 2 * float(np.linalg.norm(corners, axis=-1).max())
-        ends = np.clip((np.array([low, high]) - shift[2]) / slope, -reach, reach)
+        slope = float(np.linalg.norm(rotation[2]))
+        along, reach = rotation[2] / slope, 2 * float(np.linalg.norm(corners, axis=-1).max())
+        ends = np.clip((np.array([low, high]) - translation[2]) / slope, -reach, reach)
         across = reach * np.array([-along[1], along[0]])
         start, end = ends[:, None] * along
         plate = plate & Region.polygon([start - across, end - across, end + across, start + across])
 
     def cast(points: Array) -> Array:
-        at = points @ turn.T + shift
+        at = points @ rotation.T + translation
         return np.asarray(eye[:2] + (at[:, :2] - eye[:2]) * (eye[2] / (eye[2] - at[:, 2]))[:, None])
 
     return plate.mapped(cast) if plate else None

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError, brief
-from markergen.geometry.region import Region
 from markergen.model.body import Body, Plate
 from markergen.model.marker import Marker
 from markergen.model.rigid import ROUNDING, Rows, check_covariance
@@ -155,13 +154,6 @@ class Rig(Body):
                 least = max(gap / 2 - thick / 8, 0.0)
                 margins[[j, k]] = np.minimum(margins[[j, k]], least)
         return margins
-
-    @cached_property
-    def plate_regions(self) -> tuple[Region, ...]:
-        """Regions of the plates, in m in their markers' frames: the boundaries with their `margins`."""
-        every = zip(self.markers, self.margins, strict=True)
-        regions = ((each.marker.boundary.region, float(margin)) for each, margin in every)
-        return tuple(region.offset(margin, segments=64) if margin else region for region, margin in regions)
 
     @cached_property
     def is_convex(self) -> bool:

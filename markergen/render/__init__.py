@@ -2,9 +2,11 @@
 
 from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle
-from markergen.render.rig_view import render_rig
 from markergen.render.scenery import Scenery
-from markergen.render.view import expected_levels, marker_patches, render_patches, render_view, seen_patches, window_of
+from markergen.render.view import expected_levels, render_patches, render_view, seen_patches, window_of
+
+render_rig = render_view
+"""Another name of `render_view`, which renders rigs as well; for this release."""
 
 __all__ = [
     "DEFAULT_OPTICS",
@@ -13,7 +15,6 @@ __all__ = [
     "Scenery",
     "circle",
     "expected_levels",
-    "marker_patches",
     "optics_from_text",
     "render_patches",
     "render_rig",

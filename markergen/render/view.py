@@ -1,10 +1,11 @@
-"""Synthetic view of a marker, or of any scene made of flat patches.
+"""Synthetic view of a marker or a rig, or of any scene made of flat patches.
 
 A marker consists of its plate, its tag, and its dots with the pillars of raised ones, painted in that order: in ink on
-substrate, or, if its dots are light, plate and pillars in ink and the rest in substrate.
+substrate, or, if its dots are light, plate and pillars in ink and the rest in substrate. Plates of a rig are painted
+from the farthest to the nearest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import dropwhile
 
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 
 from markergen.geometry.coverage import paint
 from markergen.maths.projection import circle_image, plane_homography
+from markergen.model.body import Body, Plate
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported
-from markergen.model.occlusion import pillar_radius
+from markergen.model.occlusion import painting_levels, pillar_radius
 from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, illumination, quantize
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle, circle_vertices, project_patches
 from markergen.render.scenery import Scenery
@@ -30,9 +32,12 @@ INK, SUBSTRATE = 0.0, 1.0
 
 _RIM_VERTICES = 720
 
+_OVER = np.diag([1.0, -1.0, -1.0])
+"""Rotation of a plate's back to the front."""
+
 
 def render_view(
-    marker: Marker,
+    body: Body,
     camera: Camera,
     rotation: Array,
     translation: Array,
@@ -40,13 +45,27 @@ def render_view(
     rng: np.random.Generator,
     scenery: Scenery | None = None,
 ) -> Image:
-    """Render the camera's image (height, width) of a marker from one pose T_camera_marker.
+    """Render the camera's image (height, width) of a marker or rig from one pose T_camera_body.
 
-    See `render_patches`; the patches are those of `marker_patches`, with the default margin of the plate.
+    See `render_patches`; the patches are those of `marker_patches`. A plate of a rig hides what is behind it, and its
+    back is plain substrate. If no plate stands in front of another's plane, as on a cube or a wall, plates are the
+    faces of a solid, and those that face away are not drawn. Faces that meet at an edge leave no gap. A pillar hides
+    nothing on other plates.
+
+    Raises
+    ------
+    InputError
+        If plates hide one another in a circle or pierce one another, a background's size is not the camera's, or
+        `check_supported` refuses a marker.
     """
-    check_supported(marker, "to render")
-    patches = seen_patches(marker, camera, rotation, translation)
-    return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
+    for plate in body.plates:
+        check_supported(plate.marker, "to render")
+
+    def patches_of(index: int, plate_rotation: Array, plate_translation: Array) -> list[Patch]:
+        margin = float(body.margins[index])
+        return seen_patches(body.plates[index].marker, camera, plate_rotation, plate_translation, margin)
+
+    return photograph(painted_body(body, patches_of, camera, rotation, translation), camera, optics, rng, scenery)
 
 
 def seen_patches(
@@ -102,6 +121,42 @@ def painted(patches: Sequence[Patch], camera: Camera, rotation: Array, translati
     """Return what is painted for patches seen from one pose T_camera_marker."""
     outlines = project_patches(patches, camera, rotation, translation)
     return [(patch.reflectance, each) for patch, each in zip(patches, outlines, strict=True)]
+
+
+PatchesOf = Callable[[int, Array, Array], list[Patch]]
+"""Patches of a plate, by its index and its pose T_camera_marker, the plate itself first."""
+
+
+def painted_body(body: Body, patches_of: PatchesOf, camera: Camera, rotation: Array, translation: Array) -> Painted:
+    """Return what is painted for a body seen from one pose T_camera_body."""
+    layers: Painted = []
+    for level in painting_levels(body, -rotation.T @ translation):
+        grounds, contents = list[tuple[float, tuple[Array, ...]]](), list[tuple[float, tuple[Array, ...]]]()
+        for k in level:
+            ground, *content = _painted_plate(body.plates[k], k, patches_of, camera, rotation, translation)
+            grounds.append(ground)
+            contents += content
+        layers += _joined(grounds) + contents
+    return layers
+
+
+def _painted_plate(
+    plate: Plate, index: int, patches_of: PatchesOf, camera: Camera, rotation: Array, translation: Array
+) -> Painted:
+    """Ground of a plate, and, if it faces the camera, what is on it."""
+    pose = plate.camera_pose(rotation, translation)
+    patches = patches_of(index, *pose)
+    if pose[0][:, 2] @ pose[1] < 0:
+        return painted(patches, camera, *pose)
+    back = Patch(tuple(outline @ _OVER for outline in patches[0].outlines), SUBSTRATE)
+    return painted([back], camera, pose[0] @ _OVER, pose[1])
+
+
+def _joined(grounds: Painted) -> Painted:
+    """Grounds that do not overlap, painted as one: an edge between two of them shows nothing of what is behind."""
+    below = max((level for level, _ in grounds), default=SUBSTRATE)
+    above = [(level, outlines) for level, outlines in grounds if level != below]
+    return [(below, tuple(outline for _, outlines in grounds for outline in outlines)), *above]
 
 
 def photograph(

@@ -33,7 +33,7 @@ from markergen.options import given
 from markergen.options.declarations import DesignKeywords
 from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
-from markergen.render import DEFAULT_OPTICS, render_rig, render_view
+from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
 from markergen.studio.no_files import refuse_files, refuse_named_plates
 from markergen.studio.opening import uploaded
@@ -109,8 +109,7 @@ def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:
 
     what, camera, poses = subject(request)
     rotation, translation = _pose(request.get("pose", 0), poses)
-    render: Any = render_rig if isinstance(what, Rig) else render_view
-    image = render(what, camera, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
+    image = render_view(what, camera, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
     dots = camera.project(what.xyz, rotation[None], translation[None])[0]
     return bytes(cv2.imencode(".png", image)[1]), dots
 

@@ -16,7 +16,7 @@ from markergen.errors import InputError
 from markergen.maths.rotation import exponential, logarithm
 from markergen.model.body import Plate
 from markergen.model.rig import Rig
-from markergen.render import Optics, render_rig
+from markergen.render import Optics, render_view
 
 SIGMA = 0.01
 CUBE = rigs.cube()
@@ -157,7 +157,7 @@ def test_a_rig_is_measured_by_photographs_of_it(tmp_path):
     photos = []
     for _ in range(8):
         looking = rigs.looking(truth, rng)
-        photos.append(render_rig(truth, camera, *looking, Optics(), rng))
+        photos.append(render_view(truth, camera, *looking, Optics(), rng))
     truth.save(tmp_path / "truth.json")
     found = mg.calibrate(corner, photos, camera, save=tmp_path / "measured.json", report=tmp_path / "report.html")
     measured = mg.Rig.load(tmp_path / "measured.json")

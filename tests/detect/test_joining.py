@@ -22,7 +22,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, JointCovariance, Marker
 from markergen.model.rig import Rig
-from markergen.render import DEFAULT_OPTICS, render_rig, render_view
+from markergen.render import DEFAULT_OPTICS, render_view
 
 EXACT = ErrorSources(print_sigma=0.0)
 TURNS = {
@@ -288,7 +288,7 @@ def test_a_rig_that_is_not_there_says_why(cube, tmp_path):
 
 def test_a_rendered_rig_is_told_and_drawn(cube):
     rotation, translation = exponential(np.array([0.5, 0.4, 0.2])) @ np.diag([1.0, -1, -1]), np.array([0, 0, 0.35])
-    image = render_rig(cube, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
+    image = render_view(cube, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, np.random.default_rng(0))
     (found,) = Detector(cube, PAPER_CAMERA)(image)
     assert np.rad2deg(angle_between(found.rotation, rotation)) < 0.1
     assert "on 3 of 6 markers, 0.35" in str(found)

@@ -12,7 +12,7 @@ import markergen as mg
 from markergen.maths.rotation import exponential
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
-from markergen.render import Optics, render_rig, render_view
+from markergen.render import Optics, render_view
 from tests.support.rigs import cube
 from tests.support.ros2 import Node, put_in_place
 
@@ -126,7 +126,7 @@ def test_a_rig_is_a_body_of_its_own(ros, monkeypatch, tmp_path):
     node = node_for(ros, monkeypatch, markers=str(tmp_path / "cube.json"))
     node.callbacks["camera_info"](SimpleNamespace(**INFO))
     rotation, translation = exponential(np.array([2.2, 0.4, 0.5])), np.array([0, 0, 0.35])
-    image = render_rig(rig, CAMERA, rotation, translation, Optics(), np.random.default_rng(0))
+    image = render_view(rig, CAMERA, rotation, translation, Optics(), np.random.default_rng(0))
     node.callbacks["image"](message(image, "mono8"))
     assert not node.errors
     (pose,) = node.published["~/cube/pose"]

@@ -7,8 +7,8 @@ from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
-from markergen.render import Optics, Patch, Scenery, marker_patches, render_patches, render_view
-from markergen.render.view import dot_ellipses
+from markergen.render import Optics, Patch, Scenery, render_patches, render_view
+from markergen.render.view import dot_ellipses, marker_patches
 
 POSES = paper()
 SHARP = Optics(blur_px=0, noise_grey=0)

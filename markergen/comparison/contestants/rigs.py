@@ -18,9 +18,8 @@ from markergen.geometry.region import Region
 from markergen.model.camera import Camera
 from markergen.model.rig import Rig
 from markergen.model.tag import Tag, parse_tag
-from markergen.render import Optics, Patch, render_rig
-from markergen.render.rig_view import painted_rig
-from markergen.render.view import photograph
+from markergen.render import Optics, Patch, render_view
+from markergen.render.view import painted_body, photograph
 from markergen.validation.print_error import displaced
 
 Array = NDArray[np.float64]
@@ -69,7 +68,7 @@ class RigOfDots(RigContestant):
         parts = [moved[self.rig.owner == k] for k in range(len(self.rig.markers))]
         markers = zip(self.rig.markers, parts, strict=True)
         made = replace(self.rig, markers=tuple(replace(m, marker=displaced(m.marker, part)) for m, part in markers))
-        return render_rig(made, camera, *pose, optics, rng)
+        return render_view(made, camera, *pose, optics, rng)
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""
@@ -134,7 +133,7 @@ class RigOfTags(RigContestant):
             outlines = (self.rig.plate_regions[index].rings, ink)
             return [Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in each), 1.0 - k) for k, each in enumerate(outlines)]
 
-        return photograph(painted_rig(self.rig, patches_of, camera, *pose), camera, optics, rng)
+        return photograph(painted_body(self.rig, patches_of, camera, *pose), camera, optics, rng)
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`: of tags with one id, the first."""

@@ -13,7 +13,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import exponential, logarithm
 from markergen.model.rig import Rig
-from markergen.render import Scenery, render_rig
+from markergen.render import Scenery, render_view
 from markergen.validation.metrics import flipped
 from markergen.validation.print_error import misprinted
 from markergen.validation.views import View, ViewSeries, take_views
@@ -42,7 +42,7 @@ class RigViews(ViewSeries[Rig]):
         rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
         noise, misprint, surroundings = self.streams(k)
         made = built(self.rig, self.errors, misprint)
-        image = render_rig(made, camera, rotation, translation, self.optics, noise, Scenery(self.behind(surroundings)))
+        image = render_view(made, camera, rotation, translation, self.optics, noise, Scenery(self.behind(surroundings)))
         found = detect(image, self.rig, camera, self.errors)
         truth = camera.project(made.xyz, rotation[None], translation[None])[0]
         return View(k, pose, image, found, truth, self.rig.ids)

@@ -8,7 +8,7 @@ from markergen.maths.rotation import exponential
 from markergen.model.body import Plate
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.rig import Rig
-from markergen.render import Optics, Scenery, render_rig, render_view
+from markergen.render import Optics, Scenery, render_view
 from tests.support.rigs import corner, cube, first_hits, plate, scattered, wall
 
 CAMERA = Camera(160, 120, 150, 150, 79.5, 59.5, Distortion("radtan", (-0.2, 0.05, 0.003, -0.002)))
@@ -38,7 +38,7 @@ def test_a_view_shows_what_rays_meet(rig):
     seen = set()
     for seed in range(4):
         rotation, translation = pose(seed, 0.35)
-        image = render_rig(rig, CAMERA, rotation, translation, SHARP, np.random.default_rng(0), Scenery(BEHIND))
+        image = render_view(rig, CAMERA, rotation, translation, SHARP, np.random.default_rng(0), Scenery(BEHIND))
         eye = -rotation.T @ translation
         owner, places = first_hits(rig, eye, rays @ rotation)
         grey = np.full(len(rays), BEHIND)
@@ -62,8 +62,8 @@ def test_a_rig_of_one_marker_is_seen_as_that_marker():
     marker, (rotation, translation) = plate(0), (exponential(np.array([3.0, 0.4, 0])), np.array([0, 0, 0.3]))
     rig, scenery = Rig((Plate("a", marker, np.eye(3).tolist(), (0, 0, 0)),)), Scenery(70.0)
     alone, one = (
-        view(body, CAMERA, rotation, translation, Optics(), np.random.default_rng(0), scenery)
-        for view, body in ((render_view, marker), (render_rig, rig))
+        render_view(body, CAMERA, rotation, translation, Optics(), np.random.default_rng(0), scenery)
+        for body in (marker, rig)
     )
     assert (alone == one).all()
 
@@ -71,7 +71,7 @@ def test_a_rig_of_one_marker_is_seen_as_that_marker():
 def test_nothing_shows_through_the_edge_of_a_cube():
     rig, (rotation, translation) = cube(), toward([0.5, 0.6, 0.65], 0.3)
     black, white = (
-        render_rig(rig, PAPER_CAMERA, rotation, translation, SHARP, np.random.default_rng(0), Scenery(level))
+        render_view(rig, PAPER_CAMERA, rotation, translation, SHARP, np.random.default_rng(0), Scenery(level))
         for level in (0.0, 200.0)
     )
     shows = (black != white).astype(np.uint8)
@@ -84,7 +84,7 @@ def test_nothing_shows_through_the_edge_of_a_cube():
 
 def test_the_faces_of_a_cube_are_found_at_their_poses():
     rig, (rotation, translation) = cube(seed=10), toward([0.5, 0.6, 0.65], 0.25)
-    image = render_rig(rig, PAPER_CAMERA, rotation, translation, Optics(), np.random.default_rng(0), Scenery(40.0))
+    image = render_view(rig, PAPER_CAMERA, rotation, translation, Optics(), np.random.default_rng(0), Scenery(40.0))
     facing = [each for each in rig.markers if each.to_marker(-rotation.T @ translation)[2] > 0.05]
     assert len(facing) == 3
     for each in facing:
