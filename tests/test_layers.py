@@ -47,11 +47,8 @@ DOORS = {
 CUT_IN_TWO = {
     "api/rescale.py <- model/rescale.py",
     "calibration/camera_choice.py <- calibration/judging.py",
-    "calibration/photos.py <- calibration/labels.py",
-    "calibration/report/__init__.py <- calibration/report/sections.py",
-    "calibration/report/sections.py <- calibration/report/plots.py",
-    "calibration/report/sections.py <- calibration/words.py",
-    "calibration/run.py <- calibration/scale.py",
+    "calibration/report.py <- calibration/sentences.py",
+    "calibration/calibration.py <- calibration/scale.py",
     "detect/ellipse_descent.py <- detect/outline_pixels.py",
     "detect/ellipse_fit.py <- detect/ellipse_descent.py",
     "detect/photometric.py <- detect/plane_model.py",

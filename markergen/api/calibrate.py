@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Any, Unpack
 
 from markergen.api.arguments import camera_of, files_among, marker_of
-from markergen.calibration.calibration import Calibration
+from markergen.calibration.calibration import Calibration, Known
+from markergen.calibration.calibration import calibrate as run
 from markergen.calibration.network import Length
-from markergen.calibration.run import Known
-from markergen.calibration.run import calibrate as run
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
 from markergen.model.marker import Marker

@@ -1,30 +1,44 @@
 """The result of a calibration: the print as measured, the camera, and how well both are known."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from markergen.calibration.adjustment import Adjustment
-from markergen.calibration.camera_choice import CameraChoice
-from markergen.calibration.flexing import Flex
-from markergen.calibration.judging import CrossValidation, Halves, NotJudged
-from markergen.calibration.next_photo import NextPhotos
-from markergen.calibration.relation import Relation
-from markergen.calibration.sightings import Sightings
-from markergen.calibration.working_error import ExpectedError
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.camera_choice import CameraChoice, choose_camera
+from markergen.calibration.flexing import Flex, flexing
+from markergen.calibration.judging import CrossValidation, Halves, NotJudged, compare_halves, cross_validate
+from markergen.calibration.network import CameraFreedom, Length, Network, Views
+from markergen.calibration.next_photo import NextPhotos, next_photos
+from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
+from markergen.calibration.photos import PhotographedDots, find_dots
+from markergen.calibration.relation import Relation, relate
+from markergen.calibration.scale import ScaleErrors, contradictions, doubt, scaled, told_by_rulers, widened
+from markergen.calibration.scale import source as scale_source
+from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
+from markergen.calibration.working_error import ExpectedError, sensitivity
+from markergen.defaults import PRINT_SIGMA
+from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
 from markergen.files import Written, write_all
+from markergen.model.body import Body
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.rescale import by_rulers, photographed
 from markergen.model.rig_json import body_to_json
+from markergen.objectives.base import Setting
+from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
+from markergen.validation.validation import setting_of
 
 Array = NDArray[np.float64]
 
@@ -46,7 +60,7 @@ class Calibration(SavableResult):
         Covariance of its parameters; None if it was taken as exact.
     estimated : tuple of str
         Names of the camera parameters that the photographs determined; empty if it was given.
-    sightings : Sightings
+    sightings : PhotographedDots
         Dots seen; those of `chosen` are columns of the adjustment.
     chosen : array (k,) of int
         Dots that were adjusted, among those of all markers: those that two photographs or more saw.
@@ -91,7 +105,7 @@ class Calibration(SavableResult):
     camera: Camera
     camera_covariance: Array | None
     estimated: tuple[str, ...]
-    sightings: Sightings
+    sightings: PhotographedDots
     chosen: NDArray[np.intp]
     adjustment: Adjustment
     used: NDArray[np.bool_]
@@ -110,7 +124,7 @@ class Calibration(SavableResult):
 
     def parts(self) -> list[str | Table]:
         """See `Result.parts`."""
-        from markergen.calibration.words import summary
+        from markergen.calibration.sentences import summary
 
         return summary(self)
 
@@ -134,13 +148,13 @@ class Calibration(SavableResult):
     @property
     def to_use(self) -> bool:
         """Whether the photographs show that what was measured is better than the design."""
-        from markergen.calibration.words import verdict
+        from markergen.calibration.sentences import verdict
 
         return verdict(self)[1]
 
     def closing(self, shown: bool = False) -> str:
-        """See `words.closing`."""
-        from markergen.calibration.words import closing
+        """See `sentences.closing`."""
+        from markergen.calibration.sentences import closing
 
         return closing(self, shown)
 
@@ -200,7 +214,7 @@ class Calibration(SavableResult):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the results as plain JSON values."""
-        from markergen.calibration.words import verdict
+        from markergen.calibration.sentences import verdict
 
         found, sightings = self.adjustment, self.sightings
         spread = np.sqrt(np.maximum(np.diag(found.covariance), 0)).reshape(-1, 3) if self.measured else None
@@ -285,3 +299,383 @@ class Calibration(SavableResult):
         rms = {"measured_px": found.measured.rms, "nominal_px": found.best_nominal.rms}
         gain = found.gain and {"gain": found.gain.ratio, "low": found.gain.low, "high": found.gain.high}
         return {"verdict": found.verdict, **rms, **(gain or {}), "better": found.better}
+
+
+ELSEWHERE = 10.0
+"""chi2 per degree of freedom from which dots that were held are said to be elsewhere."""
+
+BASE = ("fx", "cx", "cy", "k1", "k2")
+"""Parameters of an unknown camera that are always estimated; fy goes with fx."""
+
+LOOSE_PLANE, LOOSE_HEIGHT = 2.0, 10.0
+"""Standard deviations of printed dots about the design in the plane and in height, in those of `Known.print_sigma`."""
+
+MISFIT = 1e-3
+"""Probability of residuals as large as they are by the image's noise alone, below which a model misses something."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known besides the photographs.
+
+    Attributes
+    ----------
+    covariance : array (k, k) or None
+        Covariance of its parameters; None takes it as exact.
+    free : bool
+        True if the dots are to be measured, False if they are where they were designed.
+    lengths : tuple of Length
+        Measured lengths; dots by their index among those of all markers.
+    print_sigma : float
+        Standard deviation in m of a printed dot that nothing measures, along each axis.
+    errors : ScaleErrors
+        Of the print's scale.
+    poses : str, PoseDistribution or None
+        Working volume; None is that of the design.
+    """
+
+    camera: Camera | None = None
+    covariance: Array | None = None
+    free: bool = True
+    lengths: tuple[Length, ...] = ()
+    print_sigma: float = PRINT_SIGMA
+    errors: ScaleErrors = field(default_factory=ScaleErrors)
+    poses: str | PoseDistribution | None = None
+
+
+def network_of(designs: Sequence[Marker], known: Known, camera: Camera, names: Sequence[str]) -> Network:
+    """Return the network of all dots of some markers.
+
+    Dots measured by hand, with a sigma, are a prior; `names` are the parameters of an unknown camera to estimate.
+    """
+    if known.camera is None:
+        freedom = CameraFreedom.of_names(camera, names, square="fy" not in names)
+    elif known.covariance is None:
+        freedom = CameraFreedom.held(camera)
+    else:
+        freedom = CameraFreedom.of_covariance(known.covariance)
+    counts = [len(marker) for marker in designs]
+    features = [point.feature for marker in designs for point in marker.control_points]
+    return Network(
+        np.concatenate([marker.xyz for marker in designs]),
+        np.array([feature.diameter / 2 for feature in features]),
+        camera,
+        freedom,
+        np.repeat(np.arange(len(designs)), counts),
+        known.free,
+        known.lengths,
+        _prior(designs),
+    )
+
+
+def _prior(designs: Sequence[Marker]) -> Array | None:
+    """Inverse covariances (n, 3, 3) of dots measured by hand; None if there are none."""
+    if all(marker.place_covariance is None for marker in designs):
+        return None
+    blocks = []
+    for marker in designs:
+        block = np.zeros((len(marker), 3, 3))
+        if marker.place_covariance is not None:
+            known = np.isfinite(marker.place_covariance).all(axis=(1, 2))
+            block[known, :2, :2] = np.linalg.inv(marker.place_covariance[known])
+        blocks.append(block)
+    return np.concatenate(blocks)
+
+
+def calibrate(
+    bodies: Sequence[Body],
+    photos: Any,
+    known: Known,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Measure printed markers, and the camera if it is unknown, by photographs of them; of a rig, also their relation.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        Markers, or a rig alone.
+    photos : paths, folders, patterns or arrays
+        See `photos.find_dots`.
+    known : Known
+    workers : int or None
+        Processes for detection; None takes all processors.
+
+    Raises
+    ------
+    InputError
+        If no photograph can be used, or they do not determine what is asked for.
+    """
+    # A print that was calibrated before is measured anew.
+    markers = [plate.marker for body in bodies for plate in body.plates]
+    designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
+    ruled = told_by_rulers(designs, known.lengths, known.errors)
+    sightings, camera = find_dots(
+        designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
+    )
+    if not len(sightings.views):
+        reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
+        raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
+    if known.free and len(sightings.views) < 2:
+        raise InputError(
+            "two photographs or more that show the marker",
+            "one",
+            "take ten to forty, tilted by 20 to 60 deg to all sides",
+        )
+    report = progress or (lambda *_: None)
+    report("adjusting", 0, 1)
+    whole = network_of(designs, known, camera, () if known.camera else BASE)
+    whole = replace(whole, lengths=(*known.lengths, *ruled))
+    choice: CameraChoice | NotJudged | None = None
+    try:
+        cleaned = _unflipped(whole, sightings.views)
+        if known.camera is None:
+            found, photo = cleaned.adjustment, sightings.photo[cleaned.used]
+            choice = choose_camera(found.network, found.views, photo, found.weights)
+            if isinstance(choice, CameraChoice) and choice.names != BASE:
+                whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
+                cleaned = adjust_robustly(whole, sightings.views)
+        _ = cleaned.adjustment.unscaled
+        off = contradictions(designs, cleaned.adjustment, known.errors, known.print_sigma)
+        if any(off):
+            known = replace(known, errors=widened(designs, off, known.errors))
+            cleaned = _with_lengths(cleaned, (*known.lengths, *told_by_rulers(designs, known.lengths, known.errors)))
+        if cleaned.adjustment.degrees_of_freedom > 0:
+            cleaned = _held_loosely(cleaned, known.print_sigma)
+    except (UndeterminedError, np.linalg.LinAlgError):
+        error = refusal(explain(whole, sightings.views, _names(designs)))
+        assert error is not None
+        raise error from None
+    report("adjusting", 1, 1)
+    report("judging", 0, 1)
+    relation = None
+    if len(bodies[0].plates) > 1:
+        relation = relate(
+            _with_markers(bodies[0], designs), cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma
+        )
+    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
+    report("judging", 1, 1)
+    return result
+
+
+def _with_markers(body: Body, markers: Sequence[Marker], relation: Array | None = None) -> Body:
+    plates = [replace(plate, marker=marker) for plate, marker in zip(body.plates, markers, strict=True)]
+    return body.with_plates(plates, relation)
+
+
+def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
+    """Adjust again with other lengths, of all dots, if there are any."""
+    found, chosen = cleaned.adjustment, np.flatnonzero(cleaned.dots).tolist()
+    own = tuple(
+        replace(each, first=chosen.index(each.first), second=chosen.index(each.second))
+        for each in lengths
+        if {each.first, each.second} <= set(chosen)
+    )
+    if not own:
+        return cleaned
+    network = replace(found.network, lengths=own)
+    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
+
+
+def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
+    """Where residuals are larger than claimed, adjust again with the weak knowledge that a print is about as designed.
+
+    The image counts with its errors as they were found. It keeps dots that few photographs show from taking up the
+    errors of a poor camera.
+    """
+    from scipy.stats import chi2
+
+    found = cleaned.adjustment
+    if not found.network.free or chi2.sf(found.chi2, found.degrees_of_freedom) > MISFIT:
+        return cleaned
+    sigma = print_sigma / np.sqrt(found.scale)
+    network = replace(found.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
+    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
+
+
+def _result(
+    designs: Sequence[Marker],
+    known: Known,
+    sightings: PhotographedDots,
+    chosen: NDArray[np.intp],
+    cleaned: Cleaned,
+    choice: CameraChoice | NotJudged | None,
+    relation: Relation | None,
+    off: tuple[float, ...],
+) -> Calibration:
+    adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
+    names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
+    cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
+    names_of = _names(designs)
+    poses = _working_poses(designs, known, adjustment)
+    found = findings(adjustment, known.print_sigma, poses, [names_of[k] for k in chosen]) if known.free else ()
+    if (error := refusal(found)) is not None:
+        raise error
+    counts = sightings.views.seen.sum(axis=0)
+    lost = np.setdiff1d(np.arange(len(names_of)), chosen)
+    rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if known.free else ()
+    notes = [str(each) for each in (*found, *rare)]
+    notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    if not known.free and adjustment.variance_factor > ELSEWHERE:
+        notes.append(
+            f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
+            "measure them, without --geometry nominal, for a better camera"
+        )
+    notes += [*sightings.doubts, *sightings.notes]
+    if isinstance(choice, CameraChoice):
+        notes += choice.notes
+    elif choice is not None:
+        notes.append(f"which parameters the camera needs was not judged: {choice.reason}")
+    markers = tuple(designs)
+    if known.free:
+        # With one pose for all markers of a photograph, the dots are known better.
+        told = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
+        photos = len(sightings.photos)
+        # A rig grows as a whole, of which its markers' dots cannot tell.
+        errors, network = known.errors, adjustment.network
+        left = [0.0 if relation else errors.left(each, network, k) for k, each in enumerate(designs)]
+        markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *told) for k in range(len(designs)))
+        # What is to be said of the first marker's rulers is said where its scale is.
+        notes += [doubt(each) for k, each in enumerate(off) if each and k != network.marker[0]]
+    if relation is not None:
+        notes += relation.sentences[1:]
+        relation = replace(relation, rig=_with_markers(relation.rig, markers, relation.rig.relation_covariance))
+    moved, first = bool(len(adjustment.network.freedom)), int(adjustment.network.marker[0])
+    return Calibration(
+        tuple(designs),
+        markers,
+        adjustment.camera,
+        adjustment.camera_covariance if moved else None,
+        names,
+        sightings,
+        chosen,
+        adjustment,
+        cleaned.used,
+        cleaned.dropped[:, chosen],
+        *_expected(designs, known, adjustment),
+        scale_source(designs[first], adjustment.network, known.errors, off[first]),
+        tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
+        cross,
+        halves,
+        flex,
+        choice,
+        next_photos(adjustment, poses, [names_of[k] for k in chosen]) if known.free else None,
+        relation,
+    )
+
+
+def _names(designs: Sequence[Marker]) -> list[str]:
+    """Names of all dots, for sentences."""
+    if len(designs) == 1:
+        return [f"dot {point.id}" for point in designs[0].control_points]
+    return [f"dot {p.id} of marker {k + 1}" for k, each in enumerate(designs) for p in each.control_points]
+
+
+def _unflipped(network: Network, views: Views) -> Cleaned:
+    """Adjust, and again if a view fits better with its mirrored pose: from afar a flat marker has two."""
+    cleaned = adjust_robustly(network, views)
+    found, dots = cleaned.adjustment, cleaned.dots
+    held = replace(
+        found.network, design=found.places, camera=found.camera, free=False, freedom=found.network.freedom.none
+    )
+    own = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
+    own.rotation[cleaned.used], own.translation[cleaned.used] = found.views.rotation, found.views.translation
+    changed = False
+    for k in range(len(views)):
+        seen = views.seen[k] & dots & ~cleaned.dropped[k]
+        view = own.take(slice(k, k + 1)).of_dots(seen)
+        if seen.sum() < LEAST_DOTS:
+            continue
+        fits = []
+        mirrored = mirrored_poses(found.places[seen[dots]], view.rotation, view.translation)
+        for rotation, translation in ((view.rotation, view.translation), mirrored):
+            try:
+                fits.append(adjust(held.of_dots(seen[dots]), replace(view, rotation=rotation, translation=translation)))
+            except (UndeterminedError, np.linalg.LinAlgError):
+                continue
+        if (
+            len(fits) == 2
+            and fits[1].chi2 < 0.8 * fits[0].chi2
+            and np.trace(fits[0].views.rotation[0].T @ fits[1].views.rotation[0]) < 2.999
+        ):
+            own.rotation[k], own.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
+            changed = True
+    return adjust_robustly(network, own) if changed else cleaned
+
+
+def _measured(
+    designs: Sequence[Marker],
+    which: int,
+    chosen: NDArray[np.intp],
+    adjustment: Adjustment,
+    photos: int,
+    left: float,
+    places: Array,
+    covariance: Array,
+) -> Marker:
+    """Return a marker with its adjusted dots where they are in the print; `left` is what is unknown of its scale."""
+    own = adjustment.network.marker == which
+    if own.sum() < 2:
+        return designs[which]
+    before = sum(len(each) for each in designs[:which])
+    ids = [designs[which].control_points[int(index) - before].id for index in chosen[own]]
+    rows = np.repeat(own, 3)
+    record = {
+        "photographs": photos,
+        "views": int(adjustment.views.seen[:, own].any(axis=1).sum()),
+        "rms_px": adjustment.rms,
+        "variance_factor": adjustment.variance_factor,
+    }
+    grown = left * (places[own] - places[own].mean(axis=0)).ravel()
+    return photographed(
+        designs[which], ids, places[own], covariance[np.ix_(rows, rows)] + np.outer(grown, grown), record
+    )
+
+
+def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[ExpectedError, ExpectedError]:
+    """Expected error of the first marker's pose with the print as designed and as measured."""
+    network = adjustment.network
+    own = network.marker == network.marker[0]
+    setting = _setting(designs, known, adjustment)
+    poses, camera = setting.poses, adjustment.camera
+    # As precise in the image as the photographs themselves.
+    spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
+    noise = float(np.sqrt(adjustment.scale * np.median(spread)))
+    n, size = int(own.sum()), 3 * int(own.sum())
+    flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
+    joint = adjustment.joint
+    if network.free:
+        rows = np.concatenate([np.repeat(own, 3), np.ones(len(camera.parameter_names), dtype=bool)])
+        joint = joint[np.ix_(rows, rows)]
+    else:
+        joint = block_diag(flat, joint)
+    # A camera that was unknown is the same before and after: only the print differs.
+    lens = joint[size:, size:] if known.covariance is None else known.covariance
+    if setting.camera is not camera:
+        # Another camera works: exact, as far as is known.
+        lens = np.zeros((len(setting.camera.parameter_names),) * 2)
+        joint = block_diag(joint[:size, :size], lens)
+    told = []
+    cases = (block_diag(flat, lens), network.design[own], False), (joint, adjustment.places[own], network.free)
+    for covariance, places, measured in cases:
+        blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
+        found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
+        # A wrong scale moves all dots together, so weights ignore it.
+        moved = np.zeros((len(covariance), 2))
+        moved[:size] = scaled(designs[network.marker[0]], network, known.errors, places, measured)
+        told.append(found.expected(covariance + moved @ moved.T))
+    return told[0], told[1]
+
+
+def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
+    """Working volume of the first marker, with the camera of the photographs if that sees it."""
+    marker = designs[adjustment.network.marker[0]]
+    try:
+        return setting_of(marker, known.poses, adjustment.camera)
+    except InputError:
+        return setting_of(marker, known.poses)
+
+
+def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[Array, Array]:
+    poses = _setting(designs, known, adjustment).poses
+    return poses.rotation, poses.translation

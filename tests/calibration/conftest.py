@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration_sets import CAMERA, hand_held, printed
-from markergen.calibration import run
+from markergen.calibration import calibration
 from markergen.calibration.calibration import Calibration
 from markergen.calibration.network import Views
-from markergen.calibration.sightings import Sightings
+from markergen.calibration.photos import PhotographedDots
 from markergen.detect.conic_projection import outlines
 from markergen.model.camera import Distortion
 from markergen.model.marker import Marker
@@ -19,7 +19,7 @@ HOSTILE = "<script>alert(1)</script>.jpg"
 SIGMA = 0.03
 
 
-def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int = 3) -> Sightings:
+def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int = 3) -> PhotographedDots:
     """Return what photographs of printed markers show: in the first `false` a dot is 3 px off; the last is unused."""
     rng = np.random.default_rng(seed)
     counts = [len(marker) for marker in markers]
@@ -40,7 +40,9 @@ def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int =
     views = Views(*(np.concatenate([getattr(part, name) for part in parts]) for name in Views.__dataclass_fields__))
     names = (HOSTILE, *(f"photos/{k}.jpg" for k in range(1, photos)), "photos/" + 60 * "x" + "-dark.jpg")
     photo = np.tile(np.arange(photos), len(markers))
-    return Sightings(names, (CAMERA.width, CAMERA.height), views, photo, np.array(rows), {photos: "no marker found"})
+    return PhotographedDots(
+        names, (CAMERA.width, CAMERA.height), views, photo, np.array(rows), {photos: "no marker found"}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +50,13 @@ def calibrated() -> Callable[..., Calibration]:
     """Calibrate from simulated photographs instead of real ones, of prints of the markers or of others `made`."""
 
     def calibrated(
-        markers: list[Marker], photos: int, known: run.Known, made: list[Marker] | None = None, **drawn: int
+        markers: list[Marker], photos: int, known: calibration.Known, made: list[Marker] | None = None, **drawn: int
     ) -> Calibration:
         start = replace(CAMERA, fx=780.0, fy=780.0, distortion=Distortion("radtan", (0.0,) * 5))
         sightings = photographed(made or markers, photos, **drawn)
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(run, "find_dots", lambda *_, **__: (sightings, known.camera or start))
-            return run.calibrate(markers, None, known)
+            patched.setattr(calibration, "find_dots", lambda *_, **__: (sightings, known.camera or start))
+            return calibration.calibrate(markers, None, known)
 
     return calibrated
 
@@ -62,16 +64,16 @@ def calibrated() -> Callable[..., Calibration]:
 @pytest.fixture(scope="module")
 def both(calibrated, make_ngon) -> Calibration:
     """Print and camera unknown."""
-    return calibrated([make_ngon(9, 0.11, 0.02)], 12, run.Known())
+    return calibrated([make_ngon(9, 0.11, 0.02)], 12, calibration.Known())
 
 
 @pytest.fixture(scope="module")
 def two_markers(calibrated, make_ngon) -> Calibration:
     """Two markers, a camera taken as exact, too few photographs for halves, and every dot where it was seen."""
-    return calibrated([make_ngon(5, 0.1, 0.02), make_ngon(6, 0.11, 0.02)], 4, run.Known(CAMERA), false=0)
+    return calibrated([make_ngon(5, 0.1, 0.02), make_ngon(6, 0.11, 0.02)], 4, calibration.Known(CAMERA), false=0)
 
 
 @pytest.fixture(scope="module")
 def nominal(calibrated, make_ngon) -> Calibration:
     """Camera alone, the print taken as designed."""
-    return calibrated([make_ngon(9, 0.11, 0.02)], 8, run.Known(free=False), false=0)
+    return calibrated([make_ngon(9, 0.11, 0.02)], 8, calibration.Known(free=False), false=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held
 
-from markergen.calibration.labels import Guess, relabelings, settle, turned_to_design
+from markergen.calibration.photos import Guess, relabelings, settle, turned_to_design
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))

@@ -13,10 +13,8 @@ from matplotlib.quiver import Quiver
 from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.network import Length
-from markergen.calibration.report import page
-from markergen.calibration.report.plots import directions, enlargement, print_map, round_factor
-from markergen.calibration.report.subject import Subject
-from markergen.calibration.words import closing, errors, headline, shares, summary, unused, what_is_left
+from markergen.calibration.report import Quantities, draw_directions, draw_print_map, enlargement, page, round_factor
+from markergen.calibration.sentences import closing, errors, headline, shares, summary, unused, what_is_left
 from markergen.files import Written
 from markergen.maths.rotation import exponential
 from markergen.presentation.tables import number
@@ -120,7 +118,7 @@ def test_asks_for_the_next_photographs(two_markers):
 
 
 def test_chi2_of_the_photographs_adds_up_to_that_of_the_adjustment(both):
-    subject, adjustment = Subject(both), both.adjustment
+    subject, adjustment = Quantities(both), both.adjustment
     inverse = np.linalg.inv(adjustment.views.covariance)
     own = inverse @ adjustment.residual_covariance()
     freedom = (np.trace(own, axis1=2, axis2=3) * subject.taken).sum(axis=1)
@@ -225,7 +223,7 @@ def test_photograph_from_the_right_is_drawn_at_the_right():
     view = exponential(np.array([0.0, np.deg2rad(40.0), 0.0])) @ np.diag([1.0, -1.0, -1.0])
     toward = -view[2]
     assert toward[0] == pytest.approx(np.sin(np.deg2rad(40)))
-    ax = directions(view[None], view_angles(view[None])[0], Figure().add_subplot())
+    ax = draw_directions(view[None], view_angles(view[None])[0], Figure().add_subplot())
     hand, spot = ax.lines[-2:]
     assert np.column_stack(spot.get_data()) == pytest.approx(np.array([[40.0, 0.0]]))
     assert hand.get_ydata()[1] > 1
@@ -258,7 +256,7 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
     root = rng.normal(0, 10, (5, 3, 3))
     covariance = root @ root.swapaxes(-1, -2)
     ax = Figure().add_subplot()
-    print_map(marker, [str(k) for k in range(5)], points, moved, covariance, 50.0, ax)
+    draw_print_map(marker, [str(k) for k in range(5)], points, moved, covariance, 50.0, ax)
     dots, regions = (each for each in ax.collections if isinstance(each, EllipseCollection))
     assert dots.get_offsets() == pytest.approx(points)
     ends = points + 50e-3 * moved[:, :2]

@@ -1,0 +1,858 @@
+"""The report of a calibration: one self-contained HTML file, with the same bytes for the same results.
+
+A section without its data is left out.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.camera_choice import CameraChoice
+from markergen.calibration.coverage import Coverage, coverage
+from markergen.calibration.flexing import Flex
+from markergen.calibration.judging import CrossValidation, Halves, parameters_of
+from markergen.calibration.projection_uncertainty import (
+    camera_difference,
+    draw_difference,
+    draw_uncertainty,
+    projection_uncertainty,
+)
+from markergen.calibration.sentences import (
+    SOURCES,
+    far_points,
+    headline,
+    judged,
+    photographs,
+    sentence,
+    unused,
+    what_is_left,
+)
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.presentation import pages
+from markergen.presentation.pages import Section
+from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, Plot, legend_below, log_axis, plot, positive
+from markergen.presentation.tables import Table, number
+from markergen.validation.report.overview import title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from markergen.calibration.calibration import Calibration
+
+Mask = NDArray[np.bool_]
+Array = NDArray[np.float64]
+
+METHOD = [
+    (
+        "Adjustment",
+        "Dots, the pose of each photograph and, unless it was given, the camera are adjusted at once, to the least sum "
+        "of squared residuals weighted by the image's noise. Dots are disks: their images' centers are predicted "
+        "exactly.",
+    ),
+    (
+        "Marker frame",
+        "Meters; x right, y up, z out of the printed face toward the viewer. Seven conditions, or six with a measured "
+        "length, fix what no photograph tells: all dots together neither shift nor turn nor grow against the design.",
+    ),
+    ("Sigma", "Standard deviation to first order, multiplied by the root of chi2/dof where that is above 1."),
+    (
+        "Expected pose error",
+        "RMS over the poses of the working volume, to first order, for images as noisy as the photographs. As "
+        "designed, each dot is off by the print error given with --print-sigma along x and y, and the scale, while "
+        "nothing measures it, as --scale-sigma says; a bent sheet comes on top.",
+    ),
+    ("Tilt", "Angle between the marker's plane and that of the image; 0 is frontal."),
+    (
+        "chi2/dof",
+        "Squared residuals in units of their claimed variance, per degree of freedom: 1 is expected. Several times as "
+        "much is a marker that bends, a lens the model does not follow, or noise that was underestimated.",
+    ),
+]
+
+
+def page(found: "Calibration") -> bytes:
+    """Make a self-contained HTML page from a calibration.
+
+    Returns
+    -------
+    bytes
+        UTF-8 without scripts, dates or external resources. Text from files is escaped.
+    """
+    subject = Quantities(found)
+    designs = "; ".join(title(marker) for marker in found.designs)
+    photos, size = len(found.sightings.photos), found.sightings.size
+    known = "the camera given with its errors" if found.camera_covariance is not None else "the camera taken as given"
+    return pages.page(
+        "Calibration report",
+        designs,
+        [
+            ("answer", "What to expect", _answer_section(subject)),
+            ("print", "The print", _print_section(subject)),
+            ("relation", "The rig", _relation_section(subject)),
+            ("judged", "Does it hold?", _judgment_section(subject)),
+            ("camera", "The camera", _camera_section(subject)),
+            ("photos", "Photographs", _photos_section(subject)),
+            ("coverage", "Coverage", _coverage_section(subject)),
+            ("next", "Next photographs", _next_photos_section(subject)),
+            (
+                "method",
+                "How it was measured",
+                pages.Section(terms=METHOD, book=("what it does", "calibrate.md#what-it-does")),
+            ),
+        ],
+        f"{designs}. {photos} photographs of {size[0]} x {size[1]} px; the print was "
+        f"{'measured' if found.measured else 'taken as designed'}, "
+        f"{'the camera calibrated' if found.estimated else known}.",
+        "The same photographs and options give the same page.",
+    )
+
+
+UM = 1e6
+LONGEST_NAME = 60
+"""Maximum number of characters shown of a photograph's name."""
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A rejected dot: in which photograph, and by how many px and sigma it is off what all the others say."""
+
+    photo: str
+    dot: str
+    off_px: float
+    off_sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """The calibration that a report shows; rows are its used views, columns its adjusted dots."""
+
+    found: "Calibration"
+
+    @cached_property
+    def dots(self) -> list[str]:
+        """Ids of the adjusted dots; with several markers, as ``2:5`` the fifth of the second."""
+        named = [(k, point.id) for k, marker in enumerate(self.found.designs) for point in marker.control_points]
+        several = len(self.found.designs) > 1
+        return [f"{named[i][0] + 1}:{named[i][1]}" if several else str(named[i][1]) for i in self.found.chosen]
+
+    @cached_property
+    def photos(self) -> list[str]:
+        """Names of the photographs; the end of long ones."""
+        return [
+            name if len(name) <= LONGEST_NAME else "..." + name[3 - LONGEST_NAME :]
+            for name in self.found.sightings.photos
+        ]
+
+    @cached_property
+    def rows(self) -> list[str]:
+        """Name of the photograph of each used view; with several markers also which."""
+        sightings, used = self.found.sightings, self.found.used
+        several = len(self.found.designs) > 1
+        return [
+            f"{self.photos[photo]}, marker {marker + 1}" if several else self.photos[photo]
+            for photo, marker in zip(sightings.photo[used], sightings.marker[used], strict=True)
+        ]
+
+    @property
+    def taken(self) -> NDArray[np.bool_]:
+        """Measurements (v, n) that took part."""
+        return self.found.adjustment.weights > 0
+
+    @property
+    def rejected(self) -> NDArray[np.bool_]:
+        """Measurements (v, n) that were rejected, of the used views."""
+        return self.found.dropped[self.found.used]
+
+    @property
+    def displacement(self) -> Array:
+        """Where the print's dots (n, 3) are, less where they were designed, um."""
+        adjustment = self.found.adjustment
+        return UM * (adjustment.places - adjustment.network.design)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (n, 3, 3) of each dot, um^2."""
+        n = len(self.found.chosen)
+        index = np.arange(n)
+        return UM**2 * self.found.adjustment.covariance.reshape(n, 3, n, 3)[index, :, index]
+
+    @cached_property
+    def spread(self) -> Array:
+        """Covariance (v, n, 2, 2) of the residuals, px^2, scaled."""
+        return self.found.adjustment.scale * self.found.adjustment.residual_covariance()
+
+    @cached_property
+    def variance_factors(self) -> Array:
+        """chi2 (v,) of each view over its expected value, the trace of its residuals' cofactors: 1 on average.
+
+        A view's own share of the degrees of freedom is tr(S^-1 A), S the covariance of its measurements in the image
+        and A that of their residuals.
+        """
+        adjustment, taken = self.found.adjustment, self.taken
+        inverse = np.linalg.inv(adjustment.views.covariance)
+        chi2 = np.einsum("vni,vnij,vnj->vn", adjustment.residual, inverse, adjustment.residual)
+        expected = np.einsum("vnij,vnji->vn", inverse, self.spread / adjustment.scale)
+        return np.asarray((chi2 * taken).sum(axis=1) / np.maximum((expected * taken).sum(axis=1), 1e-12))
+
+    @cached_property
+    def squares(self) -> Array:
+        """Squared lengths (v, n) of the residuals that took part, px^2."""
+        return np.where(self.taken, (self.found.adjustment.residual**2).sum(axis=-1), 0.0)
+
+    def rms(self, axis: int) -> Array:
+        """RMS of the residuals in px of each dot (axis 0) or each view (axis 1); nan where none took part."""
+        count = self.taken.sum(axis=axis)
+        return np.sqrt(np.where(count > 0, self.squares.sum(axis=axis) / np.maximum(count, 1), np.nan))
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """What the used views cover."""
+        return coverage(self.found.adjustment)
+
+    @cached_property
+    def outliers(self) -> list[Rejected]:
+        """Rejected dots of the used views, the worst first."""
+        residual = self.found.adjustment.residual
+        listed = []
+        for row, column in np.argwhere(self.rejected):
+            off = residual[row, column]
+            sigma = float(np.sqrt(off @ np.linalg.solve(self.spread[row, column], off)))
+            listed.append(Rejected(self.rows[row], self.dots[column], float(np.linalg.norm(off)), sigma))
+        return sorted(listed, key=lambda each: -each.off_sigma)
+
+
+_HANG_UP, _SQUARE = (5.8, 5.0), (4.4, 4.4)
+"""Widths and heights of plots in inches."""
+
+
+def _answer_section(subject: Quantities) -> Section:
+    """What to expect before and after, by source, and where the scale comes from."""
+    found = subject.found
+    section = Section(
+        [headline(found), what_is_left(found), found.scale_source],
+        warnings=list(found.notes),
+        book=("what is measured, and how well it works", "calibrate.md#how-well-it-works"),
+    )
+    if found.next_photos is not None:
+        section.sentences.append(found.next_photos.sentence)
+    rows = []
+    for name, pick in (("rotation, deg", 0), ("translation, mm", 1)):
+        factor = (1.0, 1e3)[pick]
+        for when, error in (("as designed", found.before), ("as measured", found.after)):
+            if when == "as measured" and not found.measured:
+                continue
+            total = (error.rotation_deg, error.translation)[pick]
+            parts = [getattr(error, source)[pick] for source in SOURCES]
+            rows.append([name, when, *(number(factor * each) if each else "0" for each in (total, *parts))])
+    section.tables.append(
+        Table(
+            "Expected pose error over the working volume, RMS over its poses",
+            ["error", "marker", "total", "image noise", "print", "camera"],
+            rows,
+            "Each source alone. Dots and camera that come from the same photographs err together, so that the total "
+            "may be less than the root of the sum of squares.",
+        )
+    )
+    return section
+
+
+def _print_section(subject: Quantities) -> Section | None:
+    """Map of each marker, and the table of its dots."""
+    found = subject.found
+    section = Section()
+    if found.measured:
+        away = subject.displacement
+        plane, height = np.linalg.norm(away[:, :2], axis=1), away[:, 2]
+        sigma = np.sqrt(np.einsum("nii->ni", subject.covariance))
+        section.sentences.append(
+            f"In the print dots are {number(_rms(plane))} um RMS from where they were designed within the plane, at "
+            f"most {number(float(plane.max()))} um (dot {subject.dots[int(plane.argmax())]}); in height they spread by "
+            f"{number(float(np.ptp(height)))} um. The photographs tell this to {number(_rms(sigma[:, :2]))} um along x "
+            f"and y, and to {number(_rms(sigma[:, 2]))} um in height (1 sigma, RMS)."
+        )
+        section.plots += list(_maps(subject, away, subject.covariance, "map"))
+    section.tables.append(_dot_table(subject))
+    return section
+
+
+def _relation_section(subject: Quantities) -> Section | None:
+    """Where the markers of a rig are, beside where they were designed."""
+    found = subject.found.relation
+    if found is None:
+        return None
+    section = Section(list(found.sentences))
+    rows = [
+        [each.name, *map(number, (turn, 1e3 * shift, by_turn, 1e3 * by_shift))]
+        for each, turn, shift, by_turn, by_shift in zip(
+            found.rig.plates, found.turned_deg, found.moved, *found.sigma, strict=True
+        )
+    ]
+    section.tables.append(
+        Table(
+            "Markers of the rig",
+            ["marker", "turned, deg", "moved, mm", "sigma of rotation, deg", "sigma of translation, mm"],
+            rows,
+            "Turned and moved from where the rig has them; standard deviations as roots of sums over the three axes. "
+            "The rig frame is that in which the dots, all together, are nearest to the rig as designed.",
+        )
+    )
+    return section
+
+
+def _maps(subject: Quantities, away: np.ndarray, covariance: np.ndarray, name: str) -> Iterator[Plot]:
+    """Map of the displacements (n, 3) of the dots of each marker; nan where there is none."""
+    network, designs = subject.found.adjustment.network, subject.found.designs
+    for k, marker in enumerate(designs):
+        own = np.flatnonzero((network.marker == k) & np.isfinite(away).all(axis=1))
+        if len(own) < 2:
+            continue
+        points = 1e3 * network.design[own, :2]
+        size = 2e3 * marker.boundary.radius
+        factor = enlargement(points, 1e-3 * away[own, :2], 1e-6 * covariance[own, :2, :2], size)
+        ids = [subject.dots[i] for i in own]
+        which = f" {k + 1}" if len(designs) > 1 else ""
+        if name == "map":
+            alt = f"Map of marker{which} with its {len(own)} dots, each with an arrow to where it is in the print"
+            told = (
+                "Each disk is a dot where it was designed, seen from the front; its color is by how much it stands "
+                f"higher (orange) or lower (blue). The arrow, {factor:g} times as long as it is, shows where it is in "
+                "the print, the ellipse at its tip the 2-sigma region."
+            )
+        else:
+            alt = f"Map of marker{which} with the difference between the two halves for {len(own)} dots"
+            told = (
+                f"By how much the second half has each dot elsewhere than the first, {factor:g} times as long. If the "
+                "claimed errors are right, seven of eight ellipses contain their dot's center: they are the 2-sigma "
+                "regions of such a difference, twice as wide as those of all photographs together."
+            )
+        alt += f"; {number(float(np.linalg.norm(away[own, :2], axis=1).max()))} um at most."
+        yield plot(
+            partial(draw_print_map, marker, ids, points, away[own], covariance[own], factor),
+            f"{name}-{k}",
+            alt,
+            told,
+            _HANG_UP,
+        )
+
+
+def _dot_table(subject: Quantities) -> Table:
+    found = subject.found
+    taken, rejected, rms = subject.taken.sum(axis=0), found.dropped.sum(axis=0), subject.rms(axis=0)
+    header, cells = ["dot"], [[name] for name in subject.dots]
+    if found.measured:
+        header += ["dx", "dy", "dz", "sigma x", "sigma y", "sigma z"]
+        sigma = np.sqrt(np.einsum("nii->ni", subject.covariance))
+        for row, moved, spread in zip(cells, subject.displacement, sigma, strict=True):
+            row += [f"{value:+.1f}" for value in moved] + [f"{value:.1f}" for value in spread]
+    header += ["seen", "rejected", "RMS, px"]
+    for row, *counts, residual in zip(cells, taken, rejected, rms, strict=True):
+        row += [str(count) for count in counts] + [_px(residual)]
+    title = "Dots of the print less the design, um" if found.measured else "Dots"
+    return Table(
+        title,
+        header,
+        cells,
+        "Shift, turn and, unless a length was measured, mean size of the whole print are those of the design: "
+        "photographs cannot tell them. Seen: photographs in which the dot took part."
+        if found.measured
+        else "Seen: photographs in which the dot took part.",
+    )
+
+
+def _photos_section(subject: Quantities) -> Section:
+    """Photographs with their residuals, rejected dots, unused photographs, and the residuals over the image."""
+    found, views = subject.found, subject.found.adjustment.views
+    camera, residual = found.camera, found.adjustment.residual
+    section = Section([photographs(found)[0]])
+    taken, rejected = subject.taken, subject.rejected
+    if taken.any():
+        factor = residual_factor(residual[taken], camera.width)
+        crossed = (views.pixels[rejected], residual[rejected])
+        section.plots.append(
+            plot(
+                partial(draw_residual_vectors, views.pixels[taken], residual[taken], crossed, factor, camera),
+                "residuals",
+                f"Residuals of {int(taken.sum())} dots over the image, {number(found.adjustment.rms)} px RMS.",
+                f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
+                "lens that the model does not follow, or a marker that bends.",
+                _image_size(subject),
+            )
+        )
+    rms, factors, tilt = subject.rms(axis=1), subject.variance_factors, subject.coverage.tilt_deg
+    distance = np.linalg.norm(views.translation, axis=1)
+    numbers = found.sightings.photo[found.used] + 1
+    section.tables.append(
+        Table(
+            "Photographs",
+            ["photograph", "number", "dots", "rejected", "RMS, px", "chi2/dof", "tilt, deg", "distance, m"],
+            [
+                [
+                    name,
+                    str(numbers[row]),
+                    str(taken[row].sum()),
+                    str(rejected[row].sum()),
+                    _px(rms[row]),
+                    f"{factors[row]:.2f}",
+                    f"{tilt[row]:.0f}",
+                    f"{distance[row]:.3f}",
+                ]
+                for row, name in enumerate(subject.rows)
+            ],
+            "RMS of the distance between a dot and its prediction. chi2/dof compares it with the image's noise: 1 is "
+            "expected, much more is a poor fit.",
+        )
+    )
+    if subject.outliers:
+        section.tables.append(
+            Table(
+                "Rejected dots",
+                ["photograph", "dot", "off, px", "off, sigma"],
+                [[each.photo, each.dot, _px(each.off_px), f"{each.off_sigma:.1f}"] for each in subject.outliers],
+                "Rejected because they are farther from where all other dots and photographs put them than chance and "
+                "noise allow.",
+            )
+        )
+    left = unused(found)
+    if left:
+        names = dict(zip(found.sightings.photos, subject.photos, strict=True))
+        section.tables.append(
+            Table("Photographs not used", ["photograph", "reason"], [[names[name], reason] for name, reason in left])
+        )
+    return section
+
+
+def _coverage_section(subject: Quantities) -> Section:
+    """Where in the image, from which sides, and with which turns the marker was seen."""
+    covered, views, camera = subject.coverage, subject.found.adjustment.views, subject.found.camera
+    pixels = [views.pixels[row][taken] for row, taken in enumerate(subject.taken)]
+    distance = np.linalg.norm(views.translation, axis=1)
+    section = Section(
+        [covered.sentence, f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker."]
+    )
+    section.plots += [
+        plot(
+            partial(draw_image_coverage, pixels, camera),
+            "coverage",
+            f"Outlines of the dots of {len(pixels)} views over the image; {100 * covered.image:.0f} % of its cells "
+            "have a dot.",
+            "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
+            "where dots were.",
+            _image_size(subject),
+        ),
+        plot(
+            partial(draw_directions, views.rotation, covered.tilt_deg),
+            "directions",
+            f"Sides and tilts from which {len(pixels)} views were taken: tilts of {covered.tilt_deg.min():.0f} to "
+            f"{covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 sides.",
+            "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, the "
+            "rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks "
+            "all around, with hands in all directions.",
+            _SQUARE,
+        ),
+    ]
+    return section
+
+
+def _next_photos_section(subject: Quantities) -> Section | None:
+    """Which photographs to take next, in words and pictures; None if that was not asked."""
+    asked = subject.found.next_photos
+    if asked is None:
+        return None
+    section = Section([asked.sentence])
+    if not asked.helps:
+        return section
+    network = subject.found.adjustment.network
+    for k, photo in enumerate(asked.photos):
+        section.plots.append(
+            plot(
+                partial(asked.draw, which=k),
+                f"next-{k}",
+                f"Picture {k + 1} to take next: {photo.request}.",
+                f"{k + 1}. {sentence(photo.request)} Gray: the photographs taken.",
+                _image_size(subject),
+            )
+        )
+    section.tables.append(
+        Table(
+            "Expected pose error after the next photographs, one after the other",
+            ["photograph", "rotation, deg", "translation, mm"],
+            [
+                [name, number(error.rotation_deg), number(1e3 * error.translation)]
+                for name, error in (
+                    ("now", asked.photos[0].before),
+                    *((str(k + 1), photo.after) for k, photo in enumerate(asked.photos)),
+                )
+            ],
+            ""
+            if network.scale_known(int(network.marker[0]))
+            else "Without the error of the print's scale, which no photograph tells and the first section counts.",
+        )
+    )
+    return section
+
+
+def _judgment_section(subject: Quantities) -> Section:
+    """Left-out photographs, two halves, and bending."""
+    found = subject.found
+    section = Section(judged(found))
+    if isinstance(found.flex, Flex):
+        section.sentences.append(sentence(found.flex.verdict))
+    cross, halves = found.cross_validation, found.halves
+    if isinstance(cross, CrossValidation):
+        measured = f"{number(cross.measured.rms)} px with the measured print, " if found.measured else ""
+        section.plots.append(
+            plot(
+                partial(draw_left_out, cross),
+                "left-out",
+                f"RMS residuals of {len(cross.photos)} left-out photographs: {measured}"
+                f"{number(cross.best_nominal.rms)} px as designed.",
+                "Each photograph was left out and predicted from the others, with a pose of its own. Lines are the RMS "
+                "over all. Residuals of photographs that took part always fall when dots are freed; these do not.",
+            )
+        )
+        rows = [("as designed", cross.nominal)]
+        if found.measured:
+            rows.insert(0, ("as measured", cross.measured))
+        if found.measured and cross.refitted is not None:
+            rows.append(("as designed, and a camera that suits it", cross.refitted))
+        section.tables.append(
+            Table(
+                "Left-out photographs",
+                ["print", "RMS, px", "chi2/dof"],
+                [[name, _px(each.rms), f"{each.variance_factor:.2f}"] for name, each in rows],
+            )
+        )
+    if isinstance(halves, Halves) and len(halves.dots):
+        away = np.full((len(found.chosen), 3), np.nan)
+        away[halves.dots] = UM * halves.difference
+        section.plots += list(_maps(subject, away, 4 * subject.covariance, "halves"))
+        sides = [len(each) for each in halves.photos]
+        section.tables.append(
+            Table(
+                "Two halves",
+                ["photographs", "dots", "difference, um RMS", "chi2/dof", "chance, %"],
+                [
+                    [
+                        f"{sides[0]} and {sides[1]}",
+                        str(len(halves.dots)),
+                        number(halves.rms_um),
+                        f"{halves.variance_factor:.2f}",
+                        f"{100 * halves.chance:.2g}",
+                    ]
+                ],
+                "chi2/dof compares the difference with the claimed errors: 1 is expected. Chance is the probability of "
+                "so much or more if they are right.",
+            )
+        )
+    return section
+
+
+def _camera_section(subject: Quantities) -> Section | None:
+    """Parameters of the camera, how well it projects, and what was tried; None if it was given as exact."""
+    found, covariance = subject.found, subject.found.camera_covariance
+    if covariance is None:
+        return None
+    names, values = found.camera.parameter_names, parameters_of(found.camera)
+    sigma = np.sqrt(np.diag(covariance))
+    center = projection_uncertainty(found.camera, covariance)
+    low, high = (number(float(each(center)), 2) for each in (np.nanmin, np.nanmax))
+    section = Section([far_points(found.camera, covariance)])
+    shape = _image_size(subject)
+    section.plots.append(
+        plot(
+            lambda ax: draw_uncertainty(center, found.camera, ax),
+            "uncertainty",
+            f"Standard deviation of the projection over the image, {low} to {high} px.",
+            "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
+            shape,
+        )
+    )
+    halves = found.halves
+    if isinstance(halves, Halves) and halves.camera_chi2 is not None:
+        difference = camera_difference(*halves.cameras)
+        size = np.linalg.norm(difference, axis=-1)
+        said = f"{number(float(np.sqrt(np.nanmean(size**2))), 2)} px RMS"
+        section.plots.append(
+            plot(
+                lambda ax: draw_difference(difference, halves.cameras[0], ax),
+                "cameras",
+                f"Difference between the cameras of the two halves over the image, {said}.",
+                f"Where the camera of the second half sees what that of the first sees at each pixel: {said}. About "
+                "twice the standard deviation beside it is expected.",
+                shape,
+            )
+        )
+        section.sentences.append(
+            f"The cameras of the two halves differ by {said}; their parameters have a chi2 of {halves.camera_chi2:.2f} "
+            "per degree of freedom, where 1 is expected."
+        )
+    section.tables.append(
+        Table(
+            "Camera",
+            ["parameter", "value", "sigma"],
+            [
+                [name, f"{value:.7g}", number(float(each)) if each else "held"]
+                for name, value, each in zip(names, values, sigma, strict=True)
+            ],
+            f"{found.camera.width} x {found.camera.height} px, {found.camera.distortion.model} lens; f and c in px.",
+        )
+    )
+    if isinstance(found.camera_choice, CameraChoice):
+        section.tables.append(_trials(found.camera_choice))
+    return section
+
+
+def _trials(choice: CameraChoice) -> Table:
+    rows = []
+    for each in choice.tried:
+        gain = each.gain
+        rows.append(
+            [
+                " ".join(each.names) or "none",
+                "not determined" if each.left_out is None else _px(each.left_out.rms),
+                "-" if gain is None else f"{gain.ratio:.3f}",
+                "-" if gain is None else f"{gain.low:.3f} to {gain.high:.3f}",
+                "yes" if each.taken else "no",
+            ]
+        )
+    return Table(
+        "Camera parameters that were tried",
+        ["estimated", "left out, px", "better by", "95 %", "taken"],
+        rows,
+        "A parameter joins only where it predicts left-out photographs better: how many times, with the 95 % interval.",
+    )
+
+
+def _image_size(subject: Quantities) -> tuple[float, float]:
+    """Return width and height in inches of a plot over the image."""
+    width, height = subject.found.sightings.size
+    return (4.9, float(np.clip(4.3 * height / width + 0.9, 2.6, 5.6)))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _px(value: float) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.3f}"
+
+
+_HEIGHTS = ("#2f6db5", "#a9c8e8", "#ffffff", "#f4c08a", "#c55a11")
+"""Colors from low to high: two hues that color-blind readers tell apart, white between."""
+_MOST_IDS = 60
+_MOST_VECTORS = 2000
+_AROUND = np.linspace(0, 2 * np.pi, 49)
+_RINGS = (15, 30, 45, 60, 75)
+
+
+def round_factor(value: float) -> float:
+    """Return the largest of 1, 1.5, 2, 3, 5, 7, 10, 15... that is no more than a value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1, 1.5, 2, 3, 5, 7) if step * power <= value * (1 + 1e-9)))
+
+
+def enlargement(points: Array, displacement: Array, covariance: Array, size: float) -> float:
+    """Return the factor by which displacements (n, 2) are drawn, in the unit of the points (n, 2).
+
+    Nine of ten arrows, with the 2-sigma regions at their tips, are at most as long as the distance to the nearest dot,
+    and as a fifth of the size.
+    """
+    apart = np.linalg.norm(points[:, None] - points, axis=-1) + np.diag(np.full(len(points), np.inf))
+    room = min(float(np.median(apart.min(axis=1))), size / 5)
+    around = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))
+    longest = float(np.quantile(np.linalg.norm(displacement, axis=1) + around, 0.9))
+    return round_factor(room / max(longest, 1e-9))
+
+
+def draw_print_map(
+    marker: Marker, ids: list[str], points: Array, displacement: Array, covariance: Array, factor: float, ax: "Axes"
+) -> "Axes":
+    """Draw displacements on the marker, `factor` times as long as they are, with their 2-sigma ellipses.
+
+    Parameters
+    ----------
+    points : array (n, 2), mm
+        Where the dots were designed.
+    displacement : array (n, 3), um
+    covariance : array (n, 3, 3), um^2
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.patches import Polygon
+
+    for ring in marker.boundary.outlines():
+        ax.add_patch(Polygon(1e3 * ring, facecolor="#fbfbfb", edgecolor=MUTED, linewidth=0.9, zorder=1))
+    # Heights that are no larger than their errors stay pale.
+    reach = max(float(np.abs(displacement[:, 2]).max()), 3 * float(np.sqrt(covariance[:, 2, 2].max())), 1e-3)
+    colors = LinearSegmentedColormap.from_list("heights", _HEIGHTS, N=41)
+    norm = Normalize(-reach, reach)
+    diameter = {str(point.id): 1e3 * point.feature.diameter for point in marker.control_points}
+    rim = 1e3 * np.concatenate(marker.boundary.outlines())
+    low, high = rim.min(axis=0), rim.max(axis=0)
+    size = float((high - low).max())
+    ends = points + 1e-3 * factor * displacement[:, :2]
+    # The smallest dots would not show their color.
+    radii = np.array([max(diameter[name.rpartition(":")[2]] / 2, size / 120) for name in ids])
+    look: dict[str, Any] = {"units": "xy", "offset_transform": ax.transData, "edgecolors": INK, "linewidths": 0.7}
+    ax.add_collection(
+        EllipseCollection(
+            2 * radii,
+            2 * radii,
+            0 * radii,
+            offsets=points,
+            facecolors=colors(norm(displacement[:, 2])),
+            zorder=2,
+            **look,
+        )
+    )
+    if len(ids) <= _MOST_IDS:
+        for name, point, radius, moved in zip(ids, points, radii, displacement, strict=True):
+            away = -np.sign(moved[1]) or 1.0
+            ax.annotate(
+                name, point + [0, away * radius], (0, 7 * away), textcoords="offset points", ha="center", va="center",
+                fontsize=8, color=MUTED, zorder=6,
+            )  # fmt: skip
+    values, vectors = np.linalg.eigh(covariance[:, :2, :2])
+    axes = 4e-3 * factor * np.sqrt(np.maximum(values, 0.0))
+    turned = np.rad2deg(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
+    regions = {"widths": axes[:, 0], "heights": axes[:, 1], "angles": turned, "offsets": ends}
+    ax.add_collection(EllipseCollection(**regions, facecolors=(1, 1, 1, 0.6), zorder=3, **look))
+    steps = ends - points
+    ax.quiver(
+        *points.T, *steps.T, angles="xy", scale_units="xy", scale=1, width=6e-3 if len(ids) <= _MOST_IDS else 2.5e-3,
+        color=INK, edgecolor="#ffffff", linewidth=0.4, zorder=4,
+    )  # fmt: skip
+    margin = 0.04 * size
+    # A length in the drawing to compare with.
+    told = round_factor(0.2 * size / (1e-3 * factor))
+    written = f"{told:g} um" if told < 1000 else f"{told / 1000:g} mm"
+    bar = np.array([low[0], low[1] - 2.2 * margin])
+    ax.plot([bar[0], bar[0] + 1e-3 * factor * told], [bar[1]] * 2, color=INK, linewidth=2.5, solid_capstyle="butt")
+    ax.text(
+        bar[0] + 1e-3 * factor * told + margin / 2, bar[1], f"{written}, drawn {factor:g} times as long",
+        va="center_baseline", fontsize=9,
+    )  # fmt: skip
+    reached = np.concatenate([rim, ends, bar[None] - margin])
+    ax.set(
+        xlim=(reached[:, 0].min() - margin, reached[:, 0].max() + margin),
+        ylim=(reached[:, 1].min(), reached[:, 1].max() + margin),
+        aspect="equal",
+    )
+    ax.axis("off")
+    bar_axes = ax.figure.colorbar(ScalarMappable(norm, colors), ax=ax, shrink=0.7, pad=0.02, aspect=26)
+    bar_axes.set_label("height z over the design, um")
+    return ax
+
+
+def residual_factor(residual: Array, width: int) -> float:
+    """Return the factor by which residuals (k, 2) in px are drawn over an image of this width."""
+    return round_factor(width / 30 / max(float(np.quantile(np.linalg.norm(residual, axis=1), 0.9)), 1e-9))
+
+
+def draw_residual_vectors(
+    pixels: Array, residual: Array, rejected: tuple[Array, Array], factor: float, camera: Camera, ax: "Axes"
+) -> "Axes":
+    """Draw residuals (k, 2) as strokes from where the dots were seen, `factor` times as long; rejected ones crossed.
+
+    Of very many only every second, third... is drawn.
+    """
+    every = max(1, -(-len(pixels) // _MOST_VECTORS))
+    start, step = pixels[::every], residual[::every]
+    ax.plot(*_strokes(start, start + factor * step), color=SERIES[0]["color"], linewidth=0.9, zorder=2)
+    ax.plot(*start.T, linestyle="none", marker="o", markersize=1.8, color=SERIES[0]["color"], label="dot", zorder=2)
+    start, step = rejected
+    if len(start):
+        # Far-off dots would leave the picture.
+        length = np.linalg.norm(factor * step, axis=1, keepdims=True)
+        step = factor * step * np.minimum(1.0, camera.width / 8 / np.maximum(length, 1e-9))
+        ax.plot(*_strokes(start, start + step), color=SERIES[1]["color"], linewidth=1.1, zorder=3)
+        ax.plot(
+            *start.T, linestyle="none", marker="x", markersize=6, color=SERIES[1]["color"], label="rejected", zorder=3
+        )
+        legend_below(ax)
+    return _image_axes(camera, ax)
+
+
+def draw_image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axes":
+    """Draw the outline of the dots (k, 2) of each view over the image."""
+    import cv2
+    from matplotlib.patches import Polygon
+
+    for each in pixels:
+        hull = cv2.convexHull(each.astype(np.float32))[:, 0]
+        ax.add_patch(Polygon(hull, facecolor=SERIES[0]["color"], alpha=min(0.15, 2 / len(pixels)), linewidth=0))
+        ax.add_patch(Polygon(hull, fill=False, edgecolor=SERIES[0]["color"], linewidth=0.6))
+    return _image_axes(camera, ax)
+
+
+def draw_directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
+    """Draw from which side each photograph was taken: tilt as the distance from the middle, a hand for the turn.
+
+    The side is that of the camera as seen from the front of the marker, its x to the right and y up; the hand points to
+    where the upper edge of the image is in this view.
+
+    Parameters
+    ----------
+    rotation : array (v, 3, 3)
+    tilt_deg : array (v,)
+    """
+    spots = tilt_deg[:, None] * _unit(-rotation[:, 2, :2])
+    outermost = next((ring for ring in _RINGS if ring >= tilt_deg.max()), 90)
+    for ring in (*(each for each in _RINGS if each < outermost), outermost):
+        ax.plot(ring * np.cos(_AROUND), ring * np.sin(_AROUND), color=FAINT, linewidth=0.8, zorder=1)
+        ax.text(0, ring, f"{ring}°", ha="center", va="bottom", fontsize=8, color=MUTED, zorder=1)
+    for angle in np.arange(4) * np.pi / 4:
+        along = outermost * np.array([np.cos(angle), np.sin(angle)])
+        ax.plot([-along[0], along[0]], [-along[1], along[1]], color=FAINT, linewidth=0.8, zorder=1)
+    hands = spots + 0.13 * outermost * _unit(-rotation[:, 1, :2])
+    ax.plot(*_strokes(spots, hands), color=SERIES[0]["color"], linewidth=1.5, zorder=3)
+    ax.plot(*spots.T, linestyle="none", marker="o", markersize=5, color=SERIES[0]["color"], zorder=3)
+    ax.text(1.04 * outermost, 0, "x", ha="left", va="center", style="italic", color=MUTED)
+    ax.text(0, -1.04 * outermost, "tilt", ha="center", va="top", fontsize=8.5, color=MUTED)
+    reach = 1.18 * outermost
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    ax.axis("off")
+    return ax
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
+
+
+def draw_left_out(cross: CrossValidation, ax: "Axes") -> "Axes":
+    """Draw the RMS residual of each left-out photograph, with the design and, if it was measured, with the print."""
+    from matplotlib.ticker import MaxNLocator
+
+    numbers = cross.photos + 1
+    shown = [("as designed", cross.best_nominal, SERIES[1]), ("as measured", cross.measured, SERIES[0])]
+    for name, each, look in shown[: 1 if cross.gain is None else 2]:
+        values = [positive(value) for value in each.rms_each]
+        marks: dict[str, Any] = {**look, "linestyle": "none", "markersize": 6}
+        ax.plot(numbers, values, label=f"print {name}", **marks)
+        ax.axhline(each.rms, color=look["color"], linestyle=look["linestyle"], linewidth=1.0, zorder=1)
+    log_axis(ax, "y")
+    ax.set(xlabel="number of the photograph", ylabel="RMS residual when left out, px")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_below(ax)
+    return ax
+
+
+def _strokes(start: Array, end: Array) -> tuple[Array, Array]:
+    """Coordinates of separate strokes as one line with gaps."""
+    line = np.stack([start, end, np.full_like(start, np.nan)], axis=1).reshape(-1, 2)
+    return line[:, 0], line[:, 1]
+
+
+def _image_axes(camera: Camera, ax: "Axes") -> "Axes":
+    ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
+    ax.set(xlabel="x, px", ylabel="y, px")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(True)
+    ax.grid(visible=False)
+    return ax
