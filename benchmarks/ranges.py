@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
+from markergen.bounds.dots import dot_information
 from markergen.comparison.contestants.printed import lm_pose
 from markergen.comparison.contestants.pupil import PupilTag
 from markergen.comparison.contestants.pupil import Settings as PupilSettings
@@ -38,7 +39,6 @@ from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import coverage, diameters_of, disks_in_view
 from markergen.model.spec import ImageNoise
-from markergen.optimize.ranges import dot_information
 from markergen.render import DEFAULT_OPTICS, Patch, circle, render_patches, render_view
 from markergen.validation.bounds import image_covariance
 

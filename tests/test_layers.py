@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
     ("arrays", "defaults", "errors", "units", "registry", "files", "guard", "pool", "occt"),
     ("options",), ("presentation",), ("geometry",), ("maths",), ("model",), ("read",),
-    ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
+    ("objectives",), ("estimators",), ("bounds",), ("optimize",), ("drawing",), ("solid",),
     ("exporters",), ("render",), ("detect",), ("validation",),
     ("calibration", "comparison", "studies", "verification", "workshop"), ("api",), ("studio",), ("cli", "__main__"),
 ]  # fmt: skip

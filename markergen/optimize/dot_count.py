@@ -17,10 +17,10 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
-from markergen.maths.dot_crlb import center_covariance
-from markergen.maths.information import covariance, pose_jacobian
+from markergen.estimators.budget import ErrorSources
+from markergen.maths.information import covariance
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
@@ -109,14 +109,6 @@ class Forecast:
         return len(self.points)
 
 
-def image_slopes(points: Array, camera: Camera, poses: PoseDistribution) -> Array:
-    """Derivatives (P, n, 2, 2), px per m, of the images of points (n, 2) by their place in the plane."""
-    normalized = perspective(to_camera(points, poses.rotation, poses.translation))
-    ideal = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
-    ideal = ideal.reshape(*normalized.shape[:2], 2, 6)
-    return np.asarray(camera.pixel_jacobian(normalized) @ ideal[..., 3:] @ poses.rotation[:, None, :, :2])
-
-
 def least_sizes(
     boundary: Boundary,
     camera: Camera,
@@ -129,7 +121,7 @@ def least_sizes(
     With A of `image_slopes`, the mean diameter of an image is d sqrt(|det A|), the root of long times short axis, and a
     gap g is no less than g times the smaller singular value of A.
     """
-    slopes = np.nan_to_num(image_slopes(boundary.rim(RIM), camera, poses))
+    slopes = np.nan_to_num(image_slopes(image_jacobian(boundary.rim(RIM), camera, poses), poses))
     area = np.sqrt(np.abs(np.linalg.det(slopes)))
     narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
     found = []
@@ -139,20 +131,6 @@ def least_sizes(
             raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
         found.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))
     return found[0], found[1]
-
-
-def marker_budget(
-    points: Array, diameter: float, setting: Setting, image: ImageNoise, sources: ErrorSources
-) -> PoseBudget:
-    """Error budget of dots of one diameter in m at points (n, 2) in m, for all poses of a setting."""
-    poses, seen = setting.poses, dot_covariances(points, diameter, setting, image)
-    return pose_budget(points, poses.rotation, poses.translation, setting.camera, seen, sources)
-
-
-def dot_covariances(points: Array, diameter: float, setting: Setting, image: ImageNoise) -> Array:
-    """Least covariances (P, n, 2, 2) in px^2 of the centers of dots at points (n, 2) in m, for the image noise."""
-    affine = image_slopes(points, setting.camera, setting.poses) * (diameter / 2)
-    return center_covariance(affine, image.edge_px, image.contrast_to_noise)
 
 
 @dataclass(frozen=True)
@@ -230,7 +208,8 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         found = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
         return f"{np.sqrt(np.mean(found**2)):.3g} deg"
 
-    spread = np.trace(dot_covariances(points, diameter, setting, spec.image_noise), axis1=-2, axis2=-1)
+    slopes = image_slopes(image_jacobian(points, setting.camera, setting.poses), setting.poses)
+    spread = np.trace(dot_covariances(slopes, diameter, spec.image_noise), axis1=-2, axis2=-1)
     said = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
     said += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px per axis"
@@ -398,18 +377,15 @@ class Forecaster:
     def _values(self, points: Array, diameter: float) -> Array:
         """Objective (m - 3,) with all sources, for the first 4, 5, ..., m dots at points (m, 2) in m."""
         objective, poses, camera = self._objective(diameter), self.setting.poses, self.spec.camera
-        normalized = perspective(to_camera(points, poses.rotation, poses.translation))
-        jacobian = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
-        jacobian = camera.pixel_jacobian(normalized) @ jacobian.reshape(*normalized.shape[:2], 2, 6)
-        slopes = jacobian[..., 3:] @ poses.rotation[:, None, :, :2]
-        image = self.spec.image_noise
-        spread = center_covariance(slopes * (diameter / 2), image.edge_px, image.contrast_to_noise)
-        spread = spread + self.sources.print_sigma**2 * slopes @ slopes.swapaxes(-1, -2)
+        jacobian = image_jacobian(points, camera, poses)
+        slopes = image_slopes(jacobian, poses)
+        spread = dot_covariances(slopes, diameter, self.spec.image_noise, self.sources.print_sigma)
         weighed = np.linalg.solve(spread, jacobian).swapaxes(-1, -2)
         together = [slopes @ self.sources.scaled(points)]
         if self.sources.camera_covariance is not None:
             # A Cholesky factor does not exist where a parameter is exact.
             size, axes = np.linalg.eigh(self.sources.camera_covariance)
+            normalized = perspective(to_camera(points, poses.rotation, poses.translation))
             together.append(camera.parameter_jacobian(normalized) @ (axes * np.sqrt(np.maximum(size, 0.0))))
         moved = np.concatenate(together, axis=-1)
         found = covariance(np.cumsum(weighed @ jacobian, axis=1)[:, 3:])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import dot_information
 from markergen.maths.information import covariance, rotation_bound, translation_bound
 from markergen.model.feature import Feature, key_ring
 from markergen.model.goal import parse_goal
@@ -26,7 +27,7 @@ from markergen.optimize.design import Design
 from markergen.optimize.dot_size import DotSize
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import check
-from markergen.optimize.ranges import Scale, aggregated, dot_information, nested, values_of
+from markergen.optimize.ranges import Scale, aggregated, nested, values_of
 from markergen.optimize.to_marker import number, provenance_of
 from markergen.options import Progress
 from markergen.presentation.tables import Table, percent

@@ -18,16 +18,15 @@ from math import ceil, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import dot_information
 from markergen.errors import InputError
-from markergen.maths.dot_crlb import center_covariance
-from markergen.maths.information import covariance, pose_jacobian
-from markergen.maths.projection import perspective, to_camera
+from markergen.maths.information import covariance
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.sight import Coverage, disks_in_view
-from markergen.model.spec import ImageNoise, Spec
+from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.observation import DotNoise
@@ -164,23 +163,6 @@ def seen_by(scales: tuple[Scale, ...], camera: Camera, poses: PoseDistribution) 
     points = np.concatenate([scale.points for scale in scales])
     diameters = np.concatenate([np.full(len(scale.points), scale.diameter) for scale in scales])
     return Coverage(points, diameters, poses, disks_in_view(points, diameters, camera, poses))
-
-
-def dot_information(coverage: Coverage, camera: Camera, image: ImageNoise, print_sigma: float = 0.0) -> Array:
-    """Fisher information (P, n, 6, 6) of the pose from each dot, 0 if it is not seen."""
-    points, poses = coverage.points, coverage.poses
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        normalized = perspective(to_camera(points, poses.rotation, poses.translation))
-        jacobian = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
-        jacobian = camera.pixel_jacobian(normalized) @ jacobian.reshape(*normalized.shape[:2], 2, 6)
-    jacobian = np.where(coverage.seen[..., None, None], jacobian, 0.0)
-    slopes = jacobian[..., 3:] @ poses.rotation[:, None, :, :2]
-    # Any image will do for dots that do not count.
-    slopes = np.where(coverage.seen[..., None, None], slopes, np.eye(2))
-    affine = slopes * (coverage.diameters / 2)[:, None, None]
-    spread = center_covariance(affine, image.edge_px, image.contrast_to_noise)
-    spread = spread + print_sigma**2 * slopes @ slopes.swapaxes(-1, -2)
-    return jacobian.swapaxes(-1, -2) @ np.linalg.solve(spread, jacobian)
 
 
 def values_of(coverage: Coverage, spec: Spec) -> Array:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
 from markergen.estimators.budget import ErrorSources
@@ -27,9 +28,6 @@ from markergen.optimize.dot_count import (
     Forecaster,
     choose_count,
     common,
-    dot_covariances,
-    image_slopes,
-    marker_budget,
     sources_of,
 )
 from markergen.options import Progress
@@ -147,9 +145,8 @@ def _noisy_images(
 ) -> Array:
     """Images (trials, n, 2) in px of the dots in the only pose of a setting, with all errors."""
     points, camera, poses = chosen.points, setting.camera, setting.poses
-    spread = dot_covariances(points, chosen.diameter, setting, image)[0]
-    slopes = image_slopes(points, camera, poses)[0]
-    root = np.linalg.cholesky(spread + sources.print_sigma**2 * slopes @ slopes.swapaxes(-1, -2))
+    slopes = image_slopes(image_jacobian(points, camera, poses), poses)[0]
+    root = np.linalg.cholesky(dot_covariances(slopes, chosen.diameter, image, sources.print_sigma))
     n = len(points)
     moved = (root @ rng.standard_normal((trials, n, 2, 1)))[..., 0]
     moved += (slopes @ sources.scaled(points) @ rng.standard_normal((trials, 1, 2, 1)))[..., 0]

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry.coverage import paint
-from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.body import Body, Plate
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
@@ -273,33 +272,6 @@ def marker_patches(
         diameters = (point.feature.diameter, point.feature.inner_diameter)
         patches.append(Patch(tuple(circle(marker.xyz[k], d / 2, count) for d in diameters if d > 0), ink))
     return patches
-
-
-def dot_ellipses(
-    marker: Marker, camera: Camera, rotation: Array, translation: Array, diameters: Array
-) -> tuple[Array, Array, Array]:
-    """Undistorted image ellipses of circles about the control points, each in the plane of its own height.
-
-    Parameters
-    ----------
-    diameters : array (n,), m
-
-    Returns
-    -------
-    center (n, 2), semi (n, 2), angle (n,)
-        See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not entirely in front of the camera.
-    """
-    xyz = marker.xyz
-    normal = rotation[:, 2]
-    centers = xyz @ rotation.T + translation
-    nearest = centers[:, 2] - diameters / 2 * np.hypot(rotation[2, 0], rotation[2, 1])
-    seen = (diameters > 0) & (nearest > 0) & (centers @ normal < 0)
-    center, semi, angle = np.full((len(xyz), 2), np.nan), np.full((len(xyz), 2), np.nan), np.full(len(xyz), np.nan)
-    if seen.any():
-        planes = np.broadcast_to(rotation, (int(seen.sum()), 3, 3))
-        homography = plane_homography(planes, translation + xyz[seen, 2:] * normal, camera.matrix)
-        center[seen], semi[seen], angle[seen] = circle_image(xyz[seen, :2], diameters[seen] / 2, homography)
-    return center, semi, angle
 
 
 def _largest_radius(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> float:

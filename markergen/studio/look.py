@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.comparison.baselines import line_up
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
@@ -20,7 +21,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
 from markergen.optimize.design import Design
-from markergen.optimize.dot_count import at_a_glance, dot_covariances, marker_budget, sources_of
+from markergen.optimize.dot_count import at_a_glance, sources_of
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.given import Fault, faults, size_given
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
@@ -123,7 +124,9 @@ def _image_covariance(found: Sketch) -> Array:
     known = _SEEN.get(room, {})
     moved = [point for point in dict.fromkeys(found.spec.points) if point not in known]
     if moved:
-        fresh = dot_covariances(np.array(moved), diameter, found.setting, image)
+        camera, poses = found.setting.camera, found.setting.poses
+        slopes = image_slopes(image_jacobian(np.array(moved), camera, poses), poses)
+        fresh = dot_covariances(slopes, diameter, image)
         known = known | {point: fresh[:, k] for k, point in enumerate(moved)}
     _SEEN.clear()
     _SEEN[room] = {point: known[point] for point in found.spec.points}

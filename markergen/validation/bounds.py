@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.dots import plate_covariances
 from markergen.estimators.budget import PoseBudget, pose_budget
-from markergen.maths.dot_crlb import dot_covariance
 from markergen.maths.information import (
     apply_pose_step,
     covariance,
@@ -18,18 +18,16 @@ from markergen.maths.information import (
     rotation_bound,
     translation_bound,
 )
-from markergen.maths.projection import perspective, to_camera
+from markergen.model.body import Body
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import partly_seen
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import Setting
-from markergen.objectives.observation import lens_blocks, through_lens
+from markergen.objectives.observation import through_lens
 from markergen.optimize.dot_count import outlook
 from markergen.render import Optics, Patch, expected_levels, window_of
 from markergen.render.optics import FULL_SCALE, light_at
-from markergen.render.view import dot_ellipses
 from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
 
@@ -144,28 +142,22 @@ def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation
 
 
 def image_covariance(
-    marker: Marker, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
+    marker: Body, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
 ) -> Array:
     """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise at each pose.
 
     Contrast and noise are those at each dot's position in the image; motion counts as an isotropic blur. Bare points
     have no image and get `bare_px` on every coordinate.
     """
-    if not marker.dot_diameter:
+    if not marker.radii.any():
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
-    diameters = np.array([point.feature.diameter for point in marker.control_points])
-    ellipses = [
-        dot_ellipses(marker, camera.ideal, *pose, diameters)
-        for pose in zip(poses.rotation, poses.translation, strict=True)
-    ]
-    _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
-    normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
-    factor = light_at(optics, camera.to_pixels(normalized), camera.width, camera.height)
-    dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
-    # Information is proportional to the square of contrast over noise, which varies from dot to dot.
-    quality = (light - dark) / optics.grey_noise((dark + light) / 2)
-    ideal = dot_covariance(semi, angle, optics.edge_blur, 1.0, 1.0, lens_blocks(camera, normalized))
-    return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
+
+    def contrast_to_noise(pixels: Array) -> Array:
+        factor = light_at(optics, pixels, camera.width, camera.height)
+        dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
+        return np.asarray((light - dark) / optics.grey_noise((dark + light) / 2))
+
+    return plate_covariances(marker, camera, poses, optics.edge_blur, contrast_to_noise)
 
 
 def counted_covariance(series: SyntheticViews, bare_px: float = 0.0) -> Array:

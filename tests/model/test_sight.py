@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from markergen.bounds.dots import dot_ellipses
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.constellation import scales_of
@@ -17,7 +18,6 @@ from markergen.model.sight import (
     dots_in_view,
 )
 from markergen.model.spec import PAPER_CAMERA
-from markergen.render.view import dot_ellipses
 from tests.support.rigs import cube
 
 CAMERA = Camera(640, 480, 800, 800, 320, 240)

@@ -15,7 +15,7 @@ from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.observation import DotNoise
-from markergen.optimize.dot_count import Forecaster, choose_count, least_sizes, marker_budget, outlook
+from markergen.optimize.dot_count import Forecaster, choose_count, least_sizes, outlook
 from markergen.optimize.problem import FeasibleRegion
 from markergen.read.poses import poses_from
 
@@ -41,12 +41,6 @@ def print_limited(points, forecaster, diameter):
     """Pose objective at the forecaster's poses."""
     setting = replace(forecaster.setting, noise=DotNoise(diameter, print_sigma=1e-4))
     return OBJECTIVES["pose"](setting)(points[None])[0]
-
-
-def test_five_default_dots_err_by_a_quarter_of_a_degree(setting):
-    found = marker_budget(regular_polygon(5, 0.1284), 0.036, setting, Spec().image_noise, ErrorSources())
-    # The whole error with a print good to 0.1 mm that validate reports.
-    assert rms(found.rotation_deg["total"]) == pytest.approx(0.234, abs=5e-4)
 
 
 def test_forecasts_are_feasible_and_their_values_those_of_the_objective(known, forecaster):

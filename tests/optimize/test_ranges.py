@@ -51,19 +51,6 @@ def test_dots_out_of_view_add_nothing_wherever_they_are():
         np.testing.assert_allclose(np.linalg.inv(covered[pose]), alone[0, 0] + mine.known[pose], rtol=1e-6, atol=1.0)
 
 
-def test_information_of_dots_of_several_sizes_is_the_sum_of_theirs():
-    spec = Spec(n=0, boundary=Circle(0.5), poses=WIDE)
-    poses, points = named_poses("cone:distance=2..4m,tilt=0..45,count=5"), np.eye(4, 2) * 0.2 + 0.01
-    diameters = np.array([0.03, 0.03, 0.08, 0.08])
-    seen = ranges.Coverage(points, diameters, poses, np.ones((5, 4), dtype=bool))
-    found = ranges.dot_information(seen, spec.camera, spec.image_noise, 1e-4)
-    for diameter in (0.03, 0.08):
-        own = np.flatnonzero(diameters == diameter)
-        noise = DotNoise(diameter, spec.image_noise, 1e-4)
-        alone = OBJECTIVES["pose"](Setting(spec.boundary, spec.camera, poses, noise)).information(points[None, own])[0]
-        np.testing.assert_allclose(found[:, own].sum(axis=1), alone[0], rtol=1e-3, atol=1e-3 * np.abs(alone).max())
-
-
 def test_several_scales_are_for_open_sizes_and_wide_ranges():
     wide = named_poses(WIDE)
     assert ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE), wide)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from markergen.bounds.dots import marker_budget
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA
@@ -14,7 +15,7 @@ from markergen.model.target import parse_target
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize import target as targets
-from markergen.optimize.dot_count import Forecast, marker_budget, sources_of
+from markergen.optimize.dot_count import Forecast, sources_of
 from markergen.optimize.target import at_distance, sampled_error, settled
 
 NEAR = "cone:distance=0.5..0.8,tilt=30..60,count=40"

@@ -8,7 +8,7 @@ from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
 from markergen.render import Optics, Patch, Scenery, render_patches, render_view
-from markergen.render.view import dot_ellipses, marker_patches
+from markergen.render.view import marker_patches
 
 POSES = paper()
 SHARP = Optics(blur_px=0, noise_grey=0)
@@ -183,14 +183,3 @@ def test_later_patches_cover_earlier_ones():
     # f = 800 px at 1 m: the squares' half sides are 80, 40 and 16 px, to 319.5.
     np.testing.assert_array_equal(image[240, [230, 250, 270, 290, 320, 350, 370, 390, 410]].astype(int),
                                   [220, 120, 120, 20, 220, 20, 120, 120, 220])  # fmt: skip
-
-
-def test_dot_ellipses_leave_out_what_is_not_seen():
-    marker = one_dot(0.05, 0.02)
-    diameters = np.array([0.036])
-    center, semi, _ = dot_ellipses(marker, PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), diameters)
-    # 50 mm and 20 mm at f = 800 px and 0.6 m; a frontal circle stays one.
-    np.testing.assert_allclose(center, [[320 + 200 / 3, 240 - 80 / 3]], rtol=1e-9)
-    np.testing.assert_allclose(semi, [[24, 24]], rtol=1e-9)
-    for rotation, distance in ((np.eye(3), 0.6), (FACING, -0.6)):
-        assert np.isnan(dot_ellipses(marker, PAPER_CAMERA, rotation, np.array([0, 0, distance]), diameters)[1]).all()

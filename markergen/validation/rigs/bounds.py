@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from markergen.detect.joining import spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.model.constellation import enough
-from markergen.model.poses import PoseDistribution
 from markergen.model.sight import dots_in_view
 from markergen.validation.bounds import image_covariance
 from markergen.validation.rigs.views import RigViews
@@ -76,13 +75,7 @@ def visibility(series: RigViews) -> Visibility:
 
 def dot_noise(series: RigViews) -> Array:
     """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise; see `image_covariance`."""
-    parts = []
-    for each in series.rig.markers:
-        turn, shift = each.camera_pose(series.poses.rotation, series.poses.translation)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            here = PoseDistribution("here", turn, shift)
-            parts.append(image_covariance(each.marker, series.camera, here, series.optics))
-    return np.concatenate(parts, axis=1)
+    return image_covariance(series.rig, series.camera, series.poses, series.optics)
 
 
 def budget_of(shown: Visibility, alone: bool = False) -> PoseBudget:

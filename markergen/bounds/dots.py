@@ -1,0 +1,148 @@
+"""What the dots of a pose tell: derivatives of their images, least covariances of their centers, information, budget.
+
+To first order, the image of a dot is the affine image A of the unit circle, and its center is known to the covariance
+of `maths.dot_crlb`. A is radius times the derivative of the image by the place in the plane (`image_slopes`), or that
+of the exact ellipse (`plate_covariances`). A print error of sigma along both axes of the plane adds sigma^2 S S', S
+being that derivative.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
+from markergen.maths.dot_crlb import center_covariance, dot_covariance
+from markergen.maths.information import pose_jacobian
+from markergen.maths.projection import circle_image, perspective, plane_homography, to_camera
+from markergen.model.body import Body
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.sight import Coverage
+from markergen.model.spec import ImageNoise
+from markergen.objectives import Setting
+from markergen.objectives.observation import lens_blocks
+
+Array = NDArray[np.float64]
+
+
+def image_jacobian(points: Array, camera: Camera, poses: PoseDistribution) -> Array:
+    """Derivatives (P, n, 2, 6) of the images in px of points (n, 2 or 3) in m by the pose (w, dt)."""
+    normalized = perspective(to_camera(points, poses.rotation, poses.translation))
+    ideal = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
+    return np.asarray(camera.pixel_jacobian(normalized) @ ideal.reshape(*normalized.shape[:2], 2, 6))
+
+
+def image_slopes(jacobian: Array, poses: PoseDistribution) -> Array:
+    """Derivatives (P, n, 2, 2), px per m, of the images of points by their place in the plane."""
+    return np.asarray(jacobian[..., 3:] @ poses.rotation[:, None, :, :2])
+
+
+def dot_covariances(slopes: Array, diameters: Array | float, image: ImageNoise, print_sigma: float = 0.0) -> Array:
+    """Least covariances (P, n, 2, 2) in px^2 of the centers of dots, for the image noise and a print error in m.
+
+    Parameters
+    ----------
+    slopes : array (P, n, 2, 2), px per m
+        See `image_slopes`.
+    diameters : float or array (n,), m
+    """
+    affine = slopes * (np.asarray(diameters) / 2)[..., None, None]
+    spread = center_covariance(affine, image.edge_px, image.contrast_to_noise)
+    return spread + print_sigma**2 * slopes @ slopes.swapaxes(-1, -2) if print_sigma else spread
+
+
+def dot_information(coverage: Coverage, camera: Camera, image: ImageNoise, print_sigma: float = 0.0) -> Array:
+    """Fisher information (P, n, 6, 6) of the pose from each dot, 0 if it is not seen."""
+    poses, seen = coverage.poses, coverage.seen[..., None, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        jacobian = np.where(seen, image_jacobian(coverage.points, camera, poses), 0.0)
+    # Any image will do for dots that do not count.
+    slopes = np.where(seen, image_slopes(jacobian, poses), np.eye(2))
+    spread = dot_covariances(slopes, coverage.diameters, image, print_sigma)
+    return jacobian.swapaxes(-1, -2) @ np.linalg.solve(spread, jacobian)
+
+
+def marker_budget(
+    points: Array, diameter: float, setting: Setting, image: ImageNoise, sources: ErrorSources
+) -> PoseBudget:
+    """Error budget of dots of one diameter in m at points (n, 2) in m, for all poses of a setting."""
+    camera, poses = setting.camera, setting.poses
+    spread = dot_covariances(image_slopes(image_jacobian(points, camera, poses), poses), diameter, image)
+    return pose_budget(points, poses.rotation, poses.translation, camera, spread, sources)
+
+
+def plate_covariances(
+    body: Body, camera: Camera, poses: PoseDistribution, edge_px: float, contrast_to_noise: Callable[[Array], Array]
+) -> Array:
+    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers in a body's poses, from their exact ellipses.
+
+    Parameters
+    ----------
+    edge_px : float
+        Standard deviation of an edge's blur, see `center_information`.
+    contrast_to_noise : callable
+        From places (P, k, 2) in px in the image to the contrast over the noise (P, k) there.
+    """
+    return np.concatenate(
+        [
+            _ellipse_covariances(
+                plate.marker,
+                camera,
+                PoseDistribution("", *plate.camera_pose(poses.rotation, poses.translation)),
+                edge_px,
+                contrast_to_noise,
+            )
+            for plate in body.plates
+        ],
+        axis=1,
+    )
+
+
+def _ellipse_covariances(
+    marker: Marker,
+    camera: Camera,
+    poses: PoseDistribution,
+    edge_px: float,
+    contrast_to_noise: Callable[[Array], Array],
+) -> Array:
+    ellipses = [
+        dot_ellipses(marker, camera.ideal, rotation, translation, 2 * marker.radii)
+        for rotation, translation in zip(poses.rotation, poses.translation, strict=True)
+    ]
+    _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
+    # Plates that turn their back have places that are none.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
+        ideal = dot_covariance(semi, angle, edge_px, 1.0, 1.0, lens_blocks(camera, normalized))
+        # Information is proportional to the square of contrast over noise, which varies from dot to dot.
+        quality = contrast_to_noise(camera.to_pixels(normalized))
+        return np.asarray(ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2)
+
+
+def dot_ellipses(
+    marker: Marker, camera: Camera, rotation: Array, translation: Array, diameters: Array
+) -> tuple[Array, Array, Array]:
+    """Undistorted image ellipses of circles about the control points, each in the plane of its own height.
+
+    Parameters
+    ----------
+    diameters : array (n,), m
+
+    Returns
+    -------
+    center (n, 2), semi (n, 2), angle (n,)
+        See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not entirely in front of the camera.
+    """
+    xyz = marker.xyz
+    normal = rotation[:, 2]
+    centers = xyz @ rotation.T + translation
+    nearest = centers[:, 2] - diameters / 2 * np.hypot(rotation[2, 0], rotation[2, 1])
+    seen = (diameters > 0) & (nearest > 0) & (centers @ normal < 0)
+    center, semi, angle = np.full((len(xyz), 2), np.nan), np.full((len(xyz), 2), np.nan), np.full(len(xyz), np.nan)
+    if seen.any():
+        planes = np.broadcast_to(rotation, (int(seen.sum()), 3, 3))
+        homography = plane_homography(planes, translation + xyz[seen, 2:] * normal, camera.matrix)
+        center[seen], semi[seen], angle[seen] = circle_image(xyz[seen, :2], diameters[seen] / 2, homography)
+    return center, semi, angle
