@@ -11,8 +11,8 @@ from markergen.api.arguments import files_among, paths_of
 from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import Exporter, ExportOptions, suffix_of
-from markergen.exporters.saving import check_outputs, save, table_for
+from markergen.exporters import Exporter, ExportOptions, exporter_of, suffix_of
+from markergen.exporters.saving import check_outputs, frame_of, save
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
@@ -80,22 +80,23 @@ def export(
     """
     asked = given(options, ExportKeywords)
     outputs, choices = paths_of(paths, "a path to write to"), choices_of(asked)
-    every = as_list(marker)
-    if not every:
+    sources = as_list(marker)
+    if not sources:
         raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
-    inputs = files_among(*every, asked.get("outline"))
-    what = _loaded(every, asked)
-    if choices.net and not isinstance(what, Rig):
+    inputs = files_among(*sources, asked.get("outline"))
+    loaded = [load_marker_or_rig(source) for source in sources]
+    frame = frame_of(loaded)
+    bodies = [_with_plates(body, asked) for body in loaded]
+    if choices.net and frame != "rig":
         raise InputError("a rig.json for --net", "markers", "give what markergen rig wrote, or leave out --net")
-    table = table_for(what)
-    check_outputs(outputs, choices, table=table)
+    check_outputs(outputs, choices, frame=frame)
     results = list(read_as("files", json, "json") or ())
     check_files([*outputs, *results], inputs)
-    markers = [each.marker for each in what.markers] if isinstance(what, Rig) else what
+    markers = [plate.marker for body in bodies for plate in body.plates]
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
-    written = save(what, outputs, choices, inputs)
-    for warning in _warnings(markers, [table[suffix_of(path, table)] for path in outputs], choices):
+    written = save(bodies, outputs, choices, inputs)
+    for warning in _warnings(markers, [exporter_of(suffix_of(path, frame), frame) for path in outputs], choices):
         log.warning("%s", warning)
     write_all({path: Files(written).to_json() for path in results})
     return [*written, *map(Written, results)]
@@ -104,36 +105,31 @@ def export(
 export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
 
 
-def _loaded(every: Sequence[Any], asked: Mapping[str, Any]) -> list[Marker] | Rig:
-    """Return the markers, or the one rig, with plate options applied."""
-    found = [load_marker_or_rig(each) for each in every]
-    rigs = [each for each in found if isinstance(each, Rig)]
-    if not rigs:
-        return [with_plate(each, asked) for each in found if isinstance(each, Marker)]
-    if len(found) > 1:
-        raise InputError("markers, or one rig", f"{len(found)} files, a rig among them", "export each rig by itself")
-    plated = [replace(each, marker=with_plate(each.marker, asked)) for each in rigs[0].markers]
-    return replace(rigs[0], markers=tuple(plated))
+def _with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:
+    """Return a marker or a rig with plate options applied."""
+    if isinstance(body, Marker):
+        return with_plate(body, asked)
+    return replace(body, markers=tuple(replace(plate, marker=with_plate(plate.marker, asked)) for plate in body.plates))
 
 
 def _warnings(markers: Sequence[Marker], formats: Sequence[Exporter], choices: ExportOptions) -> Iterator[str]:
     """Yield what to know before the files are used: dots of the other polarity, and holes near dots."""
     inverted = choices.sheet.colors.inverted
-    if any(each.sheet for each in formats) and any(marker.light != inverted for marker in markers):
-        one, other = ("dark", "light") if inverted else ("light", "dark")
+    if any(exporter.sheet for exporter in formats) and any(marker.light != inverted for marker in markers):
+        stored, printed = ("dark", "light") if inverted else ("light", "dark")
         yield (
-            f"the dots are {one} in marker.json, and {other} on the sheet, where markergen detect does not find "
+            f"the dots are {stored} in marker.json, and {printed} on the sheet, where markergen detect does not find "
             "them: --colors does not change marker.json"
         )
-    if any(each.holds != "points" for each in formats):
+    if any(exporter.holds != "points" for exporter in formats):
         yield from dict.fromkeys(sentence for marker in markers for sentence in near_holes(marker))
 
 
 def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     """Return the given choices about sheets and solids (see `given`); other options are ignored."""
-    laid: dict[str, Any] = {name: asked[name] for name in SHEET if name in asked}
+    sheet: dict[str, Any] = {name: asked[name] for name in SHEET if name in asked}
     if "colors" in asked:
-        laid["colors"] = parse_colors(asked["colors"])
+        sheet["colors"] = parse_colors(asked["colors"])
     making = {name: asked[name] for name in MADE if name in asked}
     for choice in CHOICES:
         if making.get(choice):  # Even if it is the default: other processes have no such choice.
@@ -141,7 +137,7 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     if "draft" in making:
         making["draft"] = radians(making["draft"])
     dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}
-    return ExportOptions(SheetOptions(**laid), asked.get("net", False), fabrication=Fabrication(**making), **dpi)
+    return ExportOptions(SheetOptions(**sheet), asked.get("net", False), fabrication=Fabrication(**making), **dpi)
 
 
 def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:

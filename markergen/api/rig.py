@@ -10,7 +10,6 @@ from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
-from markergen.exporters import RIG_EXPORTERS
 from markergen.exporters.saving import check_outputs, save, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
@@ -81,8 +80,8 @@ def rig(
     request = request_of(shape, options)
     asked, made, spec = request.asked, request.made, request.spec
     choices = choices_of(asked)
-    paths = with_record(asked["output"], RIG_EXPORTERS) if asked.get("output") else []
-    check_outputs(paths, choices, table=RIG_EXPORTERS)
+    paths = with_record(asked["output"], "rig") if asked.get("output") else []
+    check_outputs(paths, choices, frame="rig")
     results = list(read_as("files", json, "json") or ())
     check_files([*paths, *results], request.inputs)
     log.info("designing a rig of %d plates", len(made.faces))

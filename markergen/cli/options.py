@@ -160,6 +160,6 @@ class GroupedCommand(TyperCommand):
 
 def rig_suffixes() -> Rows:
     """Rows of help: the suffixes that a rig is written to, and what for."""
-    from markergen.exporters import RIG_EXPORTERS, catalog
+    from markergen.exporters import catalog
 
-    return [(" ".join(suffixes), words) for suffixes, words in catalog(RIG_EXPORTERS)]
+    return [(" ".join(suffixes), words) for suffixes, words in catalog("rig")]

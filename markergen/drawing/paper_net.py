@@ -39,6 +39,7 @@ from markergen.drawing.scene import (
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.geometry.region import Region
+from markergen.model.marker import Marker
 from markergen.model.rescale import RULERS_MM
 from markergen.model.rig import Rig
 
@@ -103,7 +104,7 @@ class Net:
         return (*points.min(axis=0).tolist(), *points.max(axis=0).tolist())
 
 
-def unfold(rig: Rig) -> Net:
+def unfold(rig: Marker | Rig) -> Net:
     """Unfold the faces of a rig's body.
 
     Raises
@@ -113,13 +114,13 @@ def unfold(rig: Rig) -> Net:
     """
     edges = plate_edges(rig)
     meeting = sum(edge.meets is not None for own in edges for edge in own)
-    if len(rig.markers) < 3 or not rig.is_convex or not meeting:
+    if len(rig.plates) < 3 or not rig.is_convex or not meeting:
         raise _no_net("plates that do not touch along their edges, as of a wall, or just two of them")
-    upright = [abs(each.rotation_matrix[2, 2]) < 0.5 for each in rig.markers]
+    upright = [abs(each.rotation_matrix[2, 2]) < 0.5 for each in rig.plates]
     degree = [sum(edge.meets is not None and upright[edge.meets[0]] for edge in own) for own in edges]
     row = [k for k in range(len(edges)) if upright[k]] or list(range(len(edges)))
     # For a cube the face -y, whose upper neighbor has its axes.
-    root = max(row, key=lambda k: (degree[k], -rig.markers[k].rotation_matrix[1, 2], -k))
+    root = max(row, key=lambda k: (degree[k], -rig.plates[k].rotation_matrix[1, 2], -k))
     places: dict[int, Placed] = {root: Placed(np.eye(2), np.zeros(2))}
     folds: set[tuple[int, int]] = set()
     waiting = [root]
@@ -190,7 +191,7 @@ def _trapezoid(edge: Edge, place: Placed) -> Array:
     return place(np.array([start, end, end - along + out, start + along + out]))
 
 
-def net_sheet(rig: Rig, options: SheetOptions) -> Sheet:
+def net_sheet(rig: Marker | Rig, options: SheetOptions) -> Sheet:
     """Lay out the net of a rig on one page, at true size.
 
     Raises
@@ -216,7 +217,7 @@ def net_sheet(rig: Rig, options: SheetOptions) -> Sheet:
         tuple((float(place.translation[0] + shift[0]), float(place.translation[1] + shift[1])) for place in net.places),
         (lengths, 0),
         "Paper net of a rig",
-        f"Net of {len(rig.markers)} faces with {names} flaps, at true size on {frame.paper}. Print at 100 %.",
+        f"Net of {len(rig.plates)} faces with {names} flaps, at true size on {frame.paper}. Print at 100 %.",
         (
             f"The net, {right - left:.0f} x {top - bottom:.0f} mm with {names} flaps, needs {frame.paper}.",
             f"Print at 100 %, then check that the ruler measures {lengths} mm; use thick paper.",
@@ -264,10 +265,10 @@ def _too_large(net: Net, options: SheetOptions) -> InputError:
     )
 
 
-def _drawn(net: Net, rig: Rig, colors: Colors) -> list[dict[str, tuple[Shape, ...]]]:
+def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[Shape, ...]]]:
     """Layers of the net, mm, net frame."""
     layers: list[dict[str, tuple[Shape, ...]]] = []
-    for k, each in enumerate(rig.markers):
+    for k, each in enumerate(rig.plates):
         figure, place = Figure(each.marker.as_designed, ink=colors.ink), net.places[k]
         artwork = draw_artwork(figure, replace(colors, paper="#ffffff", ink=BLACK), 0.8, figure.outline)
         face = Region.polygon([edge.start for edge in net.edges[k]])
@@ -366,13 +367,13 @@ def _hatch(corners: Array, name: str) -> list[Shape]:
     return shapes
 
 
-def _flap_words(flap: Flap, rig: Rig, number: int) -> list[Shape]:
+def _flap_words(flap: Flap, rig: Marker | Rig, number: int) -> list[Shape]:
     """Face that a flap is glued behind, along it."""
     start, end = flap.corners[:2]
     along = (end - start) / np.hypot(*(end - start))
     depth = float(np.hypot(*(flap.corners[3] - start)) / np.sqrt(2))
     height = min(1.6, 0.3 * depth)
-    words = rig.markers[flap.behind].name
+    words = rig.plates[flap.behind].name
     if text_width(words, height) > 0.8 * (np.hypot(*(end - start)) - 2 * depth):
         return []
     middle = flap.corners.mean(axis=0)
@@ -388,7 +389,7 @@ def _flap_words(flap: Flap, rig: Rig, number: int) -> list[Shape]:
     ]
 
 
-def _instructions(rig: Rig, room: Box) -> tuple[dict[str, tuple[Shape, ...]], int]:
+def _instructions(rig: Marker | Rig, room: Box) -> tuple[dict[str, tuple[Shape, ...]], int]:
     """What to do, and a ruler along x, in a box; also the ruler's length."""
     left, bottom, right, top = room
     width = min(right - left, 110.0)
@@ -399,7 +400,7 @@ def _instructions(rig: Rig, room: Box) -> tuple[dict[str, tuple[Shape, ...]], in
     marks += ruler_marks
     texts += ruler_text
     shape = rig.provenance.get("shape")
-    title = f"{shape if isinstance(shape, str) else 'rig'}: {len(rig.markers)} faces, {len(rig)} dots"
+    title = f"{shape if isinstance(shape, str) else 'rig'}: {len(rig.plates)} faces, {len(rig)} dots"
     lines = [
         f"Print at 100 %: the ruler must measure {length} mm.",
         "1  Cut along the solid lines.",

@@ -1,4 +1,4 @@
-"""Straight edges of a rig's plates, the plates that they meet, and labels beside them."""
+"""Straight edges of a body's plates, the plates that they meet, and labels beside them."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.drawing.scene import GRAY, Point, Shape
 from markergen.drawing.text import text, text_width
-from markergen.model.rig import Rig
+from markergen.model.body import Body
 
 Array = NDArray[np.float64]
 
@@ -46,10 +46,10 @@ class Edge:
         return np.array([along[1], -along[0]])
 
 
-def plate_edges(rig: Rig) -> list[list[Edge]]:
+def plate_edges(body: Body) -> list[list[Edge]]:
     """Edges of each plate whose boundary is one outline of straight edges; none for others."""
-    corners = [_corners(rig, k) for k in range(len(rig.markers))]
-    places = [rig.markers[k].to_body(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
+    corners = [_corners(body, k) for k in range(len(body.plates))]
+    places = [body.plates[k].to_body(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
     found = []
     for k, own in enumerate(corners):
         edges = []
@@ -71,8 +71,8 @@ def plate_edges(rig: Rig) -> list[list[Edge]]:
     return found
 
 
-def _corners(rig: Rig, k: int) -> Array:
-    boundary = rig.markers[k].marker.boundary
+def _corners(body: Body, k: int) -> Array:
+    boundary = body.plates[k].marker.boundary
     contours = boundary.contours()
     if len(contours) != 1 or contours[0].has_arcs:
         return np.zeros((0, 2))
@@ -82,9 +82,9 @@ def _corners(rig: Rig, k: int) -> Array:
     return points if area > 0 else points[::-1]
 
 
-def plate_labels(rig: Rig, k: int, edges: list[Edge], scale: float) -> tuple[Shape, ...]:
+def plate_labels(body: Body, k: int, edges: list[Edge], scale: float) -> tuple[Shape, ...]:
     """Name of a plate below it, and beside each edge the plate that it meets; mm, marker frame."""
-    marker = rig.markers[k].marker
+    marker = body.plates[k].marker
     left, bottom = (np.concatenate(marker.boundary.outlines()) * 1e3).min(axis=0)
     right = (np.concatenate(marker.boundary.outlines()) * 1e3)[:, 0].max()
     dots = marker.xyz[:, :2] * 1e3
@@ -94,7 +94,7 @@ def plate_labels(rig: Rig, k: int, edges: list[Edge], scale: float) -> tuple[Sha
         gaps = np.linalg.norm(middles[:, None] - dots, axis=-1).min(axis=-1)
         return np.asarray(middles[int(np.argmax(np.round(gaps, 6)))])
 
-    size, name = NAME * scale, rig.markers[k].name
+    size, name = NAME * scale, body.plates[k].name
     half = text_width(name, size, "bold") / 2
     quiet = np.array([point.feature.diameter * 1e3 for point in marker.control_points])
 
@@ -109,7 +109,7 @@ def plate_labels(rig: Rig, k: int, edges: list[Edge], scale: float) -> tuple[Sha
     for number, edge in enumerate(edges):
         if edge.meets is None:
             continue
-        words, height = f"to {rig.markers[edge.meets[0]].name}", LABEL * scale
+        words, height = f"to {body.plates[edge.meets[0]].name}", LABEL * scale
         reach = np.array([text_width(words, height) / 2, height / 2])
         aside = edge.outward * (2 * AIR * scale + np.abs(edge.outward) @ reach)
         # In the middle of an edge there may be the tick of an axis, and at an end of the lower one is the name.

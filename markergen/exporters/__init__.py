@@ -1,19 +1,19 @@
 """Exporters: the table of output formats by suffix, and its entries. A new format is a new file in `formats`."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, TypeVar
 
 from markergen.drawing.paper import SheetOptions
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
+from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.registry import Registry
 
-if TYPE_CHECKING:
-    from markergen.model.marker import Marker
-    from markergen.model.rig import Rig
+B = TypeVar("B", bound=Body)
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class Exporter:
     Attributes
     ----------
     write : callable or str
-        Turns a sequence of markers, or a rig in the table of rigs, and `ExportOptions` into an `Output`, with the same
-        bytes for the same input; rejects what the format cannot represent. As text, ``module:function``, imported when
-        first needed.
+        Turns a sequence of bodies, one or more markers or the only rig, and `ExportOptions` into an `Output`, with the
+        same bytes for the same input; rejects what the format cannot represent. As text, ``module:function``, imported
+        when first needed.
     description : str
         Purpose in a few words for a list of formats: "table of the dots, in m".
     holds : {"points", "flat", "solid"}
@@ -79,6 +79,8 @@ class Exporter:
         True if it needs the CAD kernel.
     check : callable, str or None
         Rejects invalid `ExportOptions` before any work is done; as text like `write`.
+    rig_description : str
+        Purpose for a rig; empty if it holds markers alone.
     """
 
     write: Callable[[Any, "ExportOptions"], "Output"] | str
@@ -88,16 +90,21 @@ class Exporter:
     many_pages: bool = False
     kernel: bool = False
     check: Callable[["ExportOptions"], None] | str | None = None
+    rig_description: str = ""
 
-    def __call__(self, what: "Sequence[Marker] | Rig", options: "ExportOptions") -> "Output":
+    def __call__(self, bodies: Body | Sequence[Body], options: "ExportOptions") -> "Output":
         """See `write`."""
-        made: Output = _function(self.write)(what, options)
-        return made
+        output: Output = _function(self.write)((bodies,) if isinstance(bodies, Body) else bodies, options)
+        return output
 
     def refuse(self, options: "ExportOptions") -> None:
         """See `check`."""
         if self.check is not None:
             _function(self.check)(options)
+
+    def purpose(self, frame: str) -> str:
+        """Return the description for bodies of a frame, ``marker`` or ``rig``; empty if it does not hold them."""
+        return self.rig_description if frame == "rig" else self.description
 
     @property
     def _rank(self) -> int:
@@ -118,25 +125,73 @@ EXPORTERS: Registry[Exporter] = Registry(
 )
 """Exporters by suffix with its dot, in lower case; a suffix may have two parts (``.opencv.yaml``)."""
 
-RIG_EXPORTERS: Registry[Exporter] = Registry(
-    "output suffix for a rig", "markergen.exporters.rigs markergen.workshop.table", "markergen.rig_exporters", Exporter
-)
-"""Exporters of a whole rig, by suffix as in `EXPORTERS`; their `write` takes a `Rig` instead of markers."""
+_FORMER: Registry[Exporter] = Registry("output suffix for a rig", "", "markergen.rig_exporters", Exporter)
+"""Exporters of a rig as plug-ins of the release before have them; they go with the next."""
 
 RECORD = ".json"
 """Suffix of the only format that stores a marker, or a rig, completely."""
 
 
-def catalog(table: Registry[Exporter] = EXPORTERS) -> list[tuple[tuple[str, ...], str]]:
-    """Suffixes and their purpose, one row per description, sheets first; loads no writers."""
+def __getattr__(name: str) -> Any:
+    if name != "RIG_EXPORTERS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn(
+        "markergen.exporters.RIG_EXPORTERS is now EXPORTERS, whose entries with a rig_description take a rig",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    for suffix, exporter in EXPORTERS.items():
+        if exporter.rig_description and suffix not in _FORMER:
+            _FORMER.register(suffix)(replace(exporter, description=exporter.rig_description))
+    return _FORMER
+
+
+def _of_former(suffix: str) -> Exporter:
+    former = _FORMER[suffix]
+
+    def write(bodies: Sequence[Body], options: ExportOptions) -> Output:
+        output: Output = _function(former.write)(only(bodies, suffix), options)
+        return output
+
+    return replace(former, write=write, rig_description=former.description)
+
+
+def exporters_of(frame: str = "marker") -> dict[str, Exporter]:
+    """Exporters by suffix that hold bodies of a frame, ``marker`` or ``rig``; loads no writers."""
+    exporters = {suffix: exporter for suffix, exporter in EXPORTERS.items() if exporter.purpose(frame)}
+    former = [suffix for suffix in _FORMER if suffix not in exporters] if frame == "rig" else []
+    return exporters | {suffix: _of_former(suffix) for suffix in former}
+
+
+def exporter_of(suffix: str, frame: str = "marker") -> Exporter:
+    """Return the exporter with that suffix for bodies of a frame.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the known suffixes.
+    """
+    if suffix in EXPORTERS and EXPORTERS[suffix].purpose(frame):
+        return EXPORTERS[suffix]
+    if frame == "rig" and suffix in _FORMER:
+        return _of_former(suffix)
+    raise InputError(f"a known {_kind(frame)}", repr(suffix), among(suffix, sorted(exporters_of(frame))))
+
+
+def _kind(frame: str) -> str:
+    return f"{EXPORTERS.kind} for a rig" if frame == "rig" else EXPORTERS.kind
+
+
+def catalog(frame: str = "marker") -> list[tuple[tuple[str, ...], str]]:
+    """Suffixes for bodies of a frame and their purpose, one row per description, sheets first; loads no writers."""
     rows: dict[tuple[int, str], list[str]] = {}
-    for suffix, exporter in table.items():
-        rows.setdefault((exporter._rank, exporter.description), []).append(suffix)
-    return [(tuple(suffixes), words) for (_, words), suffixes in sorted(rows.items(), key=lambda row: row[0][0])]
+    for suffix, exporter in exporters_of(frame).items():
+        rows.setdefault((exporter._rank, exporter.purpose(frame)), []).append(suffix)
+    return [(tuple(suffixes), purpose) for (_, purpose), suffixes in sorted(rows.items(), key=lambda row: row[0][0])]
 
 
-def suffix_of(path: Path, table: Registry[Exporter] = EXPORTERS) -> str:
-    """Return the longest suffix of a file name that a table knows, in lower case.
+def suffix_of(path: Path, frame: str = "marker") -> str:
+    """Return the longest suffix of a file name that bodies of a frame are written to, in lower case.
 
     Raises
     ------
@@ -144,32 +199,33 @@ def suffix_of(path: Path, table: Registry[Exporter] = EXPORTERS) -> str:
         If there is none; the message lists the known ones.
     """
     parts = path.name.lower().split(".")
-    endings = ("." + ".".join(parts[first:]) for first in range(1, len(parts)))
-    known = next((ending for ending in endings if ending in table), None)
+    for first in range(1, len(parts)):
+        ending = "." + ".".join(parts[first:])
+        if (ending in EXPORTERS and EXPORTERS[ending].purpose(frame)) or (frame == "rig" and ending in _FORMER):
+            return ending
     if not path.suffix:
-        known_ones = ", ".join(table.names())
-        raise InputError(f"a known {table.kind}", f"none in {brief(str(path))}", f"known: {known_ones}")
-    if known is None:
-        table[path.suffix.lower()]  # the error lists the known suffixes
-    return str(known)
+        suffixes = ", ".join(sorted(exporters_of(frame)))
+        raise InputError(f"a known {_kind(frame)}", f"none in {brief(str(path))}", f"known: {suffixes}")
+    exporter_of(path.suffix.lower(), frame)  # the error lists the known suffixes
+    return path.suffix.lower()
 
 
-def stem_of(path: Path, table: Registry[Exporter] = EXPORTERS) -> str:
+def stem_of(path: Path, frame: str = "marker") -> str:
     """File name without its suffix: ``marker`` for ``out/marker.fab.pdf``."""
-    return path.name[: -len(suffix_of(path, table))]
+    return path.name[: -len(suffix_of(path, frame))]
 
 
-def only(markers: Sequence["Marker"], suffix: str = "this format") -> "Marker":
-    """Return the only marker, for a format that holds just one.
+def only(bodies: Sequence[B], suffix: str = "this format") -> B:
+    """Return the only marker, or the rig, for a format that holds just one.
 
     Raises
     ------
     InputError
         If there is none, or more than one.
     """
-    if len(markers) != 1:
-        raise InputError(f"one marker for {suffix}", f"{len(markers)}", "write them one at a time, or as .pdf")
-    return markers[0]
+    if len(bodies) != 1:
+        raise InputError(f"one marker for {suffix}", f"{len(bodies)}", "write them one at a time, or as .pdf")
+    return bodies[0]
 
 
 def without_paper(options: ExportOptions) -> tuple[str, ...]:

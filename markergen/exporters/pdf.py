@@ -5,16 +5,7 @@ from io import BytesIO
 from typing import Any
 
 from markergen.drawing.scene import Sheet
-from markergen.drawing.sheet_layout import pages_for
-from markergen.exporters import ExportOptions, Output
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size
-from markergen.model.marker import Marker
-
-
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Sheets of the markers as PDF, to print: all pages, text as outlines, with layers and trim box."""
-    sheets = pages_for(markers, options.sheet)
-    return Output(write_pdf(sheets), tuple(dict.fromkeys(note for sheet in sheets for note in sheet.notes)))
 
 
 def write_pdf(sheets: Sequence[Sheet]) -> bytes:

@@ -6,7 +6,7 @@ and writes different bytes for the same pixels from version to version.
 
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import acos, ceil, pi, sqrt
 
 import numpy as np
@@ -16,11 +16,9 @@ import markergen
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
-from markergen.drawing.sheet_layout import one_page
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, Output
+from markergen.exporters import ExportOptions
 from markergen.geometry.coverage import Runs, covered_runs, unit_disk
-from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -38,15 +36,6 @@ MOST_BYTES = 2e9
 """Maximum size of an image before compression, bytes."""
 MILLIMETERS_PER_INCH = 25.4
 LEAST_DPI, MOST_DPI = 10, 10_000
-
-
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Sheet of the markers as PNG, in grey levels or RGB."""
-    check_image(options)
-    sheet = one_page(markers, options.sheet, ".png")
-    width, height = image_size(sheet.paper, options.dpi)
-    note = f"The image has {width} x {height} pixels and says that they are {options.dpi} to the inch."
-    return Output(write_png(sheet, options.dpi), (*sheet.notes, note))
 
 
 def check_image(options: ExportOptions) -> None:

@@ -11,18 +11,17 @@ from markergen.errors import InputError, OutputError
 from markergen.exporters import (
     EXPORTERS,
     RECORD,
-    RIG_EXPORTERS,
     Exporter,
     ExportOptions,
     Output,
+    exporter_of,
     stem_of,
     suffix_of,
 )
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
+from markergen.model.body import Body
 from markergen.model.marker import LIGHT_DOTS, Marker, check_supported
-from markergen.model.rig import Rig
-from markergen.registry import Registry
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def save(
-    markers: Marker | Sequence[Marker] | Rig,
+    bodies: Body | Sequence[Body],
     paths: Sequence[Path],
     options: ExportOptions | None = None,
     inputs: Sequence[Path] = (),
@@ -39,7 +38,7 @@ def save(
 
     Parameters
     ----------
-    markers : Marker, sequence of Marker, or Rig
+    bodies : Marker, Rig, or sequence of Marker
     options : ExportOptions, optional
     inputs : sequence of Path
         Files that must not be overwritten, not even by accompanying files.
@@ -57,29 +56,37 @@ def save(
     OutputError
         If a file cannot be written, or two have the same name; every target is unchanged.
     """
-    return write(outputs_of(markers, paths, options), inputs)
+    return write(outputs_of(bodies, paths, options), inputs)
 
 
 def outputs_of(
-    markers: Marker | Sequence[Marker] | Rig, paths: Sequence[Path], options: ExportOptions | None = None
+    bodies: Body | Sequence[Body], paths: Sequence[Path], options: ExportOptions | None = None
 ) -> dict[Path, Output]:
     """Make the outputs of `save`, by path; raises as `save` does."""
     choices = options or ExportOptions()
-    what = (markers,) if isinstance(markers, Marker) else markers
-    every = [each.marker for each in what.markers] if isinstance(what, Rig) else what
-    table = table_for(what)
-    check_outputs(paths, choices, table=table)
-    for path in paths:
-        suffix = suffix_of(path, table)
-        if suffix != RECORD:
-            for marker in every:
-                check_supported(marker, f"for {suffix}", light=holds_light(suffix, table))
-    return {path: table[suffix_of(path, table)](what, replace(choices, stem=stem_of(path, table))) for path in paths}
+    bodies = (bodies,) if isinstance(bodies, Body) else bodies
+    frame = frame_of(bodies)
+    check_outputs(paths, choices, frame=frame)
+    exporters = {path: exporter_of(suffix_of(path, frame), frame) for path in paths}
+    for path, exporter in exporters.items():
+        suffix = suffix_of(path, frame)
+        for plate in (plate for body in bodies for plate in body.plates if suffix != RECORD):
+            check_supported(plate.marker, f"for {suffix}", light=holds_light(exporter))
+    return {path: exporter(bodies, replace(choices, stem=stem_of(path, frame))) for path, exporter in exporters.items()}
 
 
-def table_for(what: Sequence[Marker] | Rig) -> Registry[Exporter]:
-    """Return the table of the formats for markers, or of those for a rig."""
-    return RIG_EXPORTERS if isinstance(what, Rig) else EXPORTERS
+def frame_of(bodies: Sequence[Body]) -> str:
+    """Return ``rig`` for the only rig, and ``marker`` for markers.
+
+    Raises
+    ------
+    InputError
+        If there is a rig among several bodies.
+    """
+    frames = {body.frame for body in bodies}
+    if "rig" in frames and len(bodies) > 1:
+        raise InputError("markers, or one rig", f"{len(bodies)} files, a rig among them", "export each rig by itself")
+    return frames.pop() if frames else "marker"
 
 
 def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[Written]:
@@ -115,19 +122,19 @@ def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
     return {target: data for real, (target, data) in found.items() if real not in asked}
 
 
-def with_record(paths: Sequence[Path], table: Registry[Exporter] = EXPORTERS) -> list[Path]:
+def with_record(paths: Sequence[Path], frame: str = "marker") -> list[Path]:
     """Add the JSON that always accompanies a design, named after the first path, if it is missing."""
     first = paths[0]
     if not first.name:
         return list(paths)
-    record = first.with_name(first.name.removesuffix(_ending(first, table)) + RECORD)
+    record = first.with_name(first.name.removesuffix(_ending(first, frame)) + RECORD)
     return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
 
 
-def _ending(path: Path, table: Registry[Exporter]) -> str:
+def _ending(path: Path, frame: str) -> str:
     """Suffix as written, known or not."""
     try:
-        return path.name[-len(suffix_of(path, table)) :]
+        return path.name[-len(suffix_of(path, frame)) :]
     except InputError:
         return path.suffix
 
@@ -136,7 +143,7 @@ def check_outputs(
     paths: Sequence[Path],
     options: ExportOptions,
     spec: "Spec | None" = None,
-    table: Registry[Exporter] = EXPORTERS,
+    frame: str = "marker",
 ) -> None:
     """Reject invalid outputs before any work is done; raises as `save` does.
 
@@ -144,19 +151,18 @@ def check_outputs(
     """
     seen: set[Path] = set()
     for path in paths:
-        suffix = suffix_of(path, table)
+        exporter = exporter_of(suffix_of(path, frame), frame)
         if path.resolve() in seen:
             raise InputError("each output path once", f"{path} twice", "give each a different name")
         seen.add(path.resolve())
         check_folder(path)
-        exporter = table[suffix]
         if spec and exporter.holds != "points" and spec.dot == 0:
             remedy = "write it to marker.json, or leave out --dot 0"
             raise InputError("dots for a drawing or a solid", f"bare points for {path}", remedy)
         if spec and exporter.holds == "flat" and spec.relief:
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
-        if spec and options.sheet.colors.inverted and not holds_light(suffix, table):
+        if spec and options.sheet.colors.inverted and not holds_light(exporter):
             raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
             from markergen.occt import import_kernel
@@ -167,9 +173,9 @@ def check_outputs(
             _check_sheet(exporter, options, spec)
 
 
-def holds_light(suffix: str, table: Registry[Exporter] = EXPORTERS) -> bool:
+def holds_light(exporter: Exporter) -> bool:
     """True if a format can hold light dots: as a sheet, as points, or as the marker itself."""
-    return table[suffix].sheet or table[suffix].holds == "points"
+    return exporter.sheet or exporter.holds == "points"
 
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:

@@ -1,20 +1,10 @@
 """SVG in millimeters: exact circles, no transforms, text as outlines."""
 
-from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from markergen.drawing.colors import rgb, spot_name
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
-from markergen.drawing.sheet_layout import one_page
-from markergen.exporters import ExportOptions, Output
-from markergen.model.marker import Marker
-
-
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Sheet of the markers as SVG, to print or to edit."""
-    sheet = one_page(markers, options.sheet, ".svg")
-    return Output(write_svg(sheet), sheet.notes)
 
 
 def write_svg(sheet: Sheet) -> bytes:

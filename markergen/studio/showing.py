@@ -18,8 +18,7 @@ from markergen.detect.detector import Detector
 from markergen.detect.presentation import overlay
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
-from markergen.exporters import RECORD
-from markergen.exporters.saving import table_for
+from markergen.exporters import EXPORTERS, RECORD
 from markergen.files import Written
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -174,9 +173,8 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
 
     what, camera, poses = subject(request)
     errors, said = _errors(what, camera, poses)
-    shown = what if isinstance(what, Rig) else [what]
     choices = choices_of(given(plain(request.get("options") or {}), DesignKeywords))
-    made = table_for(shown)[".glb"](shown, choices)
+    made = EXPORTERS[".glb"](what, choices)
     x, y, z = np.einsum("pji,pj->ip", poses.rotation, -poses.translation)
     return {
         "glb": base64.b64encode(made.data).decode(),

@@ -1,44 +1,38 @@
 """Outlines to cut, solids, meshes, and the drawing that goes with them; loads no writers."""
 
-from dataclasses import replace
-
-from markergen.exporters import EXPORTERS, RIG_EXPORTERS, Exporter
+from markergen.exporters import EXPORTERS, Exporter
 
 _FORMATS = "markergen.workshop.formats"
-_STEP = Exporter(
-    f"{_FORMATS}.solids:export_step", "solids, named and colored, in mm, to machine or to print", "solid", kernel=True
-)
-_OF_BOTH = {
-    ".brep": Exporter(f"{_FORMATS}.solids:export_brep", "the same for Open CASCADE", "solid", kernel=True),
-    ".stl": Exporter(
-        f"{_FORMATS}.meshes:export_stl", "mesh in mm, all in one, and one more for each material", "solid"
-    ),
-    ".3mf": Exporter(f"{_FORMATS}.meshes:export_3mf", "mesh with materials, for slicers", "solid"),
-    ".glb": Exporter(f"{_FORMATS}.meshes:export_glb", "mesh with materials, in m, to look at", "solid"),
-    ".sdf": Exporter(f"{_FORMATS}.simulators:export_sdf", "model for Gazebo, with its meshes", "solid"),
-    ".mjcf.xml": Exporter(f"{_FORMATS}.simulators:export_mjcf", "model for MuJoCo, with its meshes", "solid"),
-    ".urdf": Exporter(
-        f"{_FORMATS}.simulators:export_urdf", "model for ROS and other simulators, with its meshes", "solid"
-    ),
-}
+
+
+def _solid(write: str, description: str, rig_description: str = "", kernel: bool = False) -> Exporter:
+    return Exporter(
+        f"{_FORMATS}.{write}", description, "solid", kernel=kernel, rig_description=rig_description or description
+    )
+
 
 EXPORTERS.register(".dxf")(
     Exporter(f"{_FORMATS}.dxf:export", "to cut and engrave, R2010 in mm; see --process laser", "flat")
 )
-EXPORTERS.register(".step", ".stp")(_STEP)
-RIG_EXPORTERS.register(".step", ".stp")(
-    replace(_STEP, description="solids, named and colored, in mm: plates, or one body")
+EXPORTERS.register(".step", ".stp")(
+    _solid(
+        "solids:export_step",
+        "solids, named and colored, in mm, to machine or to print",
+        "solids, named and colored, in mm: plates, or one body",
+        kernel=True,
+    )
 )
-for suffix, exporter in _OF_BOTH.items():
-    EXPORTERS.register(suffix)(exporter)
-    RIG_EXPORTERS.register(suffix)(exporter)
+EXPORTERS.register(".brep")(_solid("solids:export_brep", "the same for Open CASCADE", kernel=True))
+EXPORTERS.register(".stl")(_solid("meshes:export_stl", "mesh in mm, all in one, and one more for each material"))
+EXPORTERS.register(".3mf")(_solid("meshes:export_3mf", "mesh with materials, for slicers"))
+EXPORTERS.register(".glb")(_solid("meshes:export_glb", "mesh with materials, in m, to look at"))
+EXPORTERS.register(".sdf")(_solid("simulators:export_sdf", "model for Gazebo, with its meshes"))
+EXPORTERS.register(".mjcf.xml")(_solid("simulators:export_mjcf", "model for MuJoCo, with its meshes"))
+EXPORTERS.register(".urdf")(_solid("simulators:export_urdf", "model for ROS and other simulators, with its meshes"))
 EXPORTERS.register(".fab.pdf")(
-    Exporter(f"{_FORMATS}.fab_pdf:export", "drawing with dimensions and a table of the dots, for the workshop", "solid")
-)
-RIG_EXPORTERS.register(".fab.pdf")(
-    Exporter(
-        f"{_FORMATS}.fab_pdf:export_rig",
+    _solid(
+        "fab_pdf:export",
+        "drawing with dimensions and a table of the dots, for the workshop",
         "drawing of the whole with its faces' relation, then of each face, for the workshop",
-        "solid",
     )
 )

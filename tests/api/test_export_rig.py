@@ -8,7 +8,7 @@ import pytest
 import markergen as mg
 from markergen.cli import main
 from markergen.errors import InputError
-from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.exporters import EXPORTERS, ExportOptions, exporters_of
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
 from markergen.model.marker_json import to_json
@@ -56,7 +56,7 @@ def test_a_marker_or_a_rig_is_told_by_its_content(tmp_path):
         load_marker_or_rig(3)
 
 
-@pytest.mark.parametrize("suffix", sorted(RIG_EXPORTERS))
+@pytest.mark.parametrize("suffix", sorted(exporters_of("rig")))
 def test_the_same_rig_gives_the_same_bytes(suffix):
-    if not RIG_EXPORTERS[suffix].kernel:
-        assert RIG_EXPORTERS[suffix](RIG, ExportOptions()) == RIG_EXPORTERS[suffix](RIG, ExportOptions())
+    if not EXPORTERS[suffix].kernel:
+        assert EXPORTERS[suffix](RIG, ExportOptions()) == EXPORTERS[suffix](RIG, ExportOptions())

@@ -9,7 +9,7 @@ from markergen.drawing.paper_net import net_sheet, unfold
 from markergen.drawing.plate_edges import plate_edges
 from markergen.drawing.scene import Disk
 from markergen.errors import InputError
-from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.geometry.region import Region
 from markergen.maths.rotation import exponential
 from markergen.model.marker import build_marker
@@ -125,11 +125,11 @@ def test_paper_that_is_too_small_is_refused(tmp_path):
 
 def test_faces_are_on_sheets_with_their_names_and_neighbors():
     rig = rig_of("cube", edge=0.06)
-    svg = RIG_EXPORTERS[".svg"](rig, ExportOptions()).data.decode()
+    svg = EXPORTERS[".svg"](rig, ExportOptions()).data.decode()
     assert svg.count("plate-name") == 6
     assert svg.count("edge-") == 24
     assert svg.count('-dot-4"') + svg.count('"dot-4"') == 6
-    assert RIG_EXPORTERS[".svg"](rig, ExportOptions(net=True)).data.decode().count("flap-name") == 7
+    assert EXPORTERS[".svg"](rig, ExportOptions(net=True)).data.decode().count("flap-name") == 7
 
 
 @pytest.mark.long

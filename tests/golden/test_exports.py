@@ -8,7 +8,7 @@ import json
 
 import pytest
 
-from markergen.exporters import EXPORTERS, RIG_EXPORTERS
+from markergen.exporters import EXPORTERS
 from tests.golden import record
 
 RECORDED = json.loads(record.EXPORTS.read_text())
@@ -32,4 +32,4 @@ def test_exports_have_the_recorded_bytes(part, case):
 
 
 def test_every_format_is_recorded():
-    assert set(record.EVERY) == set(EXPORTERS) | set(RIG_EXPORTERS)
+    assert set(record.EVERY) == set(EXPORTERS)

@@ -14,6 +14,8 @@ from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
 from markergen.model.marker import Marker, marker_name
 from markergen.model.marker_json import to_json
+from markergen.model.rig import Rig
+from markergen.model.rig_json import rig_to_json
 from markergen.model.tag import FAMILIES
 from markergen.read.cameras.document import yaml_text
 from markergen.read.cameras.opencv import opencv_matrix
@@ -52,12 +54,19 @@ COLUMNS = ("id", "x_m", "y_m", "z_m", "diameter_m", "inner_diameter_m", "feature
 MEASURED = ("var_x_m2", "cov_xy_m2", "var_y_m2")
 
 
-def write_record(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
-    """Canonical marker.json, the only complete format, including bare points; no option has an effect."""
-    return Output(to_json(only(markers, ".json")))
+def write_record(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
+    """Canonical marker.json or rig.json, the only complete format, including bare points; no option has an effect."""
+    return Output(record_of(only(bodies, ".json")))
 
 
-EXPORTERS.register(".json")(Exporter(write_record, "the marker itself"))
+def record_of(body: Marker | Rig) -> bytes:
+    """JSON of a marker or a rig, with all markers of a rig inline."""
+    return to_json(body) if isinstance(body, Marker) else rig_to_json(body)
+
+
+EXPORTERS.register(".json")(
+    Exporter(write_record, "the marker itself", rig_description="the rig itself, all its markers in one file")
+)
 
 
 def _row(suffix: str, description: str, text_of: Callable[[Marker], str], *notes: str) -> None:

@@ -46,17 +46,22 @@ FULL = 0.4
 """Minimum part of the last page that is used."""
 
 
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; needs no CAD kernel."""
-    marker = only(markers, ".fab.pdf").as_designed
+def export(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
+    """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; needs no CAD kernel.
+
+    Of a rig, the drawing of the whole with the tolerances between its faces comes first, then that of each face.
+    """
+    body = only(bodies, ".fab.pdf")
+    return _of_marker(body.as_designed, options) if isinstance(body, Marker) else _of_rig(designed(body), options)
+
+
+def _of_marker(marker: Marker, options: ExportOptions) -> Output:
     made = parts_of(marker, options.fabrication)
     data, notes = write_fabrication_sheet(workpiece(marker, options.fabrication, made), options.sheet)
     return Output(data, (*notes, *solid_notes(marker, made, options)))
 
 
-def export_rig(rig: Rig, options: ExportOptions) -> Output:
-    """Drawing of a whole rig with the tolerances between its faces, then of each face; needs no CAD kernel."""
-    rig = designed(rig)
+def _of_rig(rig: Rig, options: ExportOptions) -> Output:
     made = parts_of_rig(rig, options.fabrication)
     parts = [sheets_of_rig(rig_work(rig, options.fabrication, made), options.sheet)]
     parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]

@@ -84,7 +84,7 @@ class Meshed:
     notes: tuple[str, ...]
 
 
-def meshed(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Meshed:
+def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
     """Mesh the only marker of a mesh format, or a rig.
 
     Raises
@@ -94,7 +94,7 @@ def meshed(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str)
     OutputError
         If its parts make no closed meshes with that tolerance.
     """
-    work, tolerance = designed_of(subject, options, suffix), options.fabrication.tolerance * 1e3
+    work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
     closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
     parts = _meshes(work.made, tolerance)
     return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
@@ -109,17 +109,16 @@ def _meshes(made: Made | RigMade, tolerance: float) -> tuple[MeshedPart, ...]:
     return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
 
 
-def export_stl(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as one STL in mm; if there are two materials, also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
-    made = meshed(subject, options, ".stl")
+    made = meshed(bodies, options, ".stl")
     by_material = {
         material: [part for part in made.parts if part.material == material]
         for material in MATERIALS
         if any(part.material == material for part in made.parts)
     }
     beside = {}
-    frame = "rig" if isinstance(made.subject, Rig) else "marker"
-    notes = [f"STL has no unit: it is in millimeters, in the {frame} frame.", *made.notes]
+    notes = [f"STL has no unit: it is in millimeters, in the {made.subject.frame} frame.", *made.notes]
     if len(by_material) > 1:
         beside = {
             f"{options.stem}-{material}.stl": write_stl(some, made.name) for material, some in by_material.items()
@@ -149,14 +148,14 @@ def stl_of(corners: Array, name: str, unit: str) -> bytes:
     return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
 
 
-def export_3mf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as 3MF in mm: as one mesh; if there are two materials, also as several in ``<stem>-parts.3mf``.
 
     PrusaSlicer takes every mesh of a package as an object of its own, whatever component object it belongs to, and
     drops it onto the bed; it finds the parts of one mesh by `VOLUMES`. Cura gives a mesh one material, whatever its
     triangles have, and OrcaSlicer and Bambu Studio take components as parts. One file cannot serve both.
     """
-    made = meshed(subject, options, ".3mf")
+    made = meshed(bodies, options, ".3mf")
     if len({part.material for part in made.parts}) == 1:
         return Output(write_3mf(made.parts, made.name), made.notes)
     beside = f"{options.stem}-parts.3mf"
@@ -287,9 +286,9 @@ def _hex(color: tuple[float, float, float]) -> str:
     return "#" + "".join(f"{round(channel * 255):02X}" for channel in color) + "FF"
 
 
-def export_glb(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_glb(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as GLB in meters, y up."""
-    made = meshed(subject, options, ".glb")
+    made = meshed(bodies, options, ".glb")
     return Output(write_glb(made.parts, made.name), made.notes)
 
 

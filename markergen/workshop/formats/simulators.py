@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import markergen
 from markergen.exporters import ExportOptions, Output
+from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.bodies import COLORS
@@ -147,17 +148,16 @@ class Simulated:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Self:
+    def of(cls, bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Self:
         """Make the body of a marker or a rig; raises as `meshed` does."""
-        made = meshed(subject, options, suffix)
+        made = meshed(bodies, options, suffix)
         shown = _shown(made.parts, made.name, options.stem)
         mass, center, inertia = mass_of(made.parts)
-        is_rig = isinstance(made.subject, Rig)
         return cls(
             made.name,
-            "rig" if is_rig else "marker",
+            made.subject.frame,
             shown,
-            tuple(_sites_of_rig(made.subject) if isinstance(made.subject, Rig) else _sites(made.subject)),
+            tuple(_sites(made.subject)),
             mass,
             center,
             inertia,
@@ -182,16 +182,15 @@ class Simulated:
         }
 
 
-def _sites(marker: Marker) -> Iterator[Site]:
-    for point in marker.control_points:
-        yield Site(f"dot-{point.id}", np.array([point.x, point.y, point.z]), np.eye(3), point.feature.diameter)
-
-
-def _sites_of_rig(rig: Rig) -> Iterator[Site]:
-    yield from (Site(f"{each.name}/marker", each.translation_vector, each.rotation_matrix) for each in rig.markers)
-    for each in rig.markers:
-        for site in _sites(each.marker):
-            yield Site(f"{each.name}/{site.name}", each.to_body(site.place), each.rotation_matrix, site.diameter)
+def _sites(body: Body) -> Iterator[Site]:
+    prefixes = [f"{plate.name}/" if body.frame == "rig" else "" for plate in body.plates]
+    for plate, prefix in zip(body.plates, prefixes, strict=True):
+        if prefix:
+            yield Site(f"{prefix}marker", plate.translation_vector, plate.rotation_matrix)
+    for plate, prefix in zip(body.plates, prefixes, strict=True):
+        for point in plate.marker.control_points:
+            place = plate.to_body(np.array([point.x, point.y, point.z]))
+            yield Site(f"{prefix}dot-{point.id}", place, plate.rotation_matrix, point.feature.diameter)
 
 
 def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
@@ -286,9 +285,9 @@ def numbers(values: Array) -> str:
     return " ".join(number(value) for value in values)
 
 
-def export_urdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_urdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """Write a robot of one link, accompanied by ``meshes/<stem>-light.stl`` and ``-dark.stl``."""
-    body = Simulated.of(subject, options, ".urdf")
+    body = Simulated.of(bodies, options, ".urdf")
     path = body.shown[0].path
     notes = (
         f"RViz finds the meshes once they are in a package, as package://<package>/{path}; for Gazebo write .sdf.",
@@ -336,9 +335,9 @@ def _urdf_shape(each: Collision) -> str:
     return " ".join([each.shape, *(f'{name}="{value}"' for name, value in each.measures.items())])
 
 
-def export_sdf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_sdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """Write a model of one link, accompanied by ``model.config`` and the meshes of `export_urdf`."""
-    body = Simulated.of(subject, options, ".sdf")
+    body = Simulated.of(bodies, options, ".sdf")
     beside = {"model.config": _config(body, options.stem).encode(), **body.meshes}
     return Output(_model(body).encode(), body.notes, beside)
 
@@ -398,14 +397,14 @@ def _config(body: Simulated, stem: str) -> str:
 """
 
 
-def export_mjcf(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_mjcf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """Write a MuJoCo model of one body, accompanied by the meshes of `export_urdf`.
 
     It has a site in the marker frame, ``marker``, and one on each dot, ``dot-0`` and so on, in group 4, which viewers
     and cameras hide by default, as they do the collision shape in group 3. A rig has sites ``rig``, ``+x/marker``, in
     the frame of that marker, and ``+x/dot-0``.
     """
-    body = Simulated.of(subject, options, ".mjcf.xml")
+    body = Simulated.of(bodies, options, ".mjcf.xml")
     notes = ("The body is fixed; <attach> it, or give it a <freejoint/>, to move it.", *body.notes)
     return Output(_body(body).encode(), notes, body.meshes)
 

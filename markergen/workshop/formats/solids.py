@@ -45,7 +45,7 @@ class Designed:
         return tuple(part.name for part in self.made.parts)
 
 
-def designed_of(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix: str) -> Designed:
+def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Designed:
     """Make the only marker of a format, or a rig.
 
     Raises
@@ -53,27 +53,28 @@ def designed_of(subject: Sequence[Marker] | Rig, options: ExportOptions, suffix:
     InputError
         If there is not exactly one marker, or it cannot be made as requested.
     """
-    if isinstance(subject, Rig):
-        rig = designed(subject)
+    body = only(bodies, suffix)
+    if not isinstance(body, Marker):
+        rig = designed(body)
         made = parts_of_rig(rig, options.fabrication)
         if suffix in MADE:
             check_apart(made)
         return Designed(rig_name(rig), rig, made, rig_notes(rig, made, options), {})
-    marker = only(subject, suffix).as_designed
+    marker = body.as_designed
     parts = parts_of(marker, options.fabrication)
     notes = solid_notes(marker, parts, options)
     return Designed(marker_name(marker), marker, parts, notes, beside_solid(marker, options))
 
 
-def export_step(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_step(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
-    work = designed_of(subject, options, ".step")
+    work = designed_of(bodies, options, ".step")
     return Output(write_step(_solids(work.made), work.name), work.notes, work.beside)
 
 
-def export_brep(subject: Sequence[Marker] | Rig, options: ExportOptions) -> Output:
+def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One compound of solids as BREP text, in mm; paper options have no effect."""
-    work = designed_of(subject, options, ".brep")
+    work = designed_of(bodies, options, ".brep")
     names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
     return Output(write_brep(_solids(work.made)), (*work.notes, order), work.beside)

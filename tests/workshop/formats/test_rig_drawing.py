@@ -6,7 +6,7 @@ import pytest
 
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import bounds
-from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.model.fabrication import Fabrication
 from markergen.workshop.drafting.drawing import around
 from markergen.workshop.drafting.rig_content import face_works, rig_work
@@ -24,7 +24,7 @@ def work_of(rig):
 
 @pytest.fixture(scope="module")
 def pages():
-    document = pypdfium2.PdfDocument(RIG_EXPORTERS[".fab.pdf"](cube(0.08), ExportOptions()).data)
+    document = pypdfium2.PdfDocument(EXPORTERS[".fab.pdf"](cube(0.08), ExportOptions()).data)
     return [page.get_textpage().get_text_range() for page in document]
 
 

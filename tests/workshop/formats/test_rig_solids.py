@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from markergen.errors import InputError
-from markergen.exporters import RIG_EXPORTERS, ExportOptions
+from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.exporters.saving import save
 from markergen.maths.rotation import exponential
 from markergen.model.fabrication import Fabrication
@@ -59,7 +59,7 @@ def test_the_parts_of_a_step_keep_names_colors_and_places(step):
 def test_a_step_of_a_rig_has_the_same_bytes_every_time(step):
     solids_of_rig.cache_clear()
     parts_of_rig.cache_clear()
-    assert RIG_EXPORTERS[".step"](CUBE, OPTIONS).data == step.read_bytes()
+    assert EXPORTERS[".step"](CUBE, OPTIONS).data == step.read_bytes()
 
 
 @pytest.mark.long
