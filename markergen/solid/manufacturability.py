@@ -2,4 +2,4 @@
 
 from markergen.solid import renamed
 
-__getattr__ = renamed(__name__, "markergen.workshop.manufacturability")
+__getattr__ = renamed("markergen.workshop.manufacturability")
