@@ -6,7 +6,7 @@ from typing import Any
 
 
 def renamed(home: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a module that has moved; plug-ins of the release before find its names as before."""
+    """Return the ``__getattr__`` of a module that has moved; plug-ins of before find its names."""
 
     def attribute(name: str) -> Any:
         if name.startswith("__"):
