@@ -72,7 +72,7 @@ def brief(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def among(name: object, known: Iterable[str], shown: Sequence[str] = (), cutoff: float = 0.6) -> str:
+def among(name: object, names: Iterable[str], listed: Sequence[str] = (), cutoff: float = 0.6) -> str:
     """Return the remedy for an unknown name: the nearest known name, if any, and all of them, or those in `shown`.
 
     >>> among("aruko", ["aruco", "apriltag"])
@@ -80,7 +80,7 @@ def among(name: object, known: Iterable[str], shown: Sequence[str] = (), cutoff:
     """
     from difflib import get_close_matches
 
-    every = list(known)
-    near = get_close_matches(name, every, n=1, cutoff=cutoff) if isinstance(name, str) else []
-    hint = f"did you mean {near[0]!r}? Known" if near else "known"
-    return f"{hint}: {', '.join(shown or every)}"
+    every = list(names)
+    matches = get_close_matches(name, every, n=1, cutoff=cutoff) if isinstance(name, str) else []
+    hint = f"did you mean {matches[0]!r}? Known" if matches else "known"
+    return f"{hint}: {', '.join(listed or every)}"

@@ -99,7 +99,7 @@ def check_folder(path: Path) -> None:
         reason = "Is a directory"
     elif not _is_special(path):
         try:
-            # On some file systems the permission bits do not tell.
+            # On some file systems the permission bits do not show it.
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
             reason = error.strerror or str(error)
@@ -150,8 +150,8 @@ def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tu
     """
     for path in paths:
         if path.suffix.lower() not in kinds:
-            known = ", ".join(kinds)
-            raise InputError(f"a file that ends in {known}", str(path), "choose such a name")
+            suffixes = ", ".join(kinds)
+            raise InputError(f"a file that ends in {suffixes}", str(path), "choose such a name")
     return [(kinds[path.suffix.lower()], path) for path in paths]
 
 
@@ -167,15 +167,15 @@ def make_folder(path: Path) -> None:
 @contextmanager
 def folders_for(paths: Iterable[Path]) -> Iterator[None]:
     """Make the folders that files will be written to; if the body fails, remove those that were made."""
-    made: list[Path] = []
+    missing: list[Path] = []
     try:
         for path in paths:
             folder = path.parent
-            made += [each for each in (folder, *folder.parents) if not exists(each)]
+            missing += [parent for parent in (folder, *folder.parents) if not exists(parent)]
             make_folder(folder)
         yield
     except BaseException:
-        for folder in sorted(made, key=lambda each: -len(each.parts)):
+        for folder in sorted(missing, key=lambda path: -len(path.parts)):
             with suppress(OSError):  # Another process may have put something there.
                 folder.rmdir()
         raise

@@ -160,8 +160,8 @@ def read(source: object, kind: str) -> Content:
     else:
         name = name_of(source)
         try:
-            some = source.read(limits.largest + 1)  # type: ignore[attr-defined]
-            data = some.encode() if isinstance(some, str) else bytes(some)
+            content = source.read(limits.largest + 1)  # type: ignore[attr-defined]
+            data = content.encode() if isinstance(content, str) else bytes(content)
         except (OSError, ValueError, TypeError) as error:  # The file is closed, open for writing, or not a file.
             remedy = "open it for reading" if isinstance(error, io.UnsupportedOperation) else "check the path"
             raise InputError(f"{wanted} at {name}", reason_of(error), remedy) from None
@@ -223,11 +223,11 @@ def _near(path: Path) -> str:
     from difflib import get_close_matches
 
     try:
-        names = [] if path.exists() else [each.name for each in islice(path.parent.iterdir(), _NEIGHBORS)]
+        names = [] if path.exists() else [neighbor.name for neighbor in islice(path.parent.iterdir(), _NEIGHBORS)]
     except (OSError, ValueError):
         names = []
-    found = get_close_matches(path.name, names, 1)
-    return f"check the path; there is {path.with_name(found[0])}" if found else "check the path"
+    matches = get_close_matches(path.name, names, 1)
+    return f"check the path; there is {path.with_name(matches[0])}" if matches else "check the path"
 
 
 def reason_of(error: Exception) -> str:
@@ -279,8 +279,8 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     if reply is None:
         raise InputError(expected, "one that breaks it", "export it again")
     if "refused" in reply.values:
-        expected, found, remedy = reply.values["refused"]
-        raise InputError(f"{expected} in {content.name}", found, remedy)
+        expected, actual, remedy = reply.values["refused"]
+        raise InputError(f"{expected} in {content.name}", actual, remedy)
     if "error" in reply.values:
         raise InputError(expected, reply.values["error"], "export it again")
     return reply
@@ -405,8 +405,8 @@ def _child(script: Path, kind: str) -> _Child:
 def _arrays(data: bytes) -> "dict[str, np.ndarray[Any, Any]]":
     import numpy as np
 
-    with np.load(io.BytesIO(data), allow_pickle=False) as found:
-        return dict(found)
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        return dict(archive)
 
 
 def serve(script: str, memory: str) -> None:
@@ -449,7 +449,7 @@ def _functions(script: str) -> dict[str, Any]:
 
 def _answer(function: Callable[[bytes], Any], data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
-        found = function(data)
+        reply = function(data)
     except InputError as error:
         return {"refused": error.args}, {}
     except MemoryError:
@@ -457,7 +457,7 @@ def _answer(function: Callable[[bytes], Any], data: bytes) -> tuple[dict[str, An
     # Exceptions of parsers for broken files have no common root; those of Open CASCADE are not even Python classes.
     except Exception as error:
         return {"error": f"{type(error).__name__} {' '.join(str(error).split())}"[:200].strip()}, {}
-    return found if isinstance(found, tuple) else (found, {})
+    return reply if isinstance(reply, tuple) else (reply, {})
 
 
 def _send(replies: BinaryIO, values: dict[str, Any], arrays: dict[str, Any]) -> None:

@@ -56,9 +56,9 @@ def _interrupted_later() -> Iterator[None]:
             handler(*waiting[0])
 
 
-def missing_kernel(need: str, found: str) -> MissingLibraryError:
+def missing_kernel(need: str, actual: str) -> MissingLibraryError:
     """Return the error with what needs Open CASCADE, what was found, and what to install."""
     return MissingLibraryError(
-        f"{need} Open CASCADE (cadquery) with the system's libGL and libX11, found: {found}; "
+        f"{need} Open CASCADE (cadquery) with the system's libGL and libX11, found: {actual}; "
         "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
     )

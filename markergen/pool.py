@@ -285,10 +285,10 @@ def _without_script() -> Iterator[None]:
         script.update(before)
 
 
-def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:
+def _unless_dead(talk: Callable[..., Any], *arguments: Any) -> Any:
     """Send to or receive from a worker; raises MarkergenError if it has died."""
     try:
-        return talk(*words)
+        return talk(*arguments)
     except (EOFError, OSError) as error:
         raise MarkergenError(
             "expected worker processes that stay alive, found one that ended early; use one worker, or put a"

@@ -164,18 +164,18 @@ class Registry(Generic[T]):
 
     def _plug_in(self, name: str) -> None:
         """Load the entry point of that name, if there is one that has not been loaded."""
-        found = self._installed().get(name, ())
-        if not found or name in self._entries or name in self._broken:
+        points = self._installed().get(name, ())
+        if not points or name in self._entries or name in self._broken:
             return
-        wrong = f"it in {' and in '.join(map(_words, found))}" if len(found) > 1 else ""
+        wrong = f"it in {' and in '.join(map(_words, points))}" if len(points) > 1 else ""
         if not wrong:
             try:
-                entry = found[0].load()
+                entry = points[0].load()
                 wrong = self._wrong(name, entry)
             # Other packages' code may raise anything.
             except Exception as error:
                 wrong = f"fails with {type(error).__name__}: {error}"
-            wrong = wrong and f"{_words(found[0])} {wrong}"
+            wrong = wrong and f"{_words(points[0])} {wrong}"
         if wrong:
             self._broken[name] = " ".join(wrong.split())
         elif name not in self._entries:
@@ -185,12 +185,12 @@ class Registry(Generic[T]):
 
     def _complain(self) -> None:
         """Log a warning for each plug-in left out."""
-        for name, found in self._installed().items():
-            words = self._broken.get(name)
+        for name, points in self._installed().items():
+            reason = self._broken.get(name)
             if name in self._entries and name not in self._outside:
-                words = f"{_words(found[0])}, but markergen has one of that name"
-            if words:
-                LOG.warning("left out a plug-in, the %s %r: %s", self.kind, name, words)
+                reason = f"{_words(points[0])}, but markergen has one of that name"
+            if reason:
+                LOG.warning("left out a plug-in, the %s %r: %s", self.kind, name, reason)
 
     def _wrong(self, name: str, entry: object) -> str:
         """Return the reason why an object cannot be an entry; empty if it can."""
@@ -203,8 +203,8 @@ class Registry(Generic[T]):
             wanted = f"an instance of {' or '.join(kind.__name__ for kind in kinds)}"
         if not fits:
             return f"is {type(entry).__name__} {getattr(entry, '__name__', '')}".rstrip() + f", and not {wanted}"
-        own = getattr(entry, "name", name)
-        return "" if own == name else f"calls itself {own!r}"
+        stated = getattr(entry, "name", name)
+        return "" if stated == name else f"calls itself {stated!r}"
 
     def _pack(self) -> list[tuple[str, bytes]]:
         """Pack entries registered outside markergen, except those that any process finds by entry points."""
@@ -287,10 +287,10 @@ def _installed(group: str) -> "dict[str, list[EntryPoint]]":
     """Return the entry points of installed distributions in a group, by name; read once."""
     from importlib.metadata import entry_points
 
-    found: dict[str, list[EntryPoint]] = {}
+    points: dict[str, list[EntryPoint]] = {}
     for point in sorted(entry_points(group=group), key=lambda point: (point.name, point.value)):
-        found.setdefault(point.name, []).append(point)
-    return found
+        points.setdefault(point.name, []).append(point)
+    return points
 
 
 def _words(point: "EntryPoint") -> str:

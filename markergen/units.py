@@ -28,14 +28,14 @@ def parse_length(text: str | float, name: str = "length") -> float:
     (0.15, 0.1524, 0.15)
     """
     match = _LENGTH.fullmatch(str(text))
-    known = ", ".join(unit for unit in METERS if unit)
+    units = ", ".join(unit for unit in METERS if unit)
     if match is None or match[2] not in METERS:
         pointed = str(text).replace(",", ".")
         comma = pointed != str(text) and _LENGTH.fullmatch(pointed)
         raise InputError(
             "a length" if name == "length" else f"a length for {name}",
             repr(str(text)),
-            f"write a point: {pointed}" if comma else f"write a number and one of {known} (a bare number is meters)",
+            f"write a point: {pointed}" if comma else f"write a number and one of {units} (a bare number is meters)",
         )
     try:
         value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))
@@ -55,7 +55,7 @@ def format_length(meters: float) -> str:
     return f"{meters * 1e3:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"
 
 
-def parse_settings(text: str, known: Iterable[str], what: str) -> dict[str, float]:
+def parse_settings(text: str, keys: Iterable[str], what: str) -> dict[str, float]:
     """Parse named numbers such as ``blur_px=1.5,noise_grey=4``; empty text names none.
 
     Raises
@@ -68,12 +68,14 @@ def parse_settings(text: str, known: Iterable[str], what: str) -> dict[str, floa
     >>> parse_settings("blur_px=1.5, bits=12", ("blur_px", "bits"), "optics")
     {'blur_px': 1.5, 'bits': 12}
     """
-    names, values = list(known), dict[str, float]()
+    names, values = list(keys), dict[str, float]()
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = (word.strip() for word in part.partition("="))
         if name not in names or name in values:
-            near = get_close_matches(name, names, n=1)
-            hint = f"did you mean {near[0]!r}? Known: " if near and name not in values else "name each once; known: "
+            matches = get_close_matches(name, names, n=1)
+            hint = (
+                f"did you mean {matches[0]!r}? Known: " if matches and name not in values else "name each once; known: "
+            )
             raise InputError(f"{what} as name=value,...", repr(part), hint + ", ".join(names))
         try:
             values[name] = int(value) if value.isdecimal() else float(value)

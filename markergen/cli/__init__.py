@@ -25,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # The matrices here are tiny and come in batches: threads inside the linear algebra only cost time and memory.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    debug, Silence.on = "--debug" in given, "--quiet" in given
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    debug, Silence.on = "--debug" in arguments, "--quiet" in arguments
     WARNINGS.setLevel(logging.ERROR if Silence.on else logging.WARNING)
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - a device, until the process ends
@@ -35,9 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("expected a standard output, found it closed; send it to a file or /dev/null")
         return UNUSABLE
     try:
-        words = [word for word in given if word not in ("--debug", "--quiet")]
+        command = [word for word in arguments if word not in ("--debug", "--quiet")]
         # As with git: `markergen help design`.
-        status = _run([*words[1:], "--help"] if words[:1] in ([], ["help"]) else words)
+        status = _run([*command[1:], "--help"] if command[:1] in ([], ["help"]) else command)
         sys.stdout.flush()
     except KeyboardInterrupt:
         status = INTERRUPTED

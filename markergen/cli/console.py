@@ -72,14 +72,14 @@ def status_line(first: str) -> Iterator[Callable[[str], None]]:
         yield _silent
         return
 
-    def shown(line: str) -> Text:
+    def text_of(line: str) -> Text:
         # On one line, with the spinner before it.
         room = console.width - 3
         return Text(line if len(line) <= room else f"{line[: room - 3]}...")
 
-    spinner = Spinner("dots", shown(first))
+    spinner = Spinner("dots", text_of(first))
     with Live(spinner, console=console, refresh_per_second=12.5, transient=True, redirect_stdout=sys.stdout.isatty()):
-        yield lambda line: spinner.update(text=shown(line))
+        yield lambda line: spinner.update(text=text_of(line))
 
 
 @contextmanager
@@ -89,7 +89,7 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn
 
     if Silence.on or not sys.stderr.isatty():
-        yield _silent if Silence.on else _Lines()
+        yield _silent if Silence.on else _LogLines()
         return
     columns = (TextColumn("{task.completed}/{task.total} cells"), BarColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
@@ -97,15 +97,15 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
         yield lambda done, total, seconds: bar.update(task, completed=done, total=total, left=_left(seconds))
 
 
-class _Lines:
+class _LogLines:
     """Progress for a log: the first line, the last one, and one every half minute."""
 
     def __init__(self) -> None:
-        self._told = -inf
+        self._printed = -inf
 
     def __call__(self, done: int, total: int, seconds: float) -> None:
-        if monotonic() > self._told + SECONDS_BETWEEN_LINES or done == total:
-            self._told = monotonic()
+        if monotonic() > self._printed + SECONDS_BETWEEN_LINES or done == total:
+            self._printed = monotonic()
             print(", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), file=sys.stderr, flush=True)
 
 
@@ -116,13 +116,13 @@ def _left(seconds: float) -> str:
 
 
 @contextmanager
-def busy(words: str) -> Iterator[None]:
+def busy(status: str) -> Iterator[None]:
     """Show on stderr that something without countable steps is in progress."""
     from rich.console import Console
 
     console = Console(stderr=True)
     if console.is_terminal and not Silence.on:
-        with console.status(words):
+        with console.status(status):
             yield
     else:
         yield
@@ -143,7 +143,7 @@ def note(line: str) -> None:
         complain(line)
 
 
-def tell(line: str) -> None:
+def report(line: str) -> None:
     """Print a line of a result."""
     if not Silence.on:
         print(line)
@@ -164,13 +164,13 @@ def is_shown(json: Path | None) -> bool:
     return is_stdout(json) or not Silence.on
 
 
-def print_found(found: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None) -> None:
+def print_result(result: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None) -> None:
     """Print all or some parts of a result and the files written; or JSON, if standard output is wanted for that."""
     from markergen.presentation.tables import print_parts
 
     if is_stdout(json):
-        sys.stdout.write(found.to_json().decode())
+        sys.stdout.write(result.to_json().decode())
     elif not Silence.on:
-        print_parts(found.parts() if parts is None else parts, sys.stdout)
-    for each in found.written:
-        (note if is_stdout(json) else tell)(str(each))
+        print_parts(result.parts() if parts is None else parts, sys.stdout)
+    for file in result.written:
+        (note if is_stdout(json) else report)(str(file))

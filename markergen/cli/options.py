@@ -36,7 +36,7 @@ def or_word(word: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def number(text: str) -> int:
-    """Parse a whole number so that an error tells of the word, too."""
+    """Parse a whole number so that an error shows the word, too."""
     try:
         return int(text)
     except ValueError:
@@ -89,18 +89,22 @@ def with_options(
     """
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
-        own = [each for each in signature(body).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-        named = {each.name for each in own}
+        parameters = [
+            parameter
+            for parameter in signature(body).parameters.values()
+            if parameter.kind is not Parameter.VAR_KEYWORD
+        ]
+        named = {parameter.name for parameter in parameters}
         more = [_parameter(option) for name, option in declared(table).items() if name not in named]
 
         @wraps(body)
-        def command(**given: Any) -> None:
+        def command(**arguments: Any) -> None:
             # A repeatable option that is not given is None in some versions of typer and empty in others.
-            body(**{name: value for name, value in given.items() if name in named or value not in (None, [])})
+            body(**{name: value for name, value in arguments.items() if name in named or value not in (None, [])})
 
-        command.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        command.__signature__ = Signature([*parameters, *more])  # type: ignore[attr-defined]
         command.__dict__["listed"] = listed
-        command.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
+        command.__annotations__ = {parameter.name: parameter.annotation for parameter in (*parameters, *more)}
         return command
 
     return decorate
@@ -128,18 +132,20 @@ class GroupedCommand(TyperCommand):
             return super().parse_args(ctx, args)
         except typer.BadParameter.__base__ as error:  # type: ignore[misc]
             flag, answer = GUESSES.get(getattr(error, "option_name", ""), ("", ""))
-            if any(flag in each.opts for each in self.get_params(ctx)):
+            if any(flag in param.opts for param in self.get_params(ctx)):
                 error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
-            elif near := getattr(error, "possibilities", None):
+            elif possibilities := getattr(error, "possibilities", None):
                 # The dashes that all options share made short ones look alike.
-                named = {flag.lstrip("-"): flag for flag in near}
-                error.possibilities = [named[each] for each in get_close_matches(error.option_name.lstrip("-"), named)]
+                named = {flag.lstrip("-"): flag for flag in possibilities}
+                error.possibilities = [
+                    named[option] for option in get_close_matches(error.option_name.lstrip("-"), named)
+                ]
             raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then each group of options."""
         groups: dict[str, Rows] = {}
-        own = []
+        other_options = []
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             group = getattr(param, "rich_help_panel", None)
@@ -150,10 +156,10 @@ class GroupedCommand(TyperCommand):
             elif group:
                 groups.setdefault(group, []).append(record)
             else:
-                own.append(record)
+                other_options.append(record)
         listed = getattr(self.callback, "listed", None) or {}
         groups = {**{title: rows() for title, rows in listed.items()}, **groups}
-        for title, records in {**groups, "Options": own}.items():
+        for title, records in {**groups, "Options": other_options}.items():
             with formatter.section(title):
                 formatter.write_dl(records)
 
@@ -162,4 +168,4 @@ def rig_suffixes() -> Rows:
     """Rows of help: the suffixes that a rig is written to, and what for."""
     from markergen.exporters import catalog
 
-    return [(" ".join(suffixes), words) for suffixes, words in catalog("rig")]
+    return [(" ".join(suffixes), purpose) for suffixes, purpose in catalog("rig")]

@@ -111,19 +111,19 @@ def heading(side: Side, end: bool) -> Point:
     """Unit tangent of a side at its end or its start."""
     (x, y), (u, v), bulge = side
     length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
-    turn = 2 * atan(bulge) * (1 if end else -1)
+    angle = 2 * atan(bulge) * (1 if end else -1)
     dx, dy = (u - x) / length, (v - y) / length
-    return dx * cos(turn) - dy * sin(turn), dx * sin(turn) + dy * cos(turn)
+    return dx * cos(angle) - dy * sin(angle), dx * sin(angle) + dy * cos(angle)
 
 
 def turns_of(contour: Contour) -> list[float]:
     """Angle in rad, positive to the left, by which the contour turns at each of its corners; 0 where it is smooth."""
     sides = contour.sides
-    found = []
+    angles = []
     for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
         (ax, ay), (bx, by) = heading(before, end=True), heading(after, end=False)
-        found.append(atan2(ax * by - ay * bx, ax * bx + ay * by))
-    return found
+        angles.append(atan2(ax * by - ay * bx, ax * bx + ay * by))
+    return angles
 
 
 def area(contour: Contour) -> float:
@@ -149,8 +149,8 @@ def box(contour: Contour) -> tuple[float, float, float, float]:
         radius, angle = hypot(x - cx, y - cy), 4 * atan(bulge)
         start = atan2(y - cy, x - cx)
         for k in range(4):
-            turn = (k * pi / 2 - start) * (1 if angle > 0 else -1) % (2 * pi)
-            if turn < abs(angle):
+            swept = (k * pi / 2 - start) * (1 if angle > 0 else -1) % (2 * pi)
+            if swept < abs(angle):
                 points.append((cx + radius * (1, 0, -1, 0)[k], cy + radius * (0, 1, 0, -1)[k]))
     xs, ys = zip(*points, strict=True)
     return min(xs), min(ys), max(xs), max(ys)
@@ -178,11 +178,11 @@ def divided(contour: Contour, counts: Sequence[int]) -> list[Point]:
         for k in range(1, count):
             # Length of the chord to the point at this part of the angle, and its rotation from the full chord.
             part = angle * k / count
-            scale, turn = sin(part / 2) / sin(angle / 2), (part - angle) / 2
+            scale, rotation = sin(part / 2) / sin(angle / 2), (part - angle) / 2
             points.append(
                 (
-                    x + scale * ((u - x) * cos(turn) - (v - y) * sin(turn)),
-                    y + scale * ((u - x) * sin(turn) + (v - y) * cos(turn)),
+                    x + scale * ((u - x) * cos(rotation) - (v - y) * sin(rotation)),
+                    y + scale * ((u - x) * sin(rotation) + (v - y) * cos(rotation)),
                 )
             )
     return points
@@ -256,7 +256,7 @@ def mirrored(contour: Contour) -> Contour:
 
 
 def placed(
-    contour: Contour, scale: float, shift: Sequence[float] | Array = (0.0, 0.0), digits: int | None = None
+    contour: Contour, scale: float, origin: Sequence[float] | Array = (0.0, 0.0), digits: int | None = None
 ) -> Contour:
     """Contour shifted, then scaled, with coordinates rounded to the given decimals; -0 becomes 0.
 
@@ -265,11 +265,11 @@ def placed(
     whole = contour.as_circle
     if whole and digits is not None:
         x, y, radius = (
-            round(value * scale, digits) + 0.0 for value in (whole[0] - shift[0], whole[1] - shift[1], whole[2])
+            round(value * scale, digits) + 0.0 for value in (whole[0] - origin[0], whole[1] - origin[1], whole[2])
         )
         points = circle(radius, x, y).points
         return Contour(tuple((round(u, digits) + 0.0, round(v, digits) + 0.0) for u, v in points), contour.bulges)
-    moved = (np.array(contour.points, dtype=float) - shift) * scale
+    moved = (np.array(contour.points, dtype=float) - origin) * scale
     if digits is not None:
         moved = np.round(moved, digits)
     return Contour(tuple(map(tuple, (moved + 0.0).tolist())), contour.bulges)

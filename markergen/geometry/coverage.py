@@ -167,8 +167,8 @@ def _changes(start: Array, end: Array, size: Indices) -> tuple[Indices, Array]:
     column, row = x.astype(int), np.floor(y).astype(int)
     inside = (row >= 0) & (row < size[1])
     cell = (row * (size[0] + 2) + column)[inside]
-    own = (climb * (column + 1 - x))[inside]
-    return np.concatenate([cell, cell + 1]), np.concatenate([own, climb[inside] - own])
+    inner = (climb * (column + 1 - x))[inside]
+    return np.concatenate([cell, cell + 1]), np.concatenate([inner, climb[inside] - inner])
 
 
 def _pieces(start: Array, end: Array, size: Indices) -> tuple[Array, Array]:

@@ -95,8 +95,8 @@ class _Cells:
         rows = max(1, BLOCK // len(curves))
         for start in range(0, len(middles), rows):
             distance = curves.distance(curves.gaps(middles[start : start + rows], slice(None)))
-            near = distance <= distance.min(axis=1, keepdims=True) + 1.001 * np.sqrt(2) * self.step
-            cell, curve = np.nonzero(near)
+            is_candidate = distance <= distance.min(axis=1, keepdims=True) + 1.001 * np.sqrt(2) * self.step
+            cell, curve = np.nonzero(is_candidate)
             cells.append(cell + start)
             candidates.append(curve)
         curve, count = np.concatenate(candidates), np.bincount(np.concatenate(cells), minlength=len(middles))
@@ -314,8 +314,8 @@ class Edges:
         if at_corner.any():
             where = np.flatnonzero(at_corner)
             corner = self._corner(points[where], index[where])
-            one, other = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
-            left[where] = np.where(sharp[corner], one & other, one | other)
+            after_edge, before_edge = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
+            left[where] = np.where(sharp[corner], after_edge & before_edge, after_edge | before_edge)
             where = where[touching[corner]]
             left[where] = edges.surround(points[where])
         return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
@@ -341,9 +341,9 @@ class Edges:
 
         first = np.cumsum([0, *self._sizes[:-1]])
         numbers = [start + np.arange(size) for start, size in zip(first, self._sizes, strict=True)]
-        before, after = (np.concatenate([np.roll(ring, turn) for ring in numbers]) for turn in (1, -1))
+        before, after = (np.concatenate([np.roll(ring, step) for ring in numbers]) for step in (1, -1))
         edges = self._edges
         sharp = edges.step[before, 0] * edges.step[:, 1] > edges.step[before, 1] * edges.step[:, 0]
         tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
-        near, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self._size)
-        return before, after, sharp, np.bincount(near, minlength=len(edges)) > 2
+        corners, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self._size)
+        return before, after, sharp, np.bincount(corners, minlength=len(edges)) > 2

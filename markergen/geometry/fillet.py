@@ -20,8 +20,8 @@ def filleted(contour: Contour, radius: float, sharp: float) -> Contour | None:
     """
     sides, count = contour.sides, len(contour.points)
     cuts: list[Cut] = []
-    for k, turn in enumerate(turns_of(contour)):
-        cut = _cut(sides[k - 1], sides[k], turn, radius) if abs(turn) > sharp else (sides[k][0], sides[k][0], 0.0)
+    for k, angle in enumerate(turns_of(contour)):
+        cut = _cut(sides[k - 1], sides[k], angle, radius) if abs(angle) > sharp else (sides[k][0], sides[k][0], 0.0)
         if cut is None:
             return None
         cuts.append(cut)
@@ -53,35 +53,35 @@ def largest_fillet(contour: Contour, sharp: float, fails: float) -> float:
     return low
 
 
-def _cut(before: Side, after: Side, turn: float, radius: float) -> Cut | None:
+def _cut(before: Side, after: Side, angle: float, radius: float) -> Cut | None:
     """Arc of a radius tangent to two sides at the corner between them."""
     x, y = after[0]
     if not before[2] and not after[2]:
         (ax, ay), (bx, by) = (x - before[0][0], y - before[0][1]), (after[1][0] - x, after[1][1] - y)
-        turn = atan2(ax * by - ay * bx, ax * bx + ay * by)
-        back, on = (radius * tan(abs(turn) / 2) / hypot(u, v) for u, v in ((ax, ay), (bx, by)))
-        return (x - back * ax, y - back * ay), (x + on * bx, y + on * by), tan(turn / 4)
+        angle = atan2(ax * by - ay * bx, ax * bx + ay * by)
+        back, on = (radius * tan(abs(angle) / 2) / hypot(u, v) for u, v in ((ax, ay), (bx, by)))
+        return (x - back * ax, y - back * ay), (x + on * bx, y + on * by), tan(angle / 4)
     # The arc's center lies one radius to the inner side of both.
-    middles = _crossings(before, after, copysign(radius, turn))
+    middles = _crossings(before, after, copysign(radius, angle))
     if not middles:
         return None
     u, v = min(middles, key=lambda middle: hypot(middle[0] - x, middle[1] - y))
     start, end = _foot(before, (u, v)), _foot(after, (u, v))
     (ax, ay), (bx, by) = (start[0] - u, start[1] - v), (end[0] - u, end[1] - v)
     sweep = atan2(ax * by - ay * bx, ax * bx + ay * by)
-    fits = sweep * turn > 0 and _along(before, start) > -DUST and _along(after, end) < _length(after) + DUST
+    fits = sweep * angle > 0 and _along(before, start) > -DUST and _along(after, end) < _length(after) + DUST
     return (start, end, tan(sweep / 4)) if fits else None
 
 
-def _crossings(one: Side, other: Side, left: float) -> list[Point]:
+def _crossings(first: Side, second: Side, left: float) -> list[Point]:
     """Intersections of two sides offset to their left and extended beyond their ends."""
-    if not one[2] and other[2]:
-        one, other = other, one
-    (cx, cy), reach = center_of(one), radius_of(one) - copysign(left, one[2] * left)
+    if not first[2] and second[2]:
+        first, second = second, first
+    (cx, cy), reach = center_of(first), radius_of(first) - copysign(left, first[2] * left)
     if reach <= 0:
         return []
-    if not other[2]:
-        (x, y), (u, v), _ = other
+    if not second[2]:
+        (x, y), (u, v), _ = second
         length = hypot(u - x, v - y)
         dx, dy = (u - x) / length, (v - y) / length
         away = dx * (cy - y) - dy * (cx - x) - left
@@ -89,7 +89,7 @@ def _crossings(one: Side, other: Side, left: float) -> list[Point]:
         fx, fy = cx + dy * away, cy - dx * away
         across = reach**2 - away**2
         return [(fx + s * dx, fy + s * dy) for s in _both(across)]
-    (gx, gy), reach_too = center_of(other), radius_of(other) - copysign(left, other[2] * left)
+    (gx, gy), reach_too = center_of(second), radius_of(second) - copysign(left, second[2] * left)
     apart = hypot(gx - cx, gy - cy)
     if reach_too <= 0 or not apart:
         return []

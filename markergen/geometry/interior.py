@@ -69,25 +69,25 @@ class Interior:
     def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
         """Sample (count, 2) points uniformly from the part with a depth of at least `inset`."""
         corners, share = self._triangles
-        found = np.zeros((0, 2))
+        samples = np.zeros((0, 2))
         for _ in range(ROUNDS):
-            if len(found) >= count:
-                return found[:count]
+            if len(samples) >= count:
+                return samples[:count]
             a, b, c = np.moveaxis(corners[np.searchsorted(share[:-1], rng.random(count))], 1, 0)
             u, v = rng.random((2, count, 1))
             u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
             points = a + u * (b - a) + v * (c - a)
-            found = np.concatenate([found, points[self._depth(points) >= inset]])
+            samples = np.concatenate([samples, points[self._depth(points) >= inset]])
         # That part is empty, or less than a hundredth of the whole.
-        return np.concatenate([found, self.project(points, inset)])[:count]
+        return np.concatenate([samples, self.project(points, inset)])[:count]
 
     def _inset(self, inset: float) -> "Inset":
         """Part with a depth of at least `inset`; the deepest part if nothing is that deep."""
         if inset not in self._insets:
-            found = self._exactly(inset)
+            part = self._exactly(inset)
             if len(self._insets) == MOST_INSETS:
                 self._insets.clear()
-            self._insets[inset] = self._inset(self._deepest) if found.empty else found
+            self._insets[inset] = self._inset(self._deepest) if part.empty else part
         return self._insets[inset]
 
     def _exactly(self, inset: float) -> "Inset":
@@ -135,10 +135,10 @@ class Inset:
         # Curves that are too shallow over their entire length are excluded first: far inside a fine outline, these are
         # nearly all, and all of them would intersect each other.
         middle = (lines.start + lines.end) / 2
-        near = holds(middle, np.hypot(*lines.step.T) / 2)
-        lines = Segments(lines.start[near], lines.end[near])
-        near = holds(arcs.at(np.arange(len(arcs)), np.zeros(len(arcs))), arcs.radius * arcs.half)
-        arcs = Arcs(arcs.center[near], arcs.radius[near], arcs.middle[near], arcs.half[near])
+        is_deep = holds(middle, np.hypot(*lines.step.T) / 2)
+        lines = Segments(lines.start[is_deep], lines.end[is_deep])
+        is_deep = holds(arcs.at(np.arange(len(arcs)), np.zeros(len(arcs))), arcs.radius * arcs.half)
+        arcs = Arcs(arcs.center[is_deep], arcs.radius[is_deep], arcs.middle[is_deep], arcs.half[is_deep])
         line, place, arc, angle = _cuts(lines, arcs)
         every = np.arange(len(lines))
         first, last, of = _kept(
@@ -170,18 +170,18 @@ class Inset:
 
     def nearest(self, points: Array) -> Array:
         """Boundary points (P, 2) nearest to points (P, 2)."""
-        found = [pieces.foot(points, pieces.nearest(points)) for pieces in (self.lines, self.arcs) if len(pieces)]
-        if len(found) == 1:
-            return found[0]
-        on_line, on_arc = found
+        feet = [pieces.foot(points, pieces.nearest(points)) for pieces in (self.lines, self.arcs) if len(pieces)]
+        if len(feet) == 1:
+            return feet[0]
+        on_line, on_arc = feet
         nearer = np.hypot(*(points - on_arc).T) < np.hypot(*(points - on_line).T)
         return np.where(nearer[:, None], on_arc, on_line)
 
 
 def _moved(rings: Sequence[Array], inset: float) -> Segments:
     start, end = _joined(rings), _joined([np.roll(ring, -1, axis=0) for ring in rings])
-    shift = inset * Segments(start, end).normal
-    return Segments(start + shift, end + shift)
+    offset = inset * Segments(start, end).normal
+    return Segments(start + offset, end + offset)
 
 
 def _rounded(rings: Sequence[Array], circles: Array, inset: float) -> Arcs:
@@ -194,14 +194,14 @@ def _rounded(rings: Sequence[Array], circles: Array, inset: float) -> Arcs:
     corner = _joined(rings)
     before = corner - _joined([np.roll(ring, 1, axis=0) for ring in rings])
     after = _joined([np.roll(ring, -1, axis=0) for ring in rings]) - corner
-    turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=-1))
-    right = turn < 0
+    angle = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=-1))
+    right = angle < 0
     normal = np.arctan2(before[right, 0], -before[right, 1])
     return Arcs(
         np.concatenate([corner[right], circles[:, :2]]),
         np.concatenate([np.full(right.sum(), inset), radius]),
-        np.concatenate([normal + turn[right] / 2, 0 * whole]),
-        np.concatenate([-turn[right] / 2, whole]),
+        np.concatenate([normal + angle[right] / 2, 0 * whole]),
+        np.concatenate([-angle[right] / 2, whole]),
     )
 
 
@@ -253,12 +253,12 @@ def _cuts(lines: Segments, arcs: Arcs) -> tuple[Index, Array, Index, Array]:
 
 
 def _line_line(lines: Segments, i: Index, j: Index) -> tuple[Index, Array]:
-    one, other = lines.step[i], lines.step[j]
+    first, second = lines.step[i], lines.step[j]
     between = lines.start[j] - lines.start[i]
-    cross = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     safe = np.where(cross != 0, cross, np.inf)
-    place = (between[:, 0] * other[:, 1] - between[:, 1] * other[:, 0]) / safe
-    there = (between[:, 0] * one[:, 1] - between[:, 1] * one[:, 0]) / safe
+    place = (between[:, 0] * second[:, 1] - between[:, 1] * second[:, 0]) / safe
+    there = (between[:, 0] * first[:, 1] - between[:, 1] * first[:, 0]) / safe
     met = (cross != 0) & _within(place) & _within(there)
     return i[met], np.clip(place[met], 0.0, 1.0)
 
@@ -271,33 +271,33 @@ def _line_arc(lines: Segments, arcs: Arcs, i: Index, j: Index) -> tuple[Index, A
     away = (offset[:, 0] * step[:, 1] - offset[:, 1] * step[:, 0]) / safe
     # A line that misses the circle by a rounding error counts as tangent.
     reach = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-    near = np.abs(away) <= radius * (1 + 1e-9)
-    found: list[tuple[Index, Array, Index, Array]] = []
+    reaches = np.abs(away) <= radius * (1 + 1e-9)
+    crossings: list[tuple[Index, Array, Index, Array]] = []
     for sign in (-1, 1):
         place = (foot + sign * reach) / safe
         point = offset + place[:, None] * step
         angle = arcs.from_middle(arcs.center[j] + point, j)
-        met = near & _within(place) & (np.abs(angle) <= arcs.half[j] + 1e-9)
+        met = reaches & _within(place) & (np.abs(angle) <= arcs.half[j] + 1e-9)
         half = arcs.half[j[met]]
-        found.append((i[met], np.clip(place[met], 0.0, 1.0), j[met], np.clip(angle[met], -half, half)))
-    first, second = found
+        crossings.append((i[met], np.clip(place[met], 0.0, 1.0), j[met], np.clip(angle[met], -half, half)))
+    first, second = crossings
     return tuple(np.concatenate(pair) for pair in zip(first, second, strict=True))  # type: ignore[return-value]
 
 
 def _arc_arc(arcs: Arcs, i: Index, j: Index) -> tuple[Index, Array]:
-    between, one, other = arcs.center[j] - arcs.center[i], arcs.radius[i], arcs.radius[j]
+    between, radius_i, radius_j = arcs.center[j] - arcs.center[i], arcs.radius[i], arcs.radius[j]
     distance = np.linalg.norm(between, axis=-1)
     safe = np.where(distance > 0, distance, np.inf)
-    along = (distance**2 + one**2 - other**2) / (2 * safe)
-    near = (distance > 0) & (np.abs(along) <= one * (1 + 1e-9))
-    across = np.sqrt(np.maximum(one**2 - along**2, 0.0))
+    along = (distance**2 + radius_i**2 - radius_j**2) / (2 * safe)
+    reaches = (distance > 0) & (np.abs(along) <= radius_i * (1 + 1e-9))
+    across = np.sqrt(np.maximum(radius_i**2 - along**2, 0.0))
     unit = between / safe[:, None]
     normal = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
     indices, angles = [], []
     for sign in (-1, 1):
         point = along[:, None] * unit + sign * across[:, None] * normal
         angle, there = (arcs.from_middle(arcs.center[i] + point, k) for k in (i, j))
-        met = near & (np.abs(angle) <= arcs.half[i] + 1e-9) & (np.abs(there) <= arcs.half[j] + 1e-9)
+        met = reaches & (np.abs(angle) <= arcs.half[i] + 1e-9) & (np.abs(there) <= arcs.half[j] + 1e-9)
         half = arcs.half[i[met]]
         indices.append(i[met])
         angles.append(np.clip(angle[met], -half, half))

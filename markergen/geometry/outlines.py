@@ -80,10 +80,10 @@ def canonical_contours(
     clean = [_contour(outline, row, f"outline {i}") for i, (outline, row) in every]
     clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
     outer = [signed_area(np.array(ring)) > 0 for ring in canonical(polygons_of(clean))]
-    found = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
+    contours = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
     # Reversed to holes they have other polygons.
-    canonical(polygons_of(found))
-    return found
+    canonical(polygons_of(contours))
+    return contours
 
 
 def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
@@ -97,12 +97,12 @@ def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
     boxes = np.array([box(contour) for contour in contours])
     size = float(np.hypot(*(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))))
     off, total = min(TOLERANCE, 1e-4 * size), 0
-    found = []
+    polygons = []
     for contour in contours:
-        found.append(np.round(inner_polygon(contour, off), 12) + 0.0)
-        total += len(found[-1])
+        polygons.append(np.round(inner_polygon(contour, off), 12) + 0.0)
+        total += len(polygons[-1])
         _check_corners(total)
-    return tuple(found)
+    return tuple(polygons)
 
 
 def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -215,13 +215,13 @@ def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.in
     pairs, count = [np.zeros((2, 0), dtype=np.intp)], 0
     # In parts, because a thousand nested outlines form half a million pairs.
     for start in range(0, len(shapes), 50):
-        found = tree.query(shapes[start : start + 50], predicate="intersects") + np.array([[start], [0]])
-        found = found[:, found[0] < found[1]]
-        count += found.shape[1]
+        pair = tree.query(shapes[start : start + 50], predicate="intersects") + np.array([[start], [0]])
+        pair = pair[:, pair[0] < pair[1]]
+        count += pair.shape[1]
         if count > MOST_PAIRS:
             raise InputError(
                 f"outlines of which at most {MOST_PAIRS} pairs touch or lie in each other", "more", "use fewer outlines"
             )
-        pairs.append(found)
+        pairs.append(pair)
     first, second = np.concatenate(pairs, axis=1)
     return first, second

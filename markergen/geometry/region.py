@@ -105,25 +105,25 @@ class Region:
 
         return cls(shapely.union_all([region._shape for region in regions], grid_size=grid))
 
-    def __or__(self, other: "Region") -> "Region":
+    def __or__(self, region: "Region") -> "Region":
         import shapely
 
-        return Region(shapely.union(self._shape, other._shape))
+        return Region(shapely.union(self._shape, region._shape))
 
-    def __and__(self, other: "Region") -> "Region":
+    def __and__(self, region: "Region") -> "Region":
         import shapely
 
-        return Region(shapely.intersection(self._shape, other._shape))
+        return Region(shapely.intersection(self._shape, region._shape))
 
-    def __sub__(self, other: "Region") -> "Region":
+    def __sub__(self, region: "Region") -> "Region":
         import shapely
 
-        return Region(shapely.difference(self._shape, other._shape))
+        return Region(shapely.difference(self._shape, region._shape))
 
-    def __xor__(self, other: "Region") -> "Region":
+    def __xor__(self, region: "Region") -> "Region":
         import shapely
 
-        return Region(shapely.symmetric_difference(self._shape, other._shape))
+        return Region(shapely.symmetric_difference(self._shape, region._shape))
 
     def __bool__(self) -> bool:
         """True if the region has an area."""
@@ -197,8 +197,8 @@ class Region:
         import shapely
 
         shapely.prepare(self._shape)
-        found: Mask = shapely.contains(self._shape, _points(points))
-        return found
+        inside: Mask = shapely.contains(self._shape, _points(points))
+        return inside
 
     def depth(self, points: ArrayLike) -> Array:
         """Signed distances (...) from points (..., 2) to the edge, positive inside."""
@@ -216,38 +216,38 @@ class Region:
         """Distances (...) from points (..., 2); 0 inside."""
         import shapely
 
-        found: Array = shapely.distance(self._shape, _points(points))
-        return found
+        distances: Array = shapely.distance(self._shape, _points(points))
+        return distances
 
-    def covers(self, other: "Region") -> bool:
+    def covers(self, region: "Region") -> bool:
         """True if no part of another region is outside."""
-        return bool(self._shape.covers(other._shape))
+        return bool(self._shape.covers(region._shape))
 
-    def surrounds(self, other: "Region") -> bool:
+    def surrounds(self, region: "Region") -> bool:
         """True if another region is inside and does not touch the edge."""
         import shapely
 
-        return bool(shapely.contains_properly(self._shape, other._shape))
+        return bool(shapely.contains_properly(self._shape, region._shape))
 
     def surrounds_boxes(self, boxes: ArrayLike) -> Mask:
         """True for axis-parallel rectangles (..., 4), left, low, right and high, inside and clear of the edge."""
         import shapely
 
         shapely.prepare(self._shape)
-        found: Mask = shapely.contains_properly(self._shape, shapely.box(*np.moveaxis(np.asarray(boxes), -1, 0)))
-        return found
+        inside: Mask = shapely.contains_properly(self._shape, shapely.box(*np.moveaxis(np.asarray(boxes), -1, 0)))
+        return inside
 
-    def meets(self, other: "Region") -> bool:
+    def meets(self, region: "Region") -> bool:
         """True if it has a point in common with another region, even if only on their edges."""
-        return bool(self._shape.intersects(other._shape))
+        return bool(self._shape.intersects(region._shape))
 
     def within(self, points: ArrayLike, distance: float) -> Mask:
         """True for points (P, 2) inside or at most a distance outside."""
         import shapely
 
         shapely.prepare(self._shape)
-        found: Mask = shapely.dwithin(self._shape, _points(points), distance)
-        return found
+        within: Mask = shapely.dwithin(self._shape, _points(points), distance)
+        return within
 
     def runs(self, line: ArrayLike) -> list[Array]:
         """Parts (m, 2) of a polyline through points (k, 2) that lie in the region."""
@@ -283,8 +283,8 @@ class Region:
         """
         best, half = 0.0, np.array([width, height]) / 2
         for angle in np.arange(0, np.pi, np.pi / 24):
-            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            turned = self.mapped(lambda points, turn=turn: points @ turn)  # type: ignore[misc]
+            rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            turned = self.mapped(lambda points, rotation=rotation: points @ rotation)  # type: ignore[misc]
             low, high = np.array(turned.box).reshape(2, 2)
             middle, reach, most = (low + high) / 2, (high - low) / 2, float(((high - low) / (2 * half)).min())
             for _ in range(4):
@@ -323,17 +323,17 @@ def distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | R
     """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they intersect."""
     import shapely
 
-    found: Array = shapely.distance(_shapes(ones)[:, None], _shapes(others)[None])
-    return found
+    distances: Array = shapely.distance(_shapes(ones)[:, None], _shapes(others)[None])
+    return distances
 
 
 def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
     """Distances (k,) from a polyline through points to other polylines; 0 where they cross."""
     import shapely
 
-    lines = np.array([shapely.LineString(other) for other in others], dtype=object)
-    found: Array = shapely.distance(shapely.LineString(line), lines)
-    return found
+    lines = np.array([shapely.LineString(points) for points in others], dtype=object)
+    distances: Array = shapely.distance(shapely.LineString(line), lines)
+    return distances
 
 
 def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
@@ -345,13 +345,13 @@ def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
     if shapely.STRtree(edges).query(edges, predicate="intersects").shape[1] > len(edges):
         return None
     starts = shapely.points(np.array([np.asarray(ring, dtype=float)[0] for ring in rings]))
-    found, order = np.full(len(rings), -1), np.argsort(-shapely.area(shapes), kind="stable")
+    around, order = np.full(len(rings), -1), np.argsort(-shapely.area(shapes), kind="stable")
     shapely.prepare(shapes)
     for place, k in enumerate(order):
         within = order[place + 1 :]
         # Smaller ones come later, so that the last one stays.
-        found[within[shapely.contains(shapes[k], starts[within])]] = k
-    return [int(k) for k in found]
+        around[within[shapely.contains(shapes[k], starts[within])]] = k
+    return [int(k) for k in around]
 
 
 def hull(points: ArrayLike) -> Array:
@@ -379,14 +379,14 @@ def _points(points: ArrayLike) -> Any:
 def _shapes(others: Sequence[ArrayLike | Region]) -> Any:
     import shapely
 
-    found = []
-    for other in others:
-        if isinstance(other, Region):
-            found.append(other._shape)
+    shapes = []
+    for shape in others:
+        if isinstance(shape, Region):
+            shapes.append(shape._shape)
         else:
-            corners = np.asarray(other, dtype=float)
-            found.append(shapely.Point(corners[0]) if len(corners) == 1 else shapely.Polygon(corners))
-    return np.array(found, dtype=object)
+            corners = np.asarray(shape, dtype=float)
+            shapes.append(shapely.Point(corners[0]) if len(corners) == 1 else shapely.Polygon(corners))
+    return np.array(shapes, dtype=object)
 
 
 def _lines(shape: Any) -> list[Array]:

@@ -30,15 +30,15 @@ class Batched:
 
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Self:
         """Return a subset."""
-        return type(self)(*(each[chosen] for each in self._arrays))
+        return type(self)(*(array[chosen] for array in self._arrays))
 
-    def joined(self, other: Self) -> Self:
+    def joined(self, others: Self) -> Self:
         """Return these, then the others."""
-        return type(self)(*map(np.concatenate, zip(self._arrays, other._arrays, strict=True)))
+        return type(self)(*map(np.concatenate, zip(self._arrays, others._arrays, strict=True)))
 
     def put(self, index: NDArray[np.intp], others: Self) -> Self:
         """Return a copy with others in the place of some."""
-        copies = [each.copy() for each in self._arrays]
-        for copy, each in zip(copies, others._arrays, strict=True):
-            copy[index] = each
+        copies = [array.copy() for array in self._arrays]
+        for copy, array in zip(copies, others._arrays, strict=True):
+            copy[index] = array
         return type(self)(*copies)

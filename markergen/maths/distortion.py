@@ -151,7 +151,7 @@ def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Arr
             break
         square = x * x + y * y
         square[square >= limit**2] = np.nan
-        xd, yd, known = lens.place(x, y, square, coefficients)
+        xd, yd, intermediate = lens.place(x, y, square, coefficients)
         dx, dy = u - xd, v - yd
         error = dx * dx + dy * dy
         done = error <= tolerance
@@ -160,8 +160,8 @@ def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Arr
             rest = ~done
             index, u, v, tolerance, x, y = index[rest], u[rest], v[rest], tolerance[rest], x[rest], y[rest]
             x0, y0, sx, sy, least = x0[rest], y0[rest], sx[rest], sy[rest], least[rest]
-            dx, dy, error, known = dx[rest], dy[rest], error[rest], [each[rest] for each in known]
-        xx, xy, yx, yy = lens.gradient_from(x, y, known, coefficients)
+            dx, dy, error, intermediate = dx[rest], dy[rest], error[rest], [values[rest] for values in intermediate]
+        xx, xy, yx, yy = lens.gradient_from(x, y, intermediate, coefficients)
         determinant = xx * yy - xy * yx
         nx, ny = (yy * dx - xy * dy) / determinant, (xx * dy - yx * dx) / determinant
         worse = ~(error < least)

@@ -112,8 +112,8 @@ def dot_covariance(
         nan where the ellipse is nan (dot not visible).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(*np.shape(angle), 2, 2)
-    affine = turn * semi[..., None, :]
+    rotation = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(*np.shape(angle), 2, 2)
+    affine = rotation * semi[..., None, :]
     return center_covariance(affine if lens is None else lens @ affine, edge_px, contrast / noise_grey)
 
 
@@ -176,8 +176,8 @@ def displaced(information: Array, displacement: Array) -> tuple[Array, Callable[
 
     def pullback(cotangent: Array) -> tuple[Array, Array]:
         # dW = U dF U' - W dP W with U = W F^-1 = (1 + F P)^-1.
-        turn = (np.eye(2) + _adjugate(share)) / whole[..., None, None]
-        by_information = product(product(turn.swapaxes(-1, -2), cotangent), turn)
+        inverse = (np.eye(2) + _adjugate(share)) / whole[..., None, None]
+        by_information = product(product(inverse.swapaxes(-1, -2), cotangent), inverse)
         return by_information, -2 * product(product(product(weight, cotangent), weight), displacement)
 
     return weight, pullback

@@ -83,7 +83,7 @@ class LeastSquares(ABC):
         """
 
     @abstractmethod
-    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+    def jacobian(self, unknowns: Arrays, results: Arrays) -> Array:
         """J (k, m, p), from the unknowns and the result of `residuals` there."""
 
     def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
@@ -139,21 +139,21 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
         if count < len(index):
             ended = _stored(ended, index, current)
             index, strength, problems = index[going], strength[going], problems.take(going)
-            current = tuple([each[going] for each in current])
-        old, found = current[:parts], current[parts:]
+            current = tuple([values[going] for values in current])
+        old, results = current[:parts], current[parts:]
         # Kept until the next Jacobian exists: freed earlier, its memory would go back to the system, page by page.
-        jacobian = problems.jacobian(old, found)
-        step = problems.damped_step(jacobian, found[1], strength, damping.ridge)
+        jacobian = problems.jacobian(old, results)
+        step = problems.damped_step(jacobian, results[1], strength, damping.ridge)
         tried = problems.moved(old, step)
         fresh = problems.residuals(tried)
-        good = fresh[0] <= found[0] * (1 + damping.slack)
+        good = fresh[0] <= results[0] * (1 + damping.slack)
         weaker = np.maximum(strength / FACTOR, damping.least)
         if np.count_nonzero(good) == count:
             current, strength = (*tried, *fresh), weaker
         else:
             current = tuple([_each(good, *pair) for pair in zip((*tried, *fresh), current, strict=True)])
             strength = np.where(good, weaker, strength * FACTOR)
-        going = ~problems.converged(Attempt(step, tried, current[:parts], found[0], fresh[0], current[parts], good))
+        going = ~problems.converged(Attempt(step, tried, current[:parts], results[0], fresh[0], current[parts], good))
         if damping.most < np.inf:
             going &= strength <= damping.most
     ended = _stored(ended, index, current)
@@ -182,7 +182,7 @@ def _each(good: Mask, new: Array, old: Array) -> Array:
 def _stored(ended: list[Array], index: NDArray[np.intp], current: Arrays) -> list[Array]:
     """Store the current values of the problems `index` in the arrays of the whole batch."""
     if len(index) == len(ended[0]):
-        return [each.copy() for each in current[: len(ended)]]
+        return [values.copy() for values in current[: len(ended)]]
     for whole, part in zip(ended, current, strict=False):
         whole[index] = part
     return ended

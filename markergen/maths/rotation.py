@@ -110,10 +110,10 @@ def scaled_motion(source: Array, target: Array, mirror: bool = False) -> tuple[A
     middle, goal = source.mean(axis=0), target.mean(axis=0)
     a, b = source - middle, target - goal
     scale = np.ones(2)
-    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     for _ in range(20):
         moved = a * scale @ rotation.T
-        columns = [moved @ turn.T, np.outer(a[:, 0], rotation[:, 0]), np.outer(a[:, 1], rotation[:, 1])]
+        columns = [moved @ quarter.T, np.outer(a[:, 0], rotation[:, 0]), np.outer(a[:, 1], rotation[:, 1])]
         jacobian = np.stack([column.ravel() for column in columns], axis=-1)
         step, _, rank, _ = np.linalg.lstsq(jacobian, (b - moved).ravel(), rcond=1e-9)
         if rank < 3:

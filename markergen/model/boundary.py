@@ -369,9 +369,9 @@ class Without(_Drawn):
         """See `Boundary.depth_gradient`."""
         depth, gradient = self.boundary.depth(points), self.boundary.depth_gradient(points)
         for keep_out in self.keep_outs:
-            other = -keep_out.depth(points)
-            gradient = np.where((other < depth)[..., None], -keep_out.depth_gradient(points), gradient)
-            depth = np.minimum(depth, other)
+            outside = -keep_out.depth(points)
+            gradient = np.where((outside < depth)[..., None], -keep_out.depth_gradient(points), gradient)
+            depth = np.minimum(depth, outside)
         return gradient
 
     def rim(self, count: int) -> Array:
@@ -423,11 +423,11 @@ def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") ->
     """
     if origin not in ("center", "file"):
         raise InputError("an origin of center or file", repr(origin), "use --origin center or --origin file")
-    corners = [each.points if isinstance(each, Contour) else each for each in outlines]
-    bulges = [each.bulges if isinstance(each, Contour) else () for each in outlines]
+    corners = [outline.points if isinstance(outline, Contour) else outline for outline in outlines]
+    bulges = [outline.bulges if isinstance(outline, Contour) else () for outline in outlines]
     contours = canonical_contours(corners, bulges)
-    shift = enclosing_circle(np.concatenate(polygons_of(contours)))[0] if origin == "center" else np.zeros(2)
-    moved = [placed(contour, 1.0, shift, 12) for contour in contours]
+    center = enclosing_circle(np.concatenate(polygons_of(contours)))[0] if origin == "center" else np.zeros(2)
+    moved = [placed(contour, 1.0, center, 12) for contour in contours]
     return Polygon(tuple(contour.points for contour in moved), tuple(contour.bulges for contour in moved))
 
 

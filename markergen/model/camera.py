@@ -125,14 +125,14 @@ class Camera:
                 "give the camera's width and height in whole pixels",
             )
         if not (0 < plain["fx"] <= largest and 0 < plain["fy"] <= largest):
-            found = f"fx={brief(self.fx)}, fy={brief(self.fy)}"
-            raise InputError("finite positive focal lengths", found, "check the camera matrix")
+            actual = f"fx={brief(self.fx)}, fy={brief(self.fy)}"
+            raise InputError("finite positive focal lengths", actual, "check the camera matrix")
         if not (abs(plain["cx"]) <= largest and abs(plain["cy"]) <= largest):
-            found = f"cx={brief(self.cx)}, cy={brief(self.cy)}"
-            raise InputError("a finite principal point", found, "check the camera matrix")
+            actual = f"cx={brief(self.cx)}, cy={brief(self.cy)}"
+            raise InputError("a finite principal point", actual, "check the camera matrix")
         if not isinstance(self.distortion, Distortion):
-            found = f"{type(self.distortion).__name__} {brief(self.distortion)}"
-            raise InputError("a Distortion", found, 'give Distortion("radtan", (k1, k2, p1, p2)), for example')
+            actual = f"{type(self.distortion).__name__} {brief(self.distortion)}"
+            raise InputError("a Distortion", actual, 'give Distortion("radtan", (k1, k2, p1, p2)), for example')
         for name, number in plain.items():
             object.__setattr__(self, name, number)
 

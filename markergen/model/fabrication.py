@@ -138,12 +138,12 @@ class Fabrication:
                 least = "of 0 or more" if zero else "above 0"
                 raise InputError(f"a {name} {least}", f"{name}={value} m", f"use --{name} {example}, for example")
         for name, example in (("material", "EN AW-5083"), ("general_tolerance", GENERAL_TOLERANCE)):
-            words = getattr(self, name)
-            if len(words) > LONGEST_ENTRY or not (words or name == "material") or not words.isprintable():
+            entry = getattr(self, name)
+            if len(entry) > LONGEST_ENTRY or not (entry or name == "material") or not entry.isprintable():
                 option = name.replace("_", "-")
                 raise InputError(
                     f"a {option.replace('-', ' ')} in 1 to {LONGEST_ENTRY} characters on one line",
-                    brief(words),
+                    brief(entry),
                     f"use --{option} '{example}', for example",
                 )
         if not 0 <= self.draft < pi / 4:

@@ -9,7 +9,7 @@ from markergen.errors import InputError, brief
 Polarity = Literal["dark", "light"]
 
 DOT_PIXELS, RING_PIXELS = 2.5, 6.0
-"""Mean diameter of an image, in px, below which a dot is hardly found, and a ring hardly told from a disk.
+"""Mean diameter of an image, in px, below which a dot is hardly found, and a ring hardly distinguished from a disk.
 
 It is the root of long times short axis. Of markers with eight such dots, or with a ring, three quarters and more are
 found, from the front and tilted by 70 deg, at a blur of 1 px and a noise of 3 % of the contrast."""

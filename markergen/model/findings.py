@@ -21,30 +21,30 @@ UNNAMED = "="
 _WORDS = {"missing": "missing", "extra_forbidden": "unknown key"}
 
 
-def findings_of(error: "ValidationError", known: Callable[[Location], Iterable[str]] = lambda _: ()) -> list[str]:
+def findings_of(error: "ValidationError", keys_at: Callable[[Location], Iterable[str]] = lambda _: ()) -> list[str]:
     """Return the findings of a pydantic check, each with its path, such as ``control_points[2].x``.
 
     `known` returns the valid keys at the place of an unknown one, to suggest the nearest.
     """
     return [
         f"{path_of(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
-        + (_nearest(item["loc"], known) if item["type"] == "extra_forbidden" else "")
+        + (_nearest(item["loc"], keys_at) if item["type"] == "extra_forbidden" else "")
         # For a missing key, the input is the whole table around it.
         + ("" if item["type"] == "missing" else f" (got {brief(item['input'])})")
         for item in error.errors()
     ]
 
 
-def _nearest(location: Location, known: Callable[[Location], Iterable[str]]) -> str:
+def _nearest(location: Location, keys_at: Callable[[Location], Iterable[str]]) -> str:
     key = str(location[-1])
-    near = get_close_matches(key, known(location), n=1) if len(key) <= 40 else []
-    return f", did you mean {near[0]!r}?" if near else ""
+    matches = get_close_matches(key, keys_at(location), n=1) if len(key) <= 40 else []
+    return f", did you mean {matches[0]!r}?" if matches else ""
 
 
-def listed(findings: Sequence[str], shown: int = SHOWN) -> str:
+def listed(findings: Sequence[str], most: int = SHOWN) -> str:
     """Join findings in one line; of more than `shown`, only the first ones, and how many more there are."""
-    more = len(findings) - shown
-    return "; ".join(findings[:shown]) + (f"; and {more} more" if more > 0 else "")
+    more = len(findings) - most
+    return "; ".join(findings[:most]) + (f"; and {more} more" if more > 0 else "")
 
 
 def path_of(location: Location) -> str:

@@ -100,10 +100,10 @@ def parse_goal(text: str) -> Goal:
     limits = [_LIMIT.fullmatch(part) for part in rest]
     goal = Goal(
         tuple((float(term[1] or 1), term[2]) for term in terms if term),
-        tuple(Limit(each[1], float(each[2] or 1), each[3] or "") for each in limits if each),
+        tuple(Limit(limit[1], float(limit[2] or 1), limit[3] or "") for limit in limits if limit),
     )
     # A limit without a number is the polygon itself.
-    bare = any(each and not each[2] and each[3] != NGON for each in limits)
+    bare = any(limit and not limit[2] and limit[3] != NGON for limit in limits)
     numbers = [*(weight for weight, _ in goal.terms), *(limit.most for limit in goal.limits)]
     if None in terms or None in limits or bare or not all(0 < number < 1e9 for number in numbers):
         raise InputError(

@@ -94,8 +94,8 @@ class JointCovariance:
             raise InputError("the axes xy or xyz", brief(self.axes), "say which coordinates the covariance is of")
         twice = [number for number in self.order if self.order.count(number) > 1]
         if twice or not self.order:
-            found = f"id {twice[0]} twice" if twice else "none"
-            raise InputError("ids of control points, each once", found, "correct the order")
+            actual = f"id {twice[0]} twice" if twice else "none"
+            raise InputError("ids of control points, each once", actual, "correct the order")
         size = len(self.axes) * len(self.order)
         shape = [len(row) for row in self.matrix]
         if shape != [size] * size:
@@ -291,10 +291,10 @@ class Marker(Body):
     @cached_property
     def place_covariance(self) -> Array | None:
         """Covariances (n, 2, 2) in m^2 of measured places, nan for other points; None if there is none."""
-        given = [point.covariance for point in self.control_points]
-        if not any(given):
+        covariances = [point.covariance for point in self.control_points]
+        if not any(covariances):
             return None
-        rows = [(c[0], c[1], c[1], c[2]) if c else (np.nan,) * 4 for c in given]
+        rows = [(c[0], c[1], c[1], c[2]) if c else (np.nan,) * 4 for c in covariances]
         return np.array(rows, dtype=float).reshape(-1, 2, 2)
 
     @cached_property
@@ -404,10 +404,10 @@ def check_supported(marker: Marker, doing: str, light: bool = True) -> None:
     remedy = "this version of markergen keeps it in marker.json and does nothing else with it"
     bright = [str(point.id) for point in marker.control_points if point.feature.polarity == "light"]
     if bright and not (light and marker.light):
-        some = ", ".join(bright[:10]) + (", ..." if len(bright) > 10 else "")
+        ids = ", ".join(bright[:10]) + (", ..." if len(bright) > 10 else "")
         remedy = f"{LIGHT_DOTS}; design it without --colors inverted" if marker.light else remedy
         kind = "dots all dark or all light" if light else "dark dots"
-        raise InputError(f"{kind} {doing}", f"light dots: {some}", remedy)
+        raise InputError(f"{kind} {doing}", f"light dots: {ids}", remedy)
 
 
 def light_marker(marker: Marker) -> Marker:

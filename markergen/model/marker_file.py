@@ -195,11 +195,11 @@ class _Plate(_MarkerPart):
 
     def moved(self, point: ControlPoint) -> ControlPoint:
         """Return a control point in the frame of this plate."""
-        rotation, shift = np.array(self.pose.rotation), np.array(self.pose.translation)
+        rotation, translation = np.array(self.pose.rotation), np.array(self.pose.translation)
         designed_x, designed_y = point.designed or (point.x, point.y)
         designed_z = point.z if point.designed_z is None else point.designed_z
-        x, y, z = ((np.array([point.x, point.y, point.z]) - shift) @ rotation).tolist()
-        u, v, w = ((np.array([designed_x, designed_y, designed_z]) - shift) @ rotation).tolist()
+        x, y, z = ((np.array([point.x, point.y, point.z]) - translation) @ rotation).tolist()
+        u, v, w = ((np.array([designed_x, designed_y, designed_z]) - translation) @ rotation).tolist()
         is_measured = point.designed is not None or point.designed_z is not None
         return replace(
             point, x=x, y=y, z=z, designed=(u, v) if is_measured else None, designed_z=w if is_measured else None
@@ -314,8 +314,8 @@ def _since(form: Form, key: str) -> int:
 def _below(forms: tuple[Form, ...], key: str, choice: str = "") -> tuple[Form, ...]:
     """Return the forms below a key: all of its choices, or a given one."""
     fields = [form.model_fields[key] for form in forms if key in form.model_fields]
-    found = [each for field in fields for each in _choices(field.annotation)]
-    return tuple(form for tag, form in found if choice in ("", tag))
+    choices = [pair for field in fields for pair in _choices(field.annotation)]
+    return tuple(form for tag, form in choices if choice in ("", tag))
 
 
 def _choices(annotation: Any, tag: str = "") -> Iterator[tuple[str, Form]]:

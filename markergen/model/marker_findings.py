@@ -99,17 +99,17 @@ def _all(form: MarkerFile) -> _Parts:
 
 
 def _usable(content: Mapping[str, Any]) -> _Parts:
-    def each(key: str, kind: Any, most: int | None = None) -> dict[str, Any]:
+    def usable(key: str, kind: Any, most: int | None = None) -> dict[str, Any]:
         items = content.get(key)
-        found = [_valid(kind, item) for item in items[:most]] if isinstance(items, list) else []
-        return {path: value for path, value in _numbered(key, found).items() if value is not None}
+        values = [_valid(kind, item) for item in items[:most]] if isinstance(items, list) else []
+        return {path: value for path, value in _numbered(key, values).items() if value is not None}
 
-    plates = each("plates", _Plate, MOST_PLATES)
+    plates = usable("plates", _Plate, MOST_PLATES)
     return _Parts(
-        each("control_points", _ControlPoint),
+        usable("control_points", _ControlPoint),
         _valid(Annotated[NonNegative, Field(strict=True)], content.get("clearance")) or 0.0,
         _valid(BoundaryFile, content.get("boundary")),
-        each("keep_outs", BoundaryFile),
+        usable("keep_outs", BoundaryFile),
         _valid(_Tag, content.get("tag")),
         _valid(SubstrateFile, content.get("substrate")),
         _valid(_PrintCorrection, content.get("print_correction")),
@@ -161,13 +161,15 @@ def _tag_findings(file: _Tag, path: str) -> list[str]:
         tag = file.build()
     except InputError as error:
         return [f"{path}.id: {error}"]
-    found = []
+    findings = []
     expected = np.column_stack([tag.corners, np.zeros(4)])
     if not np.allclose(file.corners, expected, rtol=0, atol=TOLERANCE):
-        found.append(f"{path}.corners: not those of an upright square of side {tag.side} at z = 0, in the order stated")
+        findings.append(
+            f"{path}.corners: not those of an upright square of side {tag.side} at z = 0, in the order stated"
+        )
     if abs(file.quiet_zone - tag.quiet) > TOLERANCE:
-        found.append(f"{path}.quiet_zone: {file.quiet_zone}, and one cell of the tag is {tag.quiet}")
-    return found
+        findings.append(f"{path}.quiet_zone: {file.quiet_zone}, and one cell of the tag is {tag.quiet}")
+    return findings
 
 
 def _features(points: Mapping[str, _ControlPoint]) -> list[str]:
@@ -203,8 +205,8 @@ def _joint(parts: _Parts) -> list[str]:
         for index, number in enumerate(parts.joint.order)
         if number not in ids
     ]
-    own = [path for path, point in parts.points.items() if point.covariance is not None]
-    return findings + [f"{path}.covariance: joint_covariance stands in its place: leave one out" for path in own]
+    single = [path for path, point in parts.points.items() if point.covariance is not None]
+    return findings + [f"{path}.covariance: joint_covariance stands in its place: leave one out" for path in single]
 
 
 def _plates(parts: _Parts, designed: Array) -> list[str]:
@@ -237,8 +239,8 @@ def _plates(parts: _Parts, designed: Array) -> list[str]:
             placed.add(number)
         here = {paths[number]: parts.points[paths[number]] for number in file.control_points if number in paths}
         if here:
-            rotation, shift = np.array(file.pose.rotation), np.array(file.pose.translation)
-            dots = _dots(here, (np.array([rows[path] for path in here]) - shift) @ rotation)
+            rotation, translation = np.array(file.pose.rotation), np.array(file.pose.translation)
+            dots = _dots(here, (np.array([rows[path] for path in here]) - translation) @ rotation)
             borders = _borders(file.boundary, _numbered("keep_outs", file.keep_outs), file.tag)
             borders = {f"{name} of {path}": border for name, border in borders.items()}
             findings += _room(dots, borders, parts.clearance) + _gaps(dots, parts.clearance)
@@ -280,7 +282,7 @@ def _holes(parts: _Parts, dots: _Dots) -> list[str]:
     disks = {path: (x, y, r) for path, (x, y), r in zip(dots.paths, dots.xy.tolist(), dots.radii.tolist(), strict=True)}
     border = parts.tag.build().quiet_zone if parts.tag and not _tag_findings(parts.tag, "tag") else None
     misfits = crowded(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
-    return [f"substrate.holes[{misfit.hole}]: {misfit.found}" for misfit in misfits]
+    return [f"substrate.holes[{misfit.hole}]: {misfit.problem}" for misfit in misfits]
 
 
 def _mm(meters: float) -> str:

@@ -123,10 +123,10 @@ def dumped(content: Any, indent: int | None = 2) -> str:
     try:
         return json.dumps(content, indent=indent, allow_nan=False, default=_plain)
     except RecursionError:
-        found = "endless nesting"
+        actual = "endless nesting"
     except (TypeError, ValueError) as error:
-        found = str(error)[:80]
-    raise InputError("a marker of plain JSON values and finite numbers", found, "correct it where it was made")
+        actual = str(error)[:80]
+    raise InputError("a marker of plain JSON values and finite numbers", actual, "correct it where it was made")
 
 
 def _plain(value: object) -> Any:
@@ -233,12 +233,14 @@ def parsed(text: str, name: str) -> Any:
             text, object_pairs_hook=_distinct, parse_constant=_number, parse_float=_number, parse_int=_integer
         )
     except json.JSONDecodeError as error:
-        found = f"line {error.lineno} column {error.colno}: {error.msg}"
+        actual = f"line {error.lineno} column {error.colno}: {error.msg}"
     except RecursionError:
-        found = "endless nesting"
+        actual = "endless nesting"
     except ValueError as error:
-        found = str(error)
-    raise InputError(f"complete JSON in {name}", found, "the file is cut off or damaged: design it again or restore it")
+        actual = str(error)
+    raise InputError(
+        f"complete JSON in {name}", actual, "the file is cut off or damaged: design it again or restore it"
+    )
 
 
 def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

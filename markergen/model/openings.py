@@ -54,8 +54,8 @@ class Opening:
 def openings(marker: Marker) -> tuple[Opening, ...]:
     """Return all holes: mounting and dowel holes in the order of marker.json, then those of the drawings."""
     drawn = drawn_holes(marker.boundary, marker.substrate.outline)
-    made = (Opening(circle(hole.diameter / 2, hole.x, hole.y, hole=True), hole) for hole in marker.substrate.holes)
-    return (*made, *map(Opening, drawn))
+    holes = (Opening(circle(hole.diameter / 2, hole.x, hole.y, hole=True), hole) for hole in marker.substrate.holes)
+    return (*holes, *map(Opening, drawn))
 
 
 def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Contour, ...]:
@@ -74,33 +74,40 @@ def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Co
 # Cached, since every file of a marker needs them.
 @lru_cache(maxsize=8)
 def _drawn_holes(boundary: Boundary, outline: Boundary | None) -> tuple[Contour, ...]:
-    own, other = ([each for each in shape.contours() if area(each) < 0] if shape else [] for shape in
-                  (outline, boundary))  # fmt: skip
-    if not (own and other):
-        return (*own, *other)
+    outline_holes, boundary_holes = (
+        [contour for contour in shape.contours() if area(contour) < 0] if shape else [] for shape in (outline, boundary)
+    )
+    if not (outline_holes and boundary_holes):
+        return (*outline_holes, *boundary_holes)
     within: tuple[set[int], set[int]] = set(), set()
-    for i, k in np.argwhere(_boxes_meet(own, other)).tolist():
-        ours, theirs = _region(own[i]), _region(other[k])
+    for i, k in np.argwhere(_boxes_meet(outline_holes, boundary_holes)).tolist():
+        ours, theirs = _region(outline_holes[i]), _region(boundary_holes[k])
         if not theirs - ours.offset(2 * OFF):
             within[1].add(k)
         elif not ours - theirs.offset(2 * OFF):
             within[0].add(i)
         elif ours.meets(theirs):
-            x, y = map(format_length, filled_outline(other[k]).center)
+            x, y = map(format_length, filled_outline(boundary_holes[k]).center)
             raise InputError(
                 "holes of the boundary inside or outside of those of --outline",
                 f"one around {x}, {y} that overlaps one",
                 "draw their union in one of the drawings",
             )
     return tuple(
-        each for holes, drop in zip((own, other), within, strict=True) for k, each in enumerate(holes) if k not in drop
+        hole
+        for holes, drop in zip((outline_holes, boundary_holes), within, strict=True)
+        for k, hole in enumerate(holes)
+        if k not in drop
     )
 
 
 def _boxes_meet(ones: Sequence[Contour], others: Sequence[Contour]) -> NDArray[np.bool_]:
     """True (m, k) where the bounding boxes of two contours meet."""
-    one, other = (np.array([box(each) for each in contours]) for contours in (ones, others))
-    low, high = one[:, None, :2] <= other[None, :, 2:] + OFF, other[None, :, :2] <= one[:, None, 2:] + OFF
+    boxes, other_boxes = (np.array([box(contour) for contour in contours]) for contours in (ones, others))
+    low, high = (
+        boxes[:, None, :2] <= other_boxes[None, :, 2:] + OFF,
+        other_boxes[None, :, :2] <= boxes[:, None, 2:] + OFF,
+    )
     return np.asarray((low & high).all(axis=-1))
 
 
@@ -118,17 +125,17 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     if not dots:
         return ()
     _, *places, across = np.array(dots).T
-    found = []
+    reaches = []
     for opening in openings(designed):
-        near = opening.region.distance(np.stack(places, axis=-1)) < across - 1e-9
-        ids = [str(dot[0]) for dot, close in zip(dots, near, strict=True) if close]
+        is_near = opening.region.distance(np.stack(places, axis=-1)) < across - 1e-9
+        ids = [str(dot[0]) for dot, close in zip(dots, is_near, strict=True) if close]
         if ids:
-            found.append(f"{opening} into that of dot{'s' * (len(ids) > 1)} {' and '.join(_some(ids))}")
-    if not found:
+            reaches.append(f"{opening} into that of dot{'s' * (len(ids) > 1)} {' and '.join(_some(ids))}")
+    if not reaches:
         return ()
     return (
         "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(found, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
+        f"{listed(reaches, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 

@@ -54,10 +54,10 @@ def _path(rings: Sequence[Array], style: str) -> str:
 def _dot(point: "ControlPoint", margin: float) -> str:
     x, y = 1e3 * float(point.x), -1e3 * float(point.y)
     outer, inner = 500 * float(point.feature.diameter), 500 * float(point.feature.inner_diameter)
-    ink, other = ("#fff", "#000") if point.feature.polarity == "light" else ("#000", "#fff")
+    ink, ground = ("#fff", "#000") if point.feature.polarity == "light" else ("#000", "#fff")
     size = max(0.6 * outer, margin / 2)
     radius = outer or margin / 4
-    hole = f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{inner:.6g}" fill="{other}"/>' if inner else ""
+    hole = f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{inner:.6g}" fill="{ground}"/>' if inner else ""
     return (
         f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{radius:.6g}" fill="{ink}" stroke="#000" '
         f'stroke-width="{margin / 20:.4g}"/>{hole}<text x="{x:.6g}" y="{y:.6g}" font-size="{size:.4g}" fill="#d60" '

@@ -119,7 +119,7 @@ class PoseDistribution:
             # A bare number is in meters.
             huge = bool((np.linalg.norm(points, axis=-1).max() > 2 * self.distance).all()) and len(self) > 0
             smaller = "give lengths with their unit, such as 80mm, or use" if huge else "use"
-            reasons = ", ".join(f"{counts[code]} {words}" for code, words in REASONS.items() if counts[code])
+            reasons = ", ".join(f"{counts[code]} {reason}" for code, reason in REASONS.items() if counts[code])
             raise InputError(
                 "a pose that sees the whole marker",
                 f"none of {len(self)} ({self.name}) for {boundary}: {reasons}",
@@ -226,7 +226,7 @@ def pose_forms() -> list[str]:
     return [*(name for name, form in forms.items() if not form), *filter(None, forms.values())]
 
 
-def pose_arguments(text: str, known: Sequence[str], form: str) -> dict[str, str]:
+def pose_arguments(text: str, keys: Sequence[str], form: str) -> dict[str, str]:
     """Parse the arguments of a text ``name:key=value,key=value``.
 
     Raises
@@ -235,15 +235,15 @@ def pose_arguments(text: str, known: Sequence[str], form: str) -> dict[str, str]
         If a key is not one of the `known`, or is repeated; the message shows the valid `form`.
     """
     name, _, rest = text.partition(":")
-    given: dict[str, str] = {}
+    arguments: dict[str, str] = {}
     for item in rest.split(",") if rest.strip() else []:
         key, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or key not in known:
-            raise InputError(f"a key of {name.strip()}: {', '.join(known)}", brief(item), f"write {form}")
-        if key in given:
+        if not equals or key not in keys:
+            raise InputError(f"a key of {name.strip()}: {', '.join(keys)}", brief(item), f"write {form}")
+        if key in arguments:
             raise InputError(f"{key} once in a {name.strip()}", f"{key} twice", "leave one out")
-        given[key] = value
-    return given
+        arguments[key] = value
+    return arguments
 
 
 def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:
@@ -263,12 +263,12 @@ def silhouette(boundary: Boundary) -> Array:
     outlines = boundary.outlines()
     around = hull(np.concatenate(outlines))
     into, out = around - np.roll(around, 1, axis=0), np.roll(around, -1, axis=0) - around
-    turn = np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], np.sum(into * out, axis=-1))
+    angle = np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], np.sum(into * out, axis=-1))
     # An outline with bays is longer than its hull.
     tight = np.linalg.norm(into, axis=-1).sum()
     length = sum(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=-1).sum() for ring in outlines)
     count = RIM_POINTS * max(1, ceil(length / tight - 1e-6))
-    return np.concatenate([boundary.rim(count), around[np.abs(turn) > _CORNER]])
+    return np.concatenate([boundary.rim(count), around[np.abs(angle) > _CORNER]])
 
 
 def raised(points: Array, height: float) -> Array:

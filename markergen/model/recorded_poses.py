@@ -101,13 +101,13 @@ class RecordedPoses(PoseDistribution):
         return replace(super().taken(indices, dropped), numbers=self.numbers[indices])
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
-        some = slice(None, None, ceil(len(self) / _LOOKED_AT))
+        sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
         # Fewer could be chance.
         best, most = "", max(2 * share, 0.1)
-        for words, rotation, translation in _other_conventions(self.rotation[some], self.translation[some]):
-            other = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
-            if other > most:
-                best, most = words, other
+        for convention, rotation, translation in _other_conventions(self.rotation[sample], self.translation[sample]):
+            visible = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
+            if visible > most:
+                best, most = convention, visible
         return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
 
 

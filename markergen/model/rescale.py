@@ -28,7 +28,7 @@ WIDEST = 0.5
 RULERS_MM = (200, 150, 100, 50, 20)
 """Lengths of the rulers on a sheet, in mm: the longest that has room.
 
-No measured length is within `MOST_OFF` of two of them, so it tells which of them was measured.
+No measured length is within `MOST_OFF` of two of them, so it shows which of them was measured.
 """
 
 
@@ -69,8 +69,8 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
         by one; or if the nominal length is not the one that the marker states for its ruler. Also as `check_supported`
         does.
     """
-    changed, said = _rescaled(marker, rulers, force)
-    return changed, (*said, *_reach([changed]))
+    changed, sentences = _rescaled(marker, rulers, force)
+    return changed, (*sentences, *_reach([changed]))
 
 
 def exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> tuple[float, float] | None:
@@ -81,17 +81,17 @@ def exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> tuple
     x, y = rulers.x, rulers.y
     if x is None or y is None:
         return None
-    sheets = [each for each in printed if all(each)]
-    if any(not _off(x / each[0]) and not _off(y / each[1]) for each in sheets):
+    sheets = [sheet for sheet in printed if all(sheet)]
+    if any(not _off(x / sheet[0]) and not _off(y / sheet[1]) for sheet in sheets):
         return None
-    return next((each for each in sheets if not _off(y / each[0]) and not _off(x / each[1])), None)
+    return next((sheet for sheet in sheets if not _off(y / sheet[0]) and not _off(x / sheet[1])), None)
 
 
 def check_not_exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> None:
     """Refuse lengths that are `exchanged`; raises InputError."""
     turned = exchanged(rulers, printed)
     if turned is not None and rulers.x is not None and rulers.y is not None:
-        (x, y), (u, v) = (map(format_length, each) for each in (turned, (rulers.x, rulers.y)))
+        (x, y), (u, v) = (map(format_length, lengths) for lengths in (turned, (rulers.x, rulers.y)))
         raise InputError(
             f"rulers as on the sheet, x {x} and y {y}",
             f"x {u} and y {v}",
@@ -108,13 +108,13 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
             "rescale the marker.json that was designed",
         )
     measured = {name: getattr(rulers, name) for name in "xy"}
-    given = {name: getattr(rulers, f"nominal_{name}") for name in "xy"}
+    nominal = {name: getattr(rulers, f"nominal_{name}") for name in "xy"}
     stated = dict(zip("xy", marker.rulers or (None, None), strict=True))
-    x, y = (given[name] if given[name] is not None else stated[name] for name in "xy")
+    x, y = (nominal[name] if nominal[name] is not None else stated[name] for name in "xy")
     if x is not None and y is not None and not force:
         check_not_exchanged(rulers, [(x, y)])
     lengths = {
-        name: _nominal(name, length, given[name], stated[name], force)
+        name: _nominal(name, length, nominal[name], stated[name], force)
         for name, length in measured.items()
         if length is not None
     }
@@ -139,7 +139,7 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         "measured_x": rulers.x, "measured_y": rulers.y,
         "nominal_x": lengths.get("x"), "nominal_y": lengths.get("y"),
     }  # fmt: skip
-    said = [
+    sentences = [
         f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y: "
         + ", ".join(f"{name} {format_length(measured[name])} of {format_length(lengths[name])}" for name in ratios)
         + "."
@@ -147,17 +147,21 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
     taken = [
         f"--nominal-{name} {format_length(lengths[name]).replace(' ', '')}"
         for name in ratios
-        if given[name] is None and stated[name] is None
+        if nominal[name] is None and stated[name] is None
     ]
     if taken:
-        said.append(f"That is taken for {' and '.join(taken)}; give what is printed beside the ruler if it is another.")
+        sentences.append(
+            f"That is taken for {' and '.join(taken)}; give what is printed beside the ruler if it is another."
+        )
     if rulers.x is None or rulers.y is None:
-        one, other = ("x", "y") if rulers.y is None else ("y", "x")
-        said.append(f"Only {one} was measured and stands for {other}, too; printers often differ between the two.")
+        axis, other_axis = ("x", "y") if rulers.y is None else ("y", "x")
+        sentences.append(
+            f"Only {axis} was measured and stands for {other_axis}, too; printers often differ between the two."
+        )
     if marker.print_scale != (1.0, 1.0):
         x, y = (100 * value for value in marker.print_scale)
-        said.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
-    return _recorded(replace(changed, control_points=points), "rulers", record), tuple(said)
+        sentences.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
+    return _recorded(replace(changed, control_points=points), "rulers", record), tuple(sentences)
 
 
 def _reach(markers: Sequence[Marker]) -> list[str]:
@@ -166,7 +170,7 @@ def _reach(markers: Sequence[Marker]) -> list[str]:
     moved = [m.as_designed.xyz[:, :2] * off for m, off in zip(markers, scales, strict=True) if off.any()]
     if not moved:
         return []
-    reach = max(float(np.linalg.norm(each, axis=-1).max()) for each in moved)
+    reach = max(float(np.linalg.norm(offsets, axis=-1).max()) for offsets in moved)
     return [f"Dots are up to {_short(reach)} from where they were designed."]
 
 
@@ -187,19 +191,20 @@ def rescale_rig(
     InputError
         As `rescale` does, or if a name is none of the rig's.
     """
-    names = [each.name for each in rig.markers]
+    names = [plate.name for plate in rig.markers]
     unknown = [name for name in others if name not in names]
     if unknown:
         raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
-    found = {each.name: _rescaled(each.marker, others.get(each.name, rulers), force) for each in rig.markers}
-    said = dict[tuple[str, ...], list[str]]()
-    for name, (_, sentences) in found.items():
-        said.setdefault(sentences, []).append(name)
-    told = [
-        " ".join(each) if len(said) == 1 else f"{', '.join(which)}: {' '.join(each)}" for each, which in said.items()
+    rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in rig.markers}
+    names_of = dict[tuple[str, ...], list[str]]()
+    for name, (_, sentences) in rescaled.items():
+        names_of.setdefault(sentences, []).append(name)
+    remarks = [
+        " ".join(lines) if len(names_of) == 1 else f"{', '.join(which)}: {' '.join(lines)}"
+        for lines, which in names_of.items()
     ]
-    changed = tuple(replace(each, marker=found[each.name][0]) for each in rig.markers)
-    return replace(rig, markers=changed), (*told, *_reach([each.marker for each in changed]))
+    changed = tuple(replace(plate, marker=rescaled[plate.name][0]) for plate in rig.markers)
+    return replace(rig, markers=changed), (*remarks, *_reach([plate.marker for plate in changed]))
 
 
 def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:
@@ -230,15 +235,15 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     if len({dot.id for dot in dots}) < len(dots):
         raise InputError("every dot once", "an id twice", "give the mean of several measurements")
     if len(dots) < 2:
-        raise InputError("two measured dots or more", f"{len(dots)}", "one alone does not tell how the frame is turned")
+        raise InputError("two measured dots or more", f"{len(dots)}", "one alone does not show how the frame is turned")
     measured = np.array([[dot.x, dot.y] for dot in dots])
     # Scale known without measuring dots: that of the rulers, if they were read.
     expected = np.array([_expected(here[dot.id], marker) for dot in dots])
     reach = float(np.linalg.norm(expected - expected.mean(axis=0), axis=-1).max())
     if not np.isfinite(measured).all() or not 0 < float(np.linalg.norm(np.ptp(measured, axis=0))) < 1e3:
         raise InputError("measured places apart from each other", "all at one place, or km apart", "check the unit")
-    rotation, shift = rigid_motion(measured, expected)
-    moved = measured @ rotation.T + shift
+    rotation, translation = rigid_motion(measured, expected)
+    moved = measured @ rotation.T + translation
     off = np.linalg.norm(moved - expected, axis=-1)
     worst = int(np.argmax(off))
     # The tolerance on scale, at the outermost dot: a share of its distance from the middle.
@@ -251,25 +256,25 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
             if mirrored < allowed
             else "check ids and unit, or add --force"
         )
-        found = f"dot {dots[worst].id} {_short(float(off[worst]))} from its place"
-        raise InputError(f"measured dots within {_short(float(allowed))} of the design", found, remedy)
+        actual = f"dot {dots[worst].id} {_short(float(off[worst]))} from its place"
+        raise InputError(f"measured dots within {_short(float(allowed))} of the design", actual, remedy)
     places = {dot.id: (place, _turned(dot, rotation)) for dot, place in zip(dots, moved.tolist(), strict=True)}
     points = tuple(
         _placed(point, marker, *places[point.id]) if point.id in places else point for point in here.values()
     )
-    said = [*_told(dots, rotation, expected.mean(axis=0) - measured.mean(axis=0), off)]
+    sentences = [*_fit_sentences(dots, rotation, expected.mean(axis=0) - measured.mean(axis=0), off)]
     missing = [point.id for point in marker.control_points if point.id not in places]
     if missing:
         verb = (
             "was not measured and keeps its place" if len(missing) == 1 else "were not measured and keep their places"
         )
-        said.append(f"{'Dot' if len(missing) == 1 else 'Dots'} {', '.join(map(str, missing))} {verb}.")
+        sentences.append(f"{'Dot' if len(missing) == 1 else 'Dots'} {', '.join(map(str, missing))} {verb}.")
     record = {
         "ids": [dot.id for dot in dots],
         "frame_turned": float(np.arctan2(rotation[1, 0], rotation[0, 0])),
-        "frame_moved": [float(value) for value in shift],
+        "frame_moved": [float(value) for value in translation],
     }
-    return _recorded(replace(marker, control_points=points), "points", record), tuple(said)
+    return _recorded(replace(marker, control_points=points), "points", record), tuple(sentences)
 
 
 def photographed(
@@ -290,12 +295,12 @@ def photographed(
     record : mapping
         Plain JSON values about the photographs, for the provenance.
     """
-    found = dict(zip(ids, np.round(places, 12).tolist(), strict=True))
+    measured = dict(zip(ids, np.round(places, 12).tolist(), strict=True))
 
     def moved(point: ControlPoint) -> ControlPoint:
-        if point.id not in found:
+        if point.id not in measured:
             return replace(point, covariance=None)
-        x, y, z = found[point.id]
+        x, y, z = measured[point.id]
         designed = point.designed or (
             round(point.x / marker.print_scale[0], 12),
             round(point.y / marker.print_scale[1], 12),
@@ -316,19 +321,19 @@ def scale_sigmas(marker: Marker, unmeasured: float, ruler_sigma: float) -> tuple
     unmeasured : float
         That of an axis whose ruler was not measured.
     ruler_sigma : float, m
-        That of the length of a ruler, which `rescale` was told.
+        That of the length of a ruler, which `rescale` took.
     """
-    told = marker.provenance.get("print")
-    record = told.get("rulers") if isinstance(told, Mapping) else None
+    print_record = marker.provenance.get("print")
+    record = print_record.get("rulers") if isinstance(print_record, Mapping) else None
     rulers = record if isinstance(record, Mapping) else {}
     lengths = [rulers.get(f"nominal_{name}") if rulers.get(f"measured_{name}") else None for name in "xy"]
     # Provenance is what a file says.
-    x, y = (ruler_sigma / each if isinstance(each, float) and each > 0 else unmeasured for each in lengths)
+    x, y = (ruler_sigma / length if isinstance(length, float) and length > 0 else unmeasured for length in lengths)
     return x, y
 
 
 def by_rulers(marker: Marker) -> Marker:
-    """Return a marker as its rulers alone tell, without what was measured of its dots."""
+    """Return a marker as its rulers alone show it, without what was measured of its dots."""
     return _scaled(marker.as_designed, marker.print_scale)
 
 
@@ -337,42 +342,42 @@ def _scaled(nominal: Marker, scale: tuple[float, float]) -> Marker:
     return replace(nominal, control_points=points, print_scale=scale)
 
 
-def _nominal(name: str, measured: float, given: float | None, stated: float | None, force: bool) -> float:
-    """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length tells.
+def _nominal(name: str, measured: float, requested: float | None, stated: float | None, force: bool) -> float:
+    """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length shows.
 
     Raises as `rescale` does.
     """
-    nominal = given if given is not None else stated
+    nominal = requested if requested is not None else stated
     if nominal is not None and not (isfinite(nominal) and nominal > 0):
         raise InputError(
             f"a ruler along {name} above 0", f"nominal_{name}={nominal} m", "give the length it is marked with"
         )
-    if given is not None and stated is not None and abs(given - stated) > 1e-9:
+    if requested is not None and stated is not None and abs(requested - stated) > 1e-9:
         raise InputError(
             f"the length of the ruler along {name} as the sheet has it, {format_length(stated)}",
-            f"nominal_{name}={format_length(given)}",
+            f"nominal_{name}={format_length(requested)}",
             f"give --nominal-{name} {format_length(stated).replace(' ', '')}",
         )
     if not (isfinite(measured) and measured > 0):
         raise InputError(f"a measured length along {name} above 0", f"{measured} m", "give a length such as 198.6mm")
     if nominal is None:
-        near = [length / 1e3 for length in RULERS_MM if not _off(measured / length * 1e3)]
-        if not near:
-            known = f"{', '.join(map(str, RULERS_MM[:-1]))} or {RULERS_MM[-1]} mm"
+        rulers = [length / 1e3 for length in RULERS_MM if not _off(measured / length * 1e3)]
+        if not rulers:
+            choices = f"{', '.join(map(str, RULERS_MM[:-1]))} or {RULERS_MM[-1]} mm"
             raise InputError(
-                f"a length along {name} within {100 * MOST_OFF:g} % of a sheet's ruler, {known}",
+                f"a length along {name} within {100 * MOST_OFF:g} % of a sheet's ruler, {choices}",
                 format_length(measured),
                 f"check the unit; or give --nominal-{name}, the length stated on the sheet, and --force if it is off",
             )
-        return near[0]
+        return rulers[0]
     scale = measured / nominal
-    found = f"{format_length(measured)}, which is {100 * (scale - 1):+.2f} %"
+    actual = f"{format_length(measured)}, which is {100 * (scale - 1):+.2f} %"
     expected = f"about {format_length(nominal)} along {name}, as long as the ruler on the sheet is"
     another = f"give --nominal-{name} if the ruler is another" if stated is None else "measure that ruler"
     if not WIDEST <= scale <= 1 / WIDEST:
-        raise InputError(expected, found, f"check the unit, or {another}")
+        raise InputError(expected, actual, f"check the unit, or {another}")
     if _off(scale) and not force:
-        raise InputError(expected, found, f"{another}, or add --force")
+        raise InputError(expected, actual, f"{another}, or add --force")
     return nominal
 
 
@@ -403,10 +408,10 @@ def _turned(dot: MeasuredDot, rotation: Array) -> tuple[float, float, float] | N
     return float(turned[0, 0]), float(turned[0, 1]), float(turned[1, 1])
 
 
-def _told(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Array) -> list[str]:
+def _fit_sentences(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Array) -> list[str]:
     angle = degrees(float(np.arctan2(rotation[1, 0], rotation[0, 0])))
     worst = int(np.argmax(off))
-    said = [
+    sentences = [
         f"The measured frame was turned by {angle:.6g} deg, and the middle of the dots moved by "
         f"x {_short(float(moved[0]))}, y {_short(float(moved[1]))}, to fit the design.",
         f"{len(dots)} dots were measured; they are {_short(float(np.sqrt(np.mean(off**2))))} RMS from the "
@@ -415,8 +420,8 @@ def _told(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Arr
     bare = [dot.id for dot in dots if dot.covariance is None]
     if bare:
         which = "No dot has a" if len(bare) == len(dots) else f"Dots {', '.join(map(str, bare))} have no"
-        said.append(f"{which} sigma: --print-sigma of detect and validate stands for it.")
-    return said
+        sentences.append(f"{which} sigma: --print-sigma of detect and validate stands for it.")
+    return sentences
 
 
 def _recorded(marker: Marker, kind: str, record: Mapping[str, Any]) -> Marker:

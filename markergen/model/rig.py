@@ -75,7 +75,7 @@ class Rig(Body):
         object.__setattr__(self, "markers", tuple(self.markers))
         if not 1 <= len(self.markers) <= MOST_MARKERS:
             raise InputError(f"1 to {MOST_MARKERS} markers of a rig", f"{len(self.markers)}", "correct the rig")
-        names = [each.name for each in self.markers]
+        names = [plate.name for plate in self.markers]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise InputError("markers of different names", f"{brief(twice[0])} twice", "rename one of them")
@@ -132,9 +132,9 @@ class Rig(Body):
 
     def outline(self, index: int) -> Array:
         """Points (m, 3) in m of the outlines of one marker's boundary, rig frame."""
-        each = self.markers[index]
-        points = np.concatenate(each.marker.boundary.outlines())
-        return each.to_body(np.column_stack([points, np.zeros(len(points))]))
+        plate = self.markers[index]
+        points = np.concatenate(plate.marker.boundary.outlines())
+        return plate.to_body(np.column_stack([points, np.zeros(len(points))]))
 
     @cached_property
     def margins(self) -> Array:
@@ -143,8 +143,8 @@ class Rig(Body):
         One dot diameter, but at most half the gap to the nearest other outline, less an eighth of a dot: 0 for faces
         that meet at an edge.
         """
-        diameters = np.array([each.marker.dot_diameter for each in self.markers])
-        margins, rims = diameters.copy(), [_rim(each, each.marker.dot_diameter / 8) for each in self.markers]
+        diameters = np.array([plate.marker.dot_diameter for plate in self.markers])
+        margins, rims = diameters.copy(), [_rim(plate, plate.marker.dot_diameter / 8) for plate in self.markers]
         boxes = np.array([[rim.min(axis=0), rim.max(axis=0)] for rim in rims])
         for j, k in combinations(range(len(rims)), 2):
             apart = np.maximum(boxes[j, 0] - boxes[k, 1], boxes[k, 0] - boxes[j, 1]).max()
@@ -161,7 +161,7 @@ class Rig(Body):
         tolerance = ROUNDING * max(self.radius, 1.0)
         outlines = [self.outline(k) for k in range(len(self.markers))]
         return all(
-            float(each.to_marker(outline)[:, 2].max()) <= tolerance for each in self.markers for outline in outlines
+            float(plate.to_marker(outline)[:, 2].max()) <= tolerance for plate in self.markers for outline in outlines
         )
 
     @cached_property
@@ -174,11 +174,11 @@ class Rig(Body):
         return door("api.export.export")(self, *paths, **options)
 
 
-def _rim(each: Plate, spacing: float) -> Array:
+def _rim(plate: Plate, spacing: float) -> Array:
     """Points (m, 3) in m, rig frame, on the outlines of a marker's boundary, at most `spacing` apart unless it is 0."""
-    region = each.marker.boundary.region
+    region = plate.marker.boundary.region
     points = np.concatenate((region.mapped(lambda corners: corners, spacing) if spacing else region).rings)
-    return each.to_body(np.column_stack([points, np.zeros(len(points))]))
+    return plate.to_body(np.column_stack([points, np.zeros(len(points))]))
 
 
 def _check_covariance(rows: Rows, size: int) -> None:

@@ -92,11 +92,11 @@ def rig_to_json(rig: Rig) -> bytes:
         "frame": {"unit": "m", "axes": _FRAME},
         "markers": [
             {
-                "name": each.name,
-                "T_rig_marker": {"rotation": each.rotation, "translation": each.translation},
-                "marker": json.loads(to_json(each.marker)),
+                "name": plate.name,
+                "T_rig_marker": {"rotation": plate.rotation, "translation": plate.translation},
+                "marker": json.loads(to_json(plate.marker)),
             }
-            for each in rig.markers
+            for plate in rig.markers
         ],
         **({"relation_covariance": rig.relation} if rig.relation else {}),
         "provenance": dict(rig.provenance),
@@ -172,13 +172,15 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
     except ValidationError as error:
         raise InputError(f"a valid rig in {name}", listed(findings_of(error)), "correct these places") from None
     findings, markers = list[str](), list[Plate]()
-    for k, each in enumerate(form.markers):
+    for k, entry in enumerate(form.markers):
         try:
-            if (each.marker is None) == (each.file is None):
+            if (entry.marker is None) == (entry.file is None):
                 raise InputError("a marker, or the file of one", "both or neither", "give one of them")
-            marker = read_marker(folder / each.file) if each.file else from_json(dumped(each.marker, None), each.name)
-            pose = each.T_rig_marker
-            markers.append(Plate(each.name, marker, tuple(map(tuple, pose.rotation)), tuple(pose.translation)))
+            marker = (
+                read_marker(folder / entry.file) if entry.file else from_json(dumped(entry.marker, None), entry.name)
+            )
+            pose = entry.T_rig_marker
+            markers.append(Plate(entry.name, marker, tuple(map(tuple, pose.rotation)), tuple(pose.translation)))
         except InputError as error:
             findings.append(f"markers[{k}]: {error}")
     if findings:

@@ -24,7 +24,7 @@ _DARK, _PAPER, _BACK = "#111111", "#ffffff", "#e4e4e4"
 
 def sides(rig: "Rig") -> dict[str, Array]:
     """Return directions (3,) from which to draw a rig: its front, and its back if that shows a marker."""
-    normals = np.array([each.rotation_matrix[:, 2] for each in rig.markers])
+    normals = np.array([plate.rotation_matrix[:, 2] for plate in rig.markers])
     front = 3 * normals.mean(axis=0) + [0.6, -0.9, 0.6]
     return {"front": front, **({"back": -front} if (normals @ front < -0.1 * np.linalg.norm(front)).any() else {})}
 
@@ -43,21 +43,21 @@ def draw_rig(rig: "Rig", direction: Array | None = None, ax: "Axes | None" = Non
     right = np.cross(up, toward) / np.linalg.norm(np.cross(up, toward))
     screen = 1e3 * np.stack([right, np.cross(toward, right)], axis=1)
     for k in (k for level in painting_levels(rig, FAR * rig.radius * toward) for k in level):
-        each, facing = rig.markers[k], rig.markers[k].rotation_matrix[:, 2] @ toward > 0
-        dark, paper = (_PAPER, _DARK) if each.marker.light else (_DARK, _PAPER)
+        plate, facing = rig.markers[k], rig.markers[k].rotation_matrix[:, 2] @ toward > 0
+        dark, paper = (_PAPER, _DARK) if plate.marker.light else (_DARK, _PAPER)
         for ring in rig.plate_regions[k].rings:
-            face = each.to_body(np.column_stack([ring, np.zeros(len(ring))])) @ screen
+            face = plate.to_body(np.column_stack([ring, np.zeros(len(ring))])) @ screen
             ax.add_patch(Polygon(face, facecolor=paper if facing else _BACK, edgecolor=MUTED, linewidth=0.8))
         if not facing:
             continue
-        for point, center in zip(each.marker.control_points, each.marker.xyz, strict=True):
+        for point, center in zip(plate.marker.control_points, plate.marker.xyz, strict=True):
             for diameter, color in ((point.feature.diameter, dark), (point.feature.inner_diameter, paper)):
                 circle = diameter / 2 * np.stack([np.cos(_AROUND), np.sin(_AROUND), 0 * _AROUND], axis=-1)
                 if diameter:
-                    ax.add_patch(Polygon(each.to_body(center + circle) @ screen, facecolor=color, edgecolor="none"))
-        x, y = each.to_body(_room(rig, k)) @ screen
+                    ax.add_patch(Polygon(plate.to_body(center + circle) @ screen, facecolor=color, edgecolor="none"))
+        x, y = plate.to_body(_room(rig, k)) @ screen
         box = {"facecolor": _PAPER, "edgecolor": MUTED, "linewidth": 0.5, "pad": 1.5, "alpha": 0.85}
-        ax.text(x, y, each.name, color=INK, ha="center", va="center", fontsize=8, bbox=box)
+        ax.text(x, y, plate.name, color=INK, ha="center", va="center", fontsize=8, bbox=box)
     outlines = np.concatenate([rig.outline(k) for k in range(len(rig.markers))])
     for axis, name in enumerate("xyz"):
         start = max(float(outlines[:, axis].max()), 0.0) + 0.05 * rig.radius

@@ -142,7 +142,7 @@ def _count(rest: str, form: str, example: str) -> list[int]:
     match = re.fullmatch(form, rest.strip())
     if not match:
         raise InputError(f"a shape such as {example}", brief(rest or "no number"), f"write {example}")
-    return [int(each) for each in match.groups()]
+    return [int(digits) for digits in match.groups()]
 
 
 _CUBE = ("-y", "+x", "+y", "-x")
@@ -213,8 +213,8 @@ def _pair(sizes: dict[str, float]) -> RigShape:
     square, half = rectangle(plate, plate), radians(angle) / 2
     faces = []
     for name, side in (("left", -1), ("right", 1)):
-        turn = side * half
-        rotation = np.array([[cos(turn), 0, sin(turn)], [0, 1, 0], [-sin(turn), 0, cos(turn)]])
+        angle_y = side * half
+        rotation = np.array([[cos(angle_y), 0, sin(angle_y)], [0, 1, 0], [-sin(angle_y), 0, cos(angle_y)]])
         faces.append(_face(name, square, rotation, rotation[:, 0] * side * plate / 2))
     return RigShape("pair", tuple(faces), f"cone:distance={span_of(plate)},tilt=0..60", sizes)
 
@@ -231,9 +231,9 @@ def corners(face: Face) -> Array:
     return points @ np.array(face.rotation).T[:2] + face.translation
 
 
-def span_of(reach: float, near: float = 3.5, far: float = 9.0) -> str:
+def span_of(reach: float, nearest: float = 3.5, farthest: float = 9.0) -> str:
     """Distances from the origin of a rig of that size, as in the text of a pose source: ``0.24..0.62m``."""
-    return "..".join(f"{float(f'{reach * factor:.2g}'):g}" for factor in (near, far)) + "m"
+    return "..".join(f"{float(f'{reach * factor:.2g}'):g}" for factor in (nearest, farthest)) + "m"
 
 
 def _exact(values: Array) -> tuple[float, ...]:

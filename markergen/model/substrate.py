@@ -170,7 +170,9 @@ class Substrate:
     @property
     def rims(self) -> tuple[Boundary, ...]:
         """Outlines of the holes in the upper face, including those of the plate's own outline."""
-        drawn = [each for each in self.outline.contours() if area(each) < 0] if self.outline is not None else []
+        drawn = (
+            [contour for contour in self.outline.contours() if area(contour) < 0] if self.outline is not None else []
+        )
         return (*(hole.rim for hole in self.holes), *map(filled_outline, drawn))
 
     def edge_around(self, boundary: Boundary) -> float:
@@ -259,13 +261,13 @@ def _on_circle(count: int, circle: str, use: Use, what: str) -> list[tuple[float
 
 
 def _listed(places: str, what: str) -> list[tuple[float, float]]:
-    found = []
+    centers = []
     for place in places.split(";"):
         parts = place.split(",")
         if len(parts) != 2:
             raise InputError(f"a place x,y of each of the {what}", brief(place), "write 40mm,-20mm; -40mm,-20mm")
-        found.append((parse_length(parts[0], "x"), parse_length(parts[1], "y")))
-    return found
+        centers.append((parse_length(parts[0], "x"), parse_length(parts[1], "y")))
+    return centers
 
 
 def _sizes(kind: str, use: Use, forms: str) -> tuple[float, float, str]:

@@ -36,11 +36,11 @@ class Misfit:
     """One fault of a hole, and what would fit, in words; `hole` is its index in the list."""
 
     hole: int
-    found: str
+    problem: str
     fits: str
 
     def __str__(self) -> str:
-        return f"{self.found} ({self.fits})"
+        return f"{self.problem} ({self.fits})"
 
 
 def check_holes(marker: Marker, face: Region | None = None) -> None:
@@ -149,14 +149,17 @@ def crowded(
         gaps = [(name, hypot(hole.x - x, hole.y - y) - radius, clearance) for name, (x, y, radius) in dots.items()]
         if tag is not None:
             gaps.append(("the quiet zone of the tag", -float(tag.depth(np.array([hole.x, hole.y]))), 0.0))
-        gaps += [(str(each), hypot(hole.x - each.x, hole.y - each.y) - each.radius, WALL) for each in holes[:k]]
+        gaps += [
+            (str(neighbor), hypot(hole.x - neighbor.x, hole.y - neighbor.y) - neighbor.radius, WALL)
+            for neighbor in holes[:k]
+        ]
         for name, distance, needed in gaps:
             gap = distance - hole.radius
             if gap < -TOLERANCE:
                 misfits.append(Misfit(k, f"is {_mm(-gap)} over {name}", _fits(hole, needed - gap)))
             elif gap < needed - TOLERANCE:
-                found = f"is {_mm(gap)} from {name} instead of {_mm(needed)}"
-                misfits.append(Misfit(k, found, _fits(hole, needed - gap)))
+                problem = f"is {_mm(gap)} from {name} instead of {_mm(needed)}"
+                misfits.append(Misfit(k, problem, _fits(hole, needed - gap)))
     return misfits
 
 
@@ -166,8 +169,8 @@ def cut_open(holes: Sequence[Hole], face: Region) -> list[Misfit]:
     for k, hole in enumerate(holes):
         left = float(face.depth([hole.x, hole.y])) - hole.radius
         if left < WALL - FLATTENING:
-            words = f"leaves {_mm(left)} to" if left > 0 else f"is {_mm(-left)} over"
-            misfits.append(Misfit(k, f"{words} the edge of the plate", _fits(hole, WALL - left)))
+            place = f"leaves {_mm(left)} to" if left > 0 else f"is {_mm(-left)} over"
+            misfits.append(Misfit(k, f"{place} the edge of the plate", _fits(hole, WALL - left)))
     return misfits
 
 
@@ -177,8 +180,8 @@ def sunk(substrate: Substrate) -> list[Misfit]:
     for k, hole in enumerate(substrate.holes):
         depth = hole.radius - hole.diameter / 2
         if depth >= substrate.thickness:
-            found = f"has a countersink {_mm(depth)} deep in a plate of {_mm(substrate.thickness)}"
-            misfits.append(Misfit(k, found, f"use --thickness {ceil(depth * 1e4 + 1) / 10:g}mm or more, or none"))
+            problem = f"has a countersink {_mm(depth)} deep in a plate of {_mm(substrate.thickness)}"
+            misfits.append(Misfit(k, problem, f"use --thickness {ceil(depth * 1e4 + 1) / 10:g}mm or more, or none"))
     return misfits
 
 
@@ -195,7 +198,7 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
         If nothing is left.
     """
     if substrate.outline is not None:
-        holes = Region.union(filled_outline(each).region for each in drawn_holes(boundary, substrate.outline))
+        holes = Region.union(filled_outline(contour).region for contour in drawn_holes(boundary, substrate.outline))
         shape = substrate.outline.region - holes
     elif isinstance(boundary, Circle):
         shape = Circle(disk_radius(substrate, boundary, dots), boundary.center).region

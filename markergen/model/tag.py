@@ -215,7 +215,7 @@ def _fits(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> bool:
     if boundary.depth(corners).min() < -FORGIVEN:
         return False
     square = Region.polygon(corners)
-    over = (square - boundary.region).area + sum((square & each.region).area for each in keep_outs)
+    over = (square - boundary.region).area + sum((square & keep_out.region).area for keep_out in keep_outs)
     # Circles are approximated by polygons, so a corner on the rim may lie slightly outside.
     return bool(over <= FORGIVEN * square.area)
 
@@ -276,8 +276,8 @@ def cell_outlines(ink: Mask) -> list[Array]:
             x, y, direction = edge
             x, y = x + _STEPS[direction][0], y + _STEPS[direction][1]
             # Where two black cells meet at a corner, stay with the current one: the right turn comes first.
-            turns = ((x, y, (direction + turn) % 4) for turn in (1, 0, 3))
-            edge = next(turn for turn in turns if turn in edges)
+            turns = ((x, y, (direction + quarter) % 4) for quarter in (1, 0, 3))
+            edge = next(step for step in turns if step in edges)
         walk = np.array(loop)
         outlines.append(walk[walk[:, 2] != np.roll(walk[:, 2], 1), :2].astype(float))
     return outlines

@@ -13,7 +13,7 @@ data, lengths in m; the studio's answer to `look` is of this form, as is what a 
   room      {outlines: rings [[x, y, z]...], z may be left out}
   dots      [{x, y, z, diameter, normal: [x, y, z]}], without a normal that of the marker, [0, 0, 1]
 dome.shade(share) and dome.scale(values) are the colors, for other pictures beside it.
-value: what the colors tell at first, "rotation" unless it says otherwise.  onpick(index): a pose was picked. */
+value: what the colors show at first, "rotation" unless it says otherwise.  onpick(index): a pose was picked. */
 
 const dome = (() => {
   const SHOWN = {
@@ -84,7 +84,7 @@ const dome = (() => {
     const controls = made("div", { class: "dome-controls" }, element);
     const choice = made("select", {}, label("Color"));
     const slider = made("input", { type: "range", min: 0, value: 0, step: 1 }, label("Poses, the worst last", "dome-wide"));
-    const said = made("output", { class: "dome-said" }, element);
+    const reading = made("output", { class: "dome-said" }, element);
     let marks = [];
 
     function label(words, kind = "") {
@@ -242,7 +242,7 @@ const dome = (() => {
       slider.value = picked < 0 ? 0 : rank;
       const text = picked < 0 ? "" : words(picked);
       slider.setAttribute("aria-valuetext", text || "no pose");
-      said.textContent = text || "Drag or use the arrow keys to turn; click a camera to read its errors.";
+      reading.textContent = text || "Drag or use the arrow keys to turn; click a camera to read its errors.";
       draw();
     }
 

@@ -94,16 +94,16 @@ def page(
     """
     from jinja2 import Environment, StrictUndefined
 
-    shown = [each for each in sections if each[2] is not None]
-    live = any("live" in plot.kind for _, _, section in shown if section for plot in section.plots)
+    present = [section for section in sections if section[2] is not None]
+    live = any("live" in plot.kind for _, _, section in present if section for plot in section.plots)
     script = _file("dome.js") + _START if live else ""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    made = environment.from_string(_file("page.html.j2")).render(
+    html = environment.from_string(_file("page.html.j2")).render(
         heading=heading,
         title=title,
         subject=subject,
         note=note,
-        sections=shown,
+        sections=present,
         version=__version__,
         book=BOOK,
         dark=dark,
@@ -111,7 +111,7 @@ def page(
         script_hash="sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
     # JSON allows lone surrogates, which UTF-8 cannot encode.
-    return made.strip().encode("utf-8", "replace") + b"\n"
+    return html.strip().encode("utf-8", "replace") + b"\n"
 
 
 def picture(title: str, caption: str, png: bytes) -> Plot:
@@ -127,7 +127,7 @@ def dome(
     outlines: Sequence[Array],
     dots: Sequence[Mapping[str, Any]],
     caption: str,
-    words: Sequence[str] = (),
+    remarks: Sequence[str] = (),
 ) -> Plot:
     """Return the dome of poses, to turn and to pick from; plots of the kind ``still`` beside it replace it on paper.
 
@@ -146,11 +146,11 @@ def dome(
 
     parts = {**dict(zip("xyz", centers.T, strict=True)), **errors}
     poses: dict[str, Any] = {
-        name: [float(f"{each:.4g}") if math.isfinite(each) else None for each in values.tolist()]
+        name: [float(f"{value:.4g}") if math.isfinite(value) else None for value in values.tolist()]
         for name, values in parts.items()
     }
     rings = [ring[:: max(1, len(ring) // _RING)].round(5).tolist() for ring in outlines]
-    data = {"poses": poses | ({"words": words} if words else {}), "room": {"outlines": rings}, "dots": dots}
+    data = {"poses": poses | ({"words": remarks} if remarks else {}), "room": {"outlines": rings}, "dots": dots}
     return Plot(f"<div data-dome='{htmlsafe_json_dumps(data)}'></div>", caption, "live wide")
 
 

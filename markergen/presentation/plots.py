@@ -190,7 +190,7 @@ def dark(color: str) -> str:
             break
     linear = np.clip(linear, 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return "#" + "".join(f"{round(255 * each):02x}" for each in srgb.tolist())
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in srgb.tolist())
 
 
 def color_steps(name: str) -> "Colormap":
@@ -308,7 +308,7 @@ def _inline(svg: str, name: str, alt: str) -> str:
     head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(alt)}">'
     # A hundredth of a point is finer than any screen or printer.
     short = re.sub(
-        r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg[svg.index(">") + 1 :]
+        r' (?:d|x|y)="[^"]*"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), svg[svg.index(">") + 1 :]
     )
     return head + short.rstrip()
 
@@ -316,9 +316,9 @@ def _inline(svg: str, name: str, alt: str) -> str:
 def _recolored(svg: str) -> str:
     """Replace colors by names that stand for one color in the light and another in the dark."""
     pattern = r'((?:fill|stroke): |(?:fill|stroke)=")(#[0-9a-f]{6})'
-    used = dict.fromkeys(found[1] for found in re.findall(pattern, svg))
-    names = "".join(f"--{each[1:]}:light-dark({each},{dark(each)});" for each in used)
+    used = dict.fromkeys(match[1] for match in re.findall(pattern, svg))
+    names = "".join(f"--{color[1:]}:light-dark({color},{dark(color)});" for color in used)
     # What is black is not written.
     names += f"fill:light-dark(#000000,{dark('#000000')})"
-    svg = re.sub(pattern, lambda found: f"{found[1]}var(--{found[2][1:]})", svg)
+    svg = re.sub(pattern, lambda match: f"{match[1]}var(--{match[2][1:]})", svg)
     return svg.replace("<svg ", f'<svg style="{names}" ', 1)

@@ -107,8 +107,8 @@ class SavableResult(Result):
             If one is not a path, or its suffix is unknown.
         """
         files = sorted_by_suffix(read_as("files", paths, "save") or (), cls.KINDS)
-        for kind, given in named.items():
-            path = read_as("file", given, kind)
+        for kind, value in named.items():
+            path = read_as("file", value, kind)
             if path is not None and kind in _CHECKS:
                 _CHECKS[kind](path)
             files += [(kind, path)] if path is not None else []
@@ -149,7 +149,7 @@ def listed(written: Sequence[Written]) -> list[dict[str, Any]]:
     >>> listed([Written(Path("marker.pdf"), ("print at 100 %",))])
     [{'path': 'marker.pdf', 'notes': ['print at 100 %']}]
     """
-    return [{"path": str(each.path), "notes": list(each.notes)} for each in written]
+    return [{"path": str(file.path), "notes": list(file.notes)} for file in written]
 
 
 def json_bytes(value: Any) -> bytes:

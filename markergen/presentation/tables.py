@@ -76,8 +76,8 @@ def parts_as_text(parts: Iterable[str | Table]) -> str:
 
 def parts_as_html(parts: Iterable[str | Table]) -> str:
     """Return sentences and tables as HTML with all text escaped."""
-    shown = (_paragraph(part) if isinstance(part, str) else part.html() for part in parts)
-    return f"<div>{''.join(shown)}</div>"
+    blocks = (_paragraph(part) if isinstance(part, str) else part.html() for part in parts)
+    return f"<div>{''.join(blocks)}</div>"
 
 
 def print_parts(parts: Iterable[object], file: TextIO) -> None:

@@ -9,7 +9,7 @@ import typer
 from markergen import __version__
 from markergen.cli.options import GroupedCommand
 
-FIRST = (
+FIRST = [
     "design",
     "rig",
     "validate",
@@ -21,8 +21,8 @@ FIRST = (
     "calibrate",
     "study",
     "templates",
-)
-"""Commands that help lists first, in the order of a user's work; the others follow."""
+]
+"""Commands that help lists first, in the order of a user's work; the others follow by name."""
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -54,5 +54,9 @@ def markergen(
     """
 
 
-for name in dict.fromkeys((*FIRST, *(module.name for module in iter_modules(__path__)))):
+def _rank(name: str) -> tuple[int, str]:
+    return FIRST.index(name) if name in FIRST else len(FIRST), name
+
+
+for name in sorted((module.name for module in iter_modules(__path__)), key=_rank):
     app.command(cls=GroupedCommand)(getattr(import_module(f"{__name__}.{name}"), name))

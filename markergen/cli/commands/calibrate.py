@@ -56,12 +56,12 @@ def calibrate(
     from markergen.api.calibrate import calibrate as measure
 
     with console.progress_bar() as progress:
-        found = measure(
+        result = measure(
             marker, photos, camera, save=output or (), report=report, json=console.file_of(json),
             progress=progress, **options,
         )  # fmt: skip
-    console.print_found(found, json)
-    if said := found.closing(console.is_stdout(json)):
-        (console.note if found.to_use else console.complain)(said)
-    if not found.to_use:
+    console.print_result(result, json)
+    if closing := result.closing(console.is_stdout(json)):
+        (console.note if result.to_use else console.complain)(closing)
+    if not result.to_use:
         raise typer.Exit(console.FAILED)

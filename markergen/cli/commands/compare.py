@@ -36,5 +36,5 @@ def compare(
     from markergen.api.compare import compare as run
 
     with console.progress_bar() as progress:
-        found = run(*contestants, json=console.file_of(json), plot=plot, progress=progress, **options)
-    console.print_found(found, json)
+        result = run(*contestants, json=console.file_of(json), plot=plot, progress=progress, **options)
+    console.print_result(result, json)

@@ -22,7 +22,7 @@ def design(json: Json = None, **options: Any) -> None:
 
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.progress_bar() as progress:
-        found = find(progress=progress, json=console.file_of(json), **options)
+        result = find(progress=progress, json=console.file_of(json), **options)
         if console.is_shown(json):
-            found.certify(progress)
-    console.print_found(found, json)
+            result.certify(progress)
+    console.print_result(result, json)

@@ -66,14 +66,14 @@ def detect(
     to_stdout = console.is_stdout(json)
     options.update(json=stdout if to_stdout else json, overlay=overlay, warn=console.note)
     # Lines for people must not mix with data.
-    options["tell"] = console.note if to_stdout else console.tell
-    found: Any
+    options["tell"] = console.note if to_stdout else console.report
+    result: Any
     if any(map(is_video, images)):
         with nullcontext() if to_stdout and stdout.isatty() else console.status_line("waiting for a frame") as show:
-            found = detect_video(images, marker, camera, show=show, **options)
+            result = detect_video(images, marker, camera, show=show, **options)
     else:
         with console.progress_bar() as progress:
-            found = detect_files(images, marker, camera, progress=progress, **options)
+            result = detect_files(images, marker, camera, progress=progress, **options)
     if missing := kernel.missing():
         console.note(f"markergen: note: {missing}")
-    raise typer.Exit(found.status)
+    raise typer.Exit(result.status)

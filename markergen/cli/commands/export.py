@@ -19,7 +19,7 @@ def _processes() -> list[tuple[str, str]]:
 def _suffixes() -> list[tuple[str, str]]:
     from markergen.exporters import catalog
 
-    return [(" ".join(suffixes), words) for suffixes, words in catalog()]
+    return [(" ".join(suffixes), purpose) for suffixes, purpose in catalog()]
 
 
 @with_options(
@@ -59,4 +59,4 @@ def export(
 
     with console.busy("writing"):
         written = write(marker, *output, json=console.file_of(json), **options)
-    console.print_found(Files(written), json)
+    console.print_result(Files(written), json)

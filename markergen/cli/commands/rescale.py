@@ -34,4 +34,4 @@ def rescale(
     """
     from markergen.api.rescale import rescale as correct
 
-    console.print_found(correct(marker, output, json=console.file_of(json), **options), json, ())
+    console.print_result(correct(marker, output, json=console.file_of(json), **options), json, ())

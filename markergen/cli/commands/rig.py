@@ -37,5 +37,5 @@ def rig(
 
     options.setdefault("output", [Path("rig.json")])
     with console.progress_bar() as progress:
-        found = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
-    console.print_found(found, json)
+        result = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
+    console.print_result(result, json)

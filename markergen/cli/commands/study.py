@@ -41,8 +41,8 @@ def study(
 
     try:
         with console.cells_progress() as progress:
-            found = run(what, output, progress=progress, announce=console.note, json=console.file_of(json), **options)
+            result = run(what, output, progress=progress, announce=console.note, json=console.file_of(json), **options)
     except KeyboardInterrupt:
         console.complain(f"markergen: finished cells remain in {output}; continue with the same command and --resume")
         raise
-    console.print_found(found, json, ())
+    console.print_result(result, json, ())

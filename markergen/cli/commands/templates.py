@@ -25,4 +25,4 @@ def templates(
     if name:
         print(template_text(name), end="")
         return
-    console.print_found(overview(console.file_of(json)), json)
+    console.print_result(overview(console.file_of(json)), json)

@@ -49,10 +49,10 @@ def validate(
         parse(expression)
     files: dict[str, Any] = {"json": console.file_of(json), "report": report, "pictures": pictures}
     with console.progress_bar() as progress:
-        found = prove(marker, camera, progress=progress, **files, **options)
-    console.print_found(found, json)
-    verdicts = [found.check(expression) for expression in fail_if or []]
-    for passed, said in verdicts:
-        (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {said}")
+        result = prove(marker, camera, progress=progress, **files, **options)
+    console.print_result(result, json)
+    verdicts = [result.check(expression) for expression in fail_if or []]
+    for passed, verdict in verdicts:
+        (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {verdict}")
     if not all(passed for passed, _ in verdicts):
         raise typer.Exit(console.FAILED)

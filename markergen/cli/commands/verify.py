@@ -33,11 +33,11 @@ def verify(
     """
     from markergen.api.verify import verify as read_back
 
-    found = read_back(marker, *files, json=console.file_of(json), **options)
-    console.print_found(found, json, found.findings())
-    for error in filter(None, (check.error for check in found)):
+    result = read_back(marker, *files, json=console.file_of(json), **options)
+    console.print_result(result, json, result.findings())
+    for error in filter(None, (check.error for check in result)):
         console.complain(f"markergen: error: {error}")
-    if not found.usable:
+    if not result.usable:
         raise typer.Exit(console.UNUSABLE)
-    if not found.passed:
+    if not result.passed:
         raise typer.Exit(console.FAILED)

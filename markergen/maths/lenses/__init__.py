@@ -125,9 +125,9 @@ class LensModel(ABC):
         """Return x', y' and the intermediate results for `gradient_from`; `square` is r^2, nan outside the domain."""
         return *self.map(x + 0 * square, y, coefficients), []
 
-    def gradient_from(self, x: Array, y: Array, known: Sequence[Array], coefficients: Coefficients) -> Jacobian:
+    def gradient_from(self, x: Array, y: Array, intermediate: Sequence[Array], coefficients: Coefficients) -> Jacobian:
         """`gradient` at points of the domain, from the intermediate results of `place`."""
-        del known
+        del intermediate
         return self.gradient(x, y, coefficients)
 
 
@@ -153,14 +153,14 @@ class RadialModel(LensModel):
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
         """Derivatives of s with respect to each coefficient; 0 for p1 and p2."""
-        found = []
+        derivatives = []
         for i, value in enumerate(coefficients):
             step = _STEP * max(1.0, abs(value))
             ahead, behind = (
                 self.scale(square, (*coefficients[:i], value + h, *coefficients[i + 1 :])) for h in (step, -step)
             )
-            found.append((ahead - behind) / (2 * step))
-        return found
+            derivatives.append((ahead - behind) / (2 * step))
+        return derivatives
 
     def tangential(self, coefficients: Coefficients) -> tuple[float, float]:
         """p1 and p2, which are coefficients 2 and 3 of the models that have them."""
@@ -210,9 +210,9 @@ class RadialModel(LensModel):
         scale, slope = self.scale_and_slope(square, coefficients)
         return *_shift(x, y, scale, *self.tangential(coefficients)), [scale, slope]
 
-    def gradient_from(self, x: Array, y: Array, known: Sequence[Array], coefficients: Coefficients) -> Jacobian:
+    def gradient_from(self, x: Array, y: Array, intermediate: Sequence[Array], coefficients: Coefficients) -> Jacobian:
         """See `LensModel.gradient_from`."""
-        (scale, slope), (p1, p2) = known, self.tangential(coefficients)
+        (scale, slope), (p1, p2) = intermediate, self.tangential(coefficients)
         twice = 2 * slope
         tx, ty = twice * x, twice * y
         if not (p1 or p2):

@@ -96,9 +96,9 @@ class Cone:
             raise InputError(f"a count of 1 to {MOST_POSES} poses", f"count={brief(self.count)}", "correct the count")
         if not 0 <= self.seed < 2**63:
             raise InputError("a seed from 0 to below 2^63", f"seed={brief(self.seed)}", "give such a whole number")
-        for name, known in (("sampling", SAMPLINGS), ("weight", WEIGHTS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"a known {name}", brief(getattr(self, name)), f"known: {', '.join(known)}")
+        for name, choices in (("sampling", SAMPLINGS), ("weight", WEIGHTS)):
+            if getattr(self, name) not in choices:
+                raise InputError(f"a known {name}", brief(getattr(self, name)), f"known: {', '.join(choices)}")
 
     @staticmethod
     def parse(text: str) -> "Cone":
@@ -114,11 +114,11 @@ class Cone:
         """
         if text.partition(":")[0].strip() != "cone":
             raise InputError("a cone of poses", brief(text), f"write {FORM}")
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             key: _value(key, value)
             for key, value in pose_arguments(text, [field.name for field in fields(Cone)], FORM).items()
         }
-        return Cone(**given)
+        return Cone(**arguments)
 
     def __str__(self) -> str:
         """Text that `parse` reads back, the same for equal cones; all values stand there but a weight of 1."""

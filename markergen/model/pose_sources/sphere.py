@@ -40,13 +40,15 @@ class Sphere:
         """Sphere of a text such as ``sphere:distance=0.4..1m,count=200``, in the forms of `Cone`; raises InputError."""
         if text.partition(":")[0].strip() != "sphere":
             raise InputError("poses on a sphere", brief(text), f"write {FORM}")
-        given = pose_arguments(text, KEYS, FORM)
-        return Sphere(Cone.parse(f"cone:{','.join([HEMISPHERE, *(f'{key}={value}' for key, value in given.items())])}"))
+        arguments = pose_arguments(text, KEYS, FORM)
+        return Sphere(
+            Cone.parse(f"cone:{','.join([HEMISPHERE, *(f'{key}={value}' for key, value in arguments.items())])}")
+        )
 
     def __str__(self) -> str:
         """Text that `parse` reads back, the same for equal spheres."""
         values = str(self.cone).partition(":")[2].split(",")
-        return f"sphere:{','.join(each for each in values if each.partition('=')[0] in KEYS)}"
+        return f"sphere:{','.join(item for item in values if item.partition('=')[0] in KEYS)}"
 
     def sample(self) -> tuple[Array, Array]:
         """Rotation (count, 3, 3) and translation (count, 3) in m of the poses T_camera_rig."""
