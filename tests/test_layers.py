@@ -55,7 +55,6 @@ CUT_IN_TWO = {
     "model/marker_findings.py <- model/marker_file.py",
     "options/declarations.py <- options/__init__.py",
     "read/outlines/svg.py <- read/outlines/svg_shapes.py",
-    "studio/server.py <- studio/work.py",
     "validation/report/__init__.py <- validation/report/overview.py",
     "validation/report/measured.py <- validation/report/plots.py",
     "workshop/drafting/content.py <- workshop/drafting/tolerances.py",

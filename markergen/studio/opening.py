@@ -26,8 +26,7 @@ from markergen.read.outlines.boundary import moved, parse_boundary
 from markergen.read.poses import read_poses
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
-from markergen.studio.no_files import refuse_files, refuse_named_plates
-from markergen.studio.state import RENAMED
+from markergen.studio.state import RENAMED, refuse_files, refuse_named_plates
 
 DRAWINGS = (".svg", ".dxf", ".geojson")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")

@@ -34,9 +34,8 @@ from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
-from markergen.studio.no_files import refuse_files, refuse_named_plates
 from markergen.studio.opening import uploaded
-from markergen.studio.state import SPEC, plain, words
+from markergen.studio.state import SPEC, plain, refuse_files, refuse_named_plates, table_in, words
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
@@ -86,14 +85,6 @@ def subject(request: Mapping[str, Any]) -> Subject:
         return Subject(marker, setting.camera, setting.poses)
     found = sketch(table_in(request, "options"))
     return Subject(found.marker, found.setting.camera, found.setting.poses)
-
-
-def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return a table of a request; raises InputError if it is none."""
-    value = request.get(key)
-    if not isinstance(value, Mapping):
-        raise InputError(f"a table under {key}", brief(value), "reload the page")
-    return value
 
 
 def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:

@@ -7,6 +7,8 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from markergen import __version__
 from markergen.api.design import design, request_of
 from markergen.api.names import names_of, takes_names
@@ -14,17 +16,21 @@ from markergen.drawing.paper import find_paper
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
 from markergen.exporters.png import pixels_per_meter
+from markergen.model.boundary import Boundary, Circle, Polygon
 from markergen.model.marker import Marker
+from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
-from markergen.options import GROUPS, REPEATABLE, Option, declared
+from markergen.optimize.problem import room_of
+from markergen.options import GROUPS, REPEATABLE, Option, as_list, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.rig import RigKeywords
-from markergen.read.layout import layout_of
+from markergen.read.layout import is_table, layout_of
+from markergen.read.outlines.boundary import is_drawing, moved
 from markergen.read.rig_plates import SUFFIXES
 from markergen.read.spec_file import DRAWING
 from markergen.read.templates import read_template, templates
-from markergen.studio.no_files import refuse_files
+from markergen.units import parse_length
 
 Options = Mapping[str, Any]
 
@@ -204,3 +210,147 @@ def _typed(flag: str, value: Any) -> list[str]:
     if isinstance(value, bool):
         return [flag if value else flag.replace("--", "--no-", 1)]
     return [word for each in (value if isinstance(value, list) else [value]) for word in (flag, str(each))]
+
+
+def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a table of a request; raises InputError if it is none."""
+    value = request.get(key)
+    if not isinstance(value, Mapping):
+        raise InputError(f"a table under {key}", brief(value), "reload the page")
+    return value
+
+
+def refuse_files(options: Mapping[str, Any], table: type) -> None:
+    """Refuse options that name a file instead of having its content, and those of files to write.
+
+    Raises
+    ------
+    InputError
+        Naming the first such option.
+    """
+    for name, option in declared(table).items():
+        value = options.get(name)
+        if value is not None and _names_one(value, option.kind):
+            raise _named(option.flag, value)
+    plate = options.get("substrate")
+    for name, value in (
+        ("keep_outs", options.get("keep_outs")),
+        ("substrate.outline", plate.get("outline") if isinstance(plate, Mapping) else None),
+    ):
+        if value is not None and _names_one(value, "shapes"):
+            raise _named(name, value)
+
+
+def refuse_named_plates(content: Mapping[str, Any]) -> None:
+    """Refuse a rig.json whose markers are other files; raises InputError."""
+    markers = content.get("markers")
+    for each in markers if isinstance(markers, list) else ():
+        if isinstance(each, Mapping) and each.get("file"):
+            remedy = "write all into one with: markergen export rig.json -o whole.json"
+            raise InputError("a rig.json with its markers inside", f"the file {brief(each['file'])}", remedy)
+
+
+def _names_one(value: object, kind: str) -> bool:
+    if kind in ("camera", "covariance"):
+        return isinstance(value, str)
+    if kind in ("shape", "shapes"):
+        return any(isinstance(each, str) and each.strip() and is_drawing(each) for each in as_list(value))
+    if kind == "poses":
+        return isinstance(value, str) and not is_named(value)
+    return kind == "files" or (kind == "layout" and is_table(value))
+
+
+def _named(flag: str, value: object) -> InputError:
+    remedy = "correct it, or open the file in the page, which takes its content along"
+    return InputError(f"{flag} without a file, in the studio", brief(value), remedy)
+
+
+Place = tuple[float, float]
+
+DIGITS = 6
+"""Decimals of m of what is drawn: whole micrometers."""
+
+
+def with_region(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``options`` with a region that was drawn or moved.
+
+    Parameters
+    ----------
+    request : mapping
+        ``options``, and one of ``room`` and ``keep_out`` (a circle or polygon as in a marker.json, where it was drawn)
+        and ``move`` (a table with the ``index`` of a keep-out and ``by``, x and y in m).
+
+    Raises
+    ------
+    InputError
+        If an outline crosses itself or has no area, keep-outs leave nothing of the room, or `spec_of_options`.
+    """
+    options = dict(table_in(request, "options"))
+    plain(options)  # Raises, before any of them is read.
+    if "room" in request:
+        found = _with_room(options, _drawn(request["room"]))
+    elif "keep_out" in request:
+        found = {**options, "keep_out": [*_keep_outs(options), _drawn(request["keep_out"]).as_dict()]}
+    else:
+        found = {**options, "keep_out": _with_moved(_keep_outs(options), table_in(request, "move"))}
+    room_of(spec_of_options(found))
+    return {"options": found}
+
+
+def place_in(value: object) -> Place:
+    """Return x and y in m of a request; raises InputError if they are none."""
+    try:
+        x, y = map(float, value)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        raise InputError("x and y in m", brief(value), "reload the page") from None
+    if not np.isfinite((x, y)).all():
+        raise InputError("x and y in m", brief(value), "reload the page")
+    return x, y
+
+
+def _drawn(shape: object) -> Boundary:
+    if not isinstance(shape, Mapping) or shape.get("kind") not in ("circle", "polygon"):
+        raise InputError("a circle or polygon", brief(shape), "reload the page")
+    if shape["kind"] == "circle":
+        x, y = place_in(shape.get("center"))
+        return Circle(round(place_in((shape.get("radius"), 0))[0], DIGITS), (round(x, DIGITS), round(y, DIGITS)))
+    outlines = [[place_in(corner) for corner in as_list(outline)] for outline in as_list(shape.get("outlines"))]
+    return Polygon(tuple(tuple((round(x, DIGITS), round(y, DIGITS)) for x, y in outline) for outline in outlines))
+
+
+def _keep_outs(options: Mapping[str, Any]) -> list[Any]:
+    return as_list(options["keep_out"]) if options.get("keep_out") else []
+
+
+def _with_room(options: dict[str, Any], room: Boundary) -> dict[str, Any]:
+    """The marker's origin is the center of its room, so that all that is there already moves the other way."""
+    x, y = np.round(room.center, DIGITS).tolist()
+    found = {name: value for name, value in options.items() if name not in ("radius", "boundary")}
+    if isinstance(room, Circle):
+        found["radius"] = f"{round(1e3 * room.size, DIGITS - 3)!r}mm"
+    else:
+        found["boundary"] = moved(room, (x, y)).as_dict()
+    if keep_outs := _keep_outs(options):
+        found["keep_out"] = [_shifted(each, (x, y)) for each in keep_outs]
+    if options.get("points"):
+        found["points"] = points_as_text([(u - x, v - y, *z) for u, v, *z in layout_of(plain(options)["points"])])
+    if "drawing_center" in options:
+        u, v = place_in(options["drawing_center"])
+        found["drawing_center"] = [round(u + x, 12), round(v + y, 12)]
+    return found
+
+
+def _with_moved(keep_outs: list[Any], move: Mapping[str, Any]) -> list[Any]:
+    index, (x, y) = move.get("index"), place_in(move.get("by"))
+    if not isinstance(index, int) or not 0 <= index < len(keep_outs):
+        raise InputError("the index of a keep-out", brief(index), "reload the page")
+    return [_shifted(each, (-x, -y)) if k == index else each for k, each in enumerate(keep_outs)]
+
+
+def _shifted(keep_out: Any, origin: Place) -> Any:
+    """Return a keep-out as it is seen from another origin; one that was typed stays a text."""
+    if not isinstance(keep_out, str):
+        return moved(spec_of_options({"keep_out": [keep_out]}).keep_outs[0], origin).as_dict()
+    shape, _, place = keep_out.partition("@")
+    at = [parse_length(each) for each in place.split(",")] if place else [0.0, 0.0]
+    return f"{shape}@{points_as_text([[value - start for value, start in zip(at, origin, strict=True)]])}"

@@ -8,8 +8,8 @@ import markergen as mg
 from markergen.maths.rotation import exponential, turn_z
 from markergen.render import Optics, render_view
 from markergen.studies.sweep.grid import sweep_from_mapping
-from markergen.studies.sweep.report import page as study_page
-from markergen.studies.sweep.report import plots
+from markergen.studies.sweep.run import page as study_page
+from markergen.studies.sweep.run import plots
 from tests.support.rigs import cube
 
 pytestmark = pytest.mark.browser

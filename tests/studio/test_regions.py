@@ -6,8 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.studio.look import look
 from markergen.studio.opening import opened
-from markergen.studio.regions import with_region
-from markergen.studio.state import spec_of_options
+from markergen.studio.state import spec_of_options, with_region
 
 CROSSED = [[[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]]
 CORNER = [[[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.0, 0.1]]]

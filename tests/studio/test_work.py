@@ -12,7 +12,7 @@ import pytest
 import markergen as mg
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
-from markergen.studio.work import Latest, Teller, settled, streamed
+from markergen.studio.server import Latest, Teller, settled, streamed
 
 from .conftest import TOKEN
 

@@ -1,17 +1,23 @@
-"""Running a sweep: cells for layouts with their criteria, and for their trials at each noise."""
+"""Running a sweep: cells for layouts with their criteria, and for their trials at each noise; their table and page.
 
-from collections.abc import Mapping
-from dataclasses import replace
+The table is tidy: one row for each point of the grid, polar angle, and estimator. The page shows plots of the errors
+along an axis of the grid.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import MarkergenError
+from markergen.errors import InputError, MarkergenError
 from markergen.files import write_all
 from markergen.model.spec import Spec
-from markergen.objectives import Setting
+from markergen.objectives import Criterion, Setting
+from markergen.objectives.criteria import columns as criteria_columns
 from markergen.objectives.criteria import criteria
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
@@ -19,19 +25,28 @@ from markergen.optimize.design import design
 from markergen.optimize.dot_size import DotSize, choose_dots
 from markergen.optimize.problem import FeasibleRegion, room_of
 from markergen.optimize.target import settled
-from markergen.presentation.tables import csv_bytes
+from markergen.presentation.pages import Section
+from markergen.presentation.pages import page as page_of
+from markergen.presentation.plots import SERIES, inline, log_axis, positive, svg_bytes
+from markergen.presentation.tables import Table, csv_bytes
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.studies.cells import Cell, Result
 from markergen.studies.engines import Engine
 from markergen.studies.run import CellProgress, Store, compute, open_store
-from markergen.studies.sweep.grid import GridPoint, Sweep
-from markergen.studies.sweep.report import page, plots
-from markergen.studies.sweep.table import ERROR, Row, columns, rows
+from markergen.studies.sweep.grid import GridPoint, Sweep, axis_text
+from markergen.units import parse_length
 from markergen.validation.bounds import pose_bounds
+from markergen.validation.metrics import share_interval
 from markergen.validation.trials import Experiment, HomographyErrors, PoseErrors, join, run_trials
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
 Array = NDArray[np.float64]
+Row = dict[str, Any]
 
 DESIGN_SECONDS, LAYOUT_SECONDS, TRIAL_SECONDS = 2.0, 0.4, 5e-5
 """Rough costs in s on one core of a design, another layout, and a trial of one estimator at one pose."""
@@ -193,3 +208,350 @@ def _sums(errors: PoseErrors | HomographyErrors) -> Result:
         found[f"{name}.squares"] = square.sum(axis=1)
         found[f"{name}.fourth_powers"] = (square**2).sum(axis=1)
     return found
+
+
+ERROR = "error"
+"""Name of the only array of a cell that cannot be computed: the reason."""
+
+ALL = "all"
+"""Polar angle of the rows over all poses."""
+
+CONFIDENCE, NORMAL_95 = 0.95, 1.959963984540054
+"""Confidence level of the intervals, and the corresponding number of standard errors on each side."""
+
+COLUMNS = (
+    "layout", "control_points", "radius_mm", "dot_mm", "noise_px", "pose_count", "runs",
+    "polar_angle_deg", "estimator", "trials",
+    "rotation_rms_deg", "rotation_low_deg", "rotation_high_deg", "rotation_bound_deg",
+    "translation_rms_pct", "translation_low_pct", "translation_high_pct", "translation_bound_pct",
+    "homography_rms_px", "homography_low_px", "homography_high_px",
+    "flips", "flip_rate", "flip_rate_low", "flip_rate_high",
+    "failures", "failure_rate", "failure_rate_low", "failure_rate_high",
+)  # fmt: skip
+"""Columns after those of the axes, and before those of the criteria."""
+
+
+def columns(sweep: Sweep) -> list[str]:
+    """Names of the columns: the axes as written in the file, `COLUMNS`, criteria, and errors."""
+    axes = (name for name in sweep.axes if name not in COLUMNS)
+    return [*axes, *COLUMNS, *(f"criterion_{each.column}" for each in _criteria()), "error"]
+
+
+def _criteria() -> list[Criterion]:
+    """Criteria that are not among the bounds."""
+    return [each for each in criteria_columns().values() if not each.bound]
+
+
+def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) -> Iterator[Row]:
+    """Rows of one point of the grid; missing values are omitted."""
+    base: Row = {name: axis_text(value) for name, value in point.axes.items()}
+    base |= {
+        "layout": point.layout,
+        "radius_mm": 1e3 * point.spec.boundary.radius,
+        "noise_px": point.noise_px,
+        "runs": sweep.runs,
+    }
+    error = next((str(part[ERROR]) for part in (layout, trials or {}) if ERROR in part), "")
+    if error or trials is None:
+        yield base | {"error": error}
+        return
+    base |= {"control_points": len(layout["points"]), "dot_mm": 1e3 * float(layout["dot"])}
+    # Criteria are for noise of 1 px and proportional to it, except those of images, which have their own noise.
+    noise = point.noise_px if point.spec.noise_model == "point" else 1.0
+    for each in _criteria():
+        if f"criteria.{each.key}" in layout:
+            value = each.factor * float(layout[f"criteria.{each.key}"])
+            base[f"criterion_{each.column}"] = value if each.noiseless else value * noise
+    angles = trials["polar_angle"]
+    groups = {ALL: np.ones(len(angles), dtype=bool)} | {name: angles == name for name in dict.fromkeys(angles.tolist())}
+    for name, mask in groups.items():
+        bounds: Row = {
+            "pose_count": int(mask.sum()),
+            "polar_angle_deg": name,
+            "rotation_bound_deg": _root_mean_square(trials["bound.rotation_deg"][mask]),
+            "translation_bound_pct": _root_mean_square(trials["bound.translation_pct"][mask]),
+        }
+        for estimator in point.estimators if sweep.runs else ("",):
+            yield base | bounds | (_measured(trials, estimator, mask) if estimator else {})
+
+
+def mean_square_interval(kept: Array, squares: Array, fourth_powers: Array) -> tuple[float, float, float]:
+    """Mean square of the errors at some poses with the limits of its 95 % interval; nan if there is none.
+
+    The poses are given and the noise is random: the variance of the mean follows from the sum of the variances at each
+    pose, computed from sums (P,) of squares and fourth powers over the trials that were `kept`.
+    """
+    count = kept.sum()
+    if not count:
+        return (float("nan"),) * 3
+    mean = squares.sum() / count
+    if np.any(kept == 1):
+        return float(mean), float("nan"), float("nan")
+    held = kept > 1
+    # The variance of a sum over m trials is m times that of one, estimated with m - 1 degrees of freedom.
+    spread = fourth_powers[held] - squares[held] ** 2 / kept[held]
+    error = np.sqrt(np.sum(np.maximum(spread, 0.0) * kept[held] / (kept[held] - 1))) / count
+    return float(mean), float(max(mean - NORMAL_95 * error, 0.0)), float(mean + NORMAL_95 * error)
+
+
+def _measured(trials: Result, estimator: str, mask: NDArray[np.bool_]) -> Row:
+    part: Mapping[str, Any] = {
+        key.removeprefix(f"{estimator}."): array[mask]
+        for key, array in trials.items()
+        if key.startswith(f"{estimator}.")
+    }
+    count = int(part["kept"].sum() + part["failed"].sum())
+    row: Row = {"estimator": estimator, "trials": count}
+    for name, unit in (("rotation", "deg"), ("translation", "pct"), ("homography", "px")):
+        key = f"{name}_{unit}"
+        if f"{key}.squares" in part:
+            ends = mean_square_interval(part["kept"], part[f"{key}.squares"], part[f"{key}.fourth_powers"])
+            row |= {
+                f"{name}_{word}_{unit}": float(np.sqrt(end))
+                for word, end in zip(("rms", "low", "high"), ends, strict=True)
+            }
+    for name, key in (("flip", "flipped"), ("failure", "failed")):
+        if key in part:
+            successes = int(part[key].sum())
+            low, high = share_interval(successes, count, CONFIDENCE)
+            row |= {f"{name}s": successes, f"{name}_rate": successes / count}
+            row |= {f"{name}_rate_low": low, f"{name}_rate_high": high}
+    return row
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+LENGTHS = ("radius", "dot", "clearance", "relief", "print_sigma", "tag_side")
+"""Axes that are lengths, plotted in mm."""
+
+TITLES = {"n": "control points", "noise": "noise, px", **{name: f"{name.replace('_', ' ')}, mm" for name in LENGTHS}}
+
+LINES, PANELS, PANELS_ACROSS = 6, 6, 3
+"""Maximum number of lines per panel, of panels per plot, and of panels side by side."""
+
+PANEL_INCHES, LEGEND_INCHES = (4.2, 3.2), 0.9
+
+PREFERRED = "lm"
+"""Estimator whose errors are plotted if the sweep includes it."""
+
+QUANTITIES = {
+    "rotation": (
+        "rotation_rms_deg", "rotation_low_deg", "rotation_high_deg", "rotation_bound_deg",
+        "rotation error, deg",
+    ),
+    "translation": (
+        "translation_rms_pct", "translation_low_pct", "translation_high_pct", "translation_bound_pct",
+        "translation error, %",
+    ),
+}  # fmt: skip
+"""Columns of value, interval and bound, and the axis title."""
+
+
+SHOWN = (
+    "layout", "control_points", "noise_px", "estimator", "rotation_rms_deg", "rotation_bound_deg",
+    "translation_rms_pct", "translation_bound_pct", "homography_rms_px", "flip_rate", "failure_rate",
+    "criterion_condition",
+)  # fmt: skip
+"""Columns of the page, after the axes; the file has all columns."""
+
+MOST_ROWS = 2000
+
+
+@dataclass(frozen=True)
+class SweepPlot:
+    """Plot with its file name without suffix, its file, and its caption."""
+
+    name: str
+    svg: bytes
+    caption: str
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Role of each axis of the grid in a plot; empty for none.
+
+    Attributes
+    ----------
+    x, lines, panels : str
+    held : mapping
+        Axes without a role, with the value at which they are held: their first.
+    """
+
+    x: str
+    lines: str
+    panels: str
+    held: Mapping[str, str]
+
+
+def roles_of(sweep: Sweep) -> Roles:
+    """Choose roles: x is the longest numeric axis; layouts are lines; the remaining axes become panels, or are held."""
+    long = [name for name, values in sweep.axes.items() if len(values) > 1] or list(sweep.axes)[:1]
+    numeric = [name for name in long if None not in [_number(name, value) for value in sweep.axes[name]]]
+    x = max(numeric or long, key=lambda name: len(sweep.axes[name]))
+    others = sorted((name for name in long if name != x), key=lambda name: name != "layout")
+    lines = next((name for name in others if len(sweep.axes[name]) <= LINES), "")
+    panels = next((name for name in others if name != lines and len(sweep.axes[name]) <= PANELS), "")
+    held = {name: axis_text(values[0]) for name, values in sweep.axes.items() if name not in (x, lines, panels)}
+    return Roles(x, lines, panels, held)
+
+
+def plots(sweep: Sweep, table: Sequence[Row]) -> list[SweepPlot]:
+    """Plots of rotation and translation errors with their bounds, and a comparison of the estimators."""
+    roles = roles_of(sweep)
+    overall = [
+        row
+        for row in table
+        if row.get("polar_angle_deg") == ALL and all(row[name] == value for name, value in roles.held.items())
+    ]
+    names = list(dict.fromkeys(row["estimator"] for row in overall if "rotation_rms_deg" in row))
+    shown = PREFERRED if PREFERRED in names else (names[0] if names else "")
+    found = []
+    for name, quantity in QUANTITIES.items():
+        chosen = [row for row in overall if row.get("estimator", "") == shown]
+        caption = f"{name.capitalize()} error of {shown}" if shown else f"{name.capitalize()} bound"
+        caption += (
+            f" over all poses{_held(roles)}: RMS with 95 % interval" if shown else f" over all poses{_held(roles)}"
+        )
+        caption += ", and its bound without marks." if shown else "."
+        found.append(_plot(f"{name}-error", sweep, roles, chosen, roles.lines, quantity, caption))
+    if len(names) > 1:
+        first = {roles.lines: axis_text(sweep.axes[roles.lines][0])} if roles.lines else {}
+        chosen = [
+            row
+            for row in overall
+            if row.get("estimator") in names and all(row[key] == value for key, value in first.items())
+        ]
+        single = Roles(roles.x, "estimator", roles.panels, {**roles.held, **first})
+        caption = f"Rotation error of each estimator over all poses{_held(single)}: RMS with 95 % interval."
+        found.append(_plot("estimators", sweep, single, chosen, "estimator", QUANTITIES["rotation"], caption))
+    return found
+
+
+def _plot(
+    name: str, sweep: Sweep, roles: Roles, rows: Sequence[Row], lines: str, quantity: tuple[str, ...], caption: str
+) -> SweepPlot:
+    panels = [axis_text(value) for value in sweep.axes[roles.panels]] if roles.panels else [""]
+    across = min(len(panels), PANELS_ACROSS)
+    down = ceil(len(panels) / across)
+
+    def draw(figure: "Figure") -> None:
+        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
+        axes = list(grid.flat)
+        for ax, panel in zip(axes, panels, strict=False):
+            part = [row for row in rows if not roles.panels or row[roles.panels] == panel]
+            _draw_panel(ax, sweep, roles, part, lines, quantity)
+            ax.set_title(f"{roles.panels} {panel}" if roles.panels else "", loc="left")
+        for ax in axes[len(panels) :]:
+            ax.set_visible(False)
+        for ax in grid[:, 0]:
+            ax.set_ylabel(quantity[-1])
+        if any(np.isfinite(np.asarray(line.get_ydata(), dtype=float)).any() for ax in axes for line in ax.lines):
+            log_axis(axes[0], "y")
+        handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        if len(handles) > 1:
+            figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=min(len(handles), 4))
+
+    size = (across * PANEL_INCHES[0], down * PANEL_INCHES[1] + LEGEND_INCHES)
+    return SweepPlot(name, svg_bytes(draw, size), caption)
+
+
+def _draw_panel(
+    ax: "Axes", sweep: Sweep, roles: Roles, rows: Sequence[Row], lines: str, quantity: tuple[str, ...]
+) -> None:
+    value, low, high, bound, _ = quantity
+    numbers = [_number(roles.x, each) for each in sweep.axes[roles.x]]
+    texts = [axis_text(each) for each in sweep.axes[roles.x]]
+    places: list[float] = list(range(len(texts))) if None in numbers else [float(each or 0) for each in numbers]
+    order = np.argsort(places, kind="stable")
+    labels = list(dict.fromkeys(row[lines] for row in rows)) if lines else [""]
+    for index, label in enumerate(labels):
+        by_x = {row[roles.x]: row for row in rows if not lines or row[lines] == label}
+        columns = {
+            key: np.array([positive(by_x.get(text, {}).get(key)) for text in texts])[order]
+            for key in (value, low, high, bound)
+        }
+        x, look = np.array(places)[order], SERIES[index % len(SERIES)]
+        if np.isfinite(columns[value]).any():
+            spread = np.abs(np.stack([columns[low], columns[high]]) - columns[value])
+            ax.errorbar(x, columns[value], np.nan_to_num(spread), label=label, capsize=2, **look)
+        if lines != "estimator" or not index:
+            plain = {**look, "marker": "", "linewidth": 0.9, "alpha": 0.7}
+            if lines == "estimator":
+                plain |= {"color": "#5a5a5a", "linestyle": ":"}
+            ax.plot(x, columns[bound], label="bound" if lines == "estimator" else None, **plain)
+            if lines != "estimator" and not np.isfinite(columns[value]).any():
+                ax.lines[-1].set(label=label, marker=look["marker"], linewidth=1.5, alpha=1.0)
+    ax.set_xlabel(TITLES.get(roles.x, roles.x))
+    if None in numbers:
+        ax.set_xticks(places, texts)
+    elif len(places) <= 8:
+        ax.set_xticks(places, [f"{place:g}" for place in places])
+
+
+def _number(name: str, value: Any) -> float | None:
+    """Value of an axis as a number, lengths in mm; None if it is not a number."""
+    if name not in LENGTHS:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    try:
+        return 1e3 * parse_length(value)
+    except (InputError, TypeError, AttributeError):
+        return None
+
+
+def _held(roles: Roles) -> str:
+    words = ", ".join(f"{name} {value}" for name, value in roles.held.items() if name)
+    return f" ({words})" if words else ""
+
+
+def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> bytes:
+    """Make the HTML page, with the same bytes for the same table; text from files is escaped."""
+    rows = [row for row in table if row.get("polar_angle_deg") == ALL]
+    present = {key for row in rows for key in row}
+    axes = [name for name in sweep.axes if name in columns(sweep) and name not in SHOWN]
+    known = {
+        "noise": "noise_px",
+        "n": "" if any(point.layout == "square" for point in sweep.points) else "control_points",
+    }
+    told = {known[name] for name in axes if name in known}
+    head = [*axes, *(name for name in SHOWN if name in present - told)]
+    errors = [
+        (" ".join(f"{name}={row[name]}" for name in sweep.axes), row["error"]) for row in table if row.get("error")
+    ]
+    shown = [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]]
+    more = f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else ""
+    kind = "wide" if roles_of(sweep).panels else ""
+    drawn = [inline(each.svg, each.name, each.caption, each.caption, kind) for each in plots]
+    failed = Section(tables=[Table("Points of the grid", ["point", "reason"], errors)]) if errors else None
+    return page_of(
+        sweep.name,
+        "study",
+        [
+            ("errors", "Errors", Section(plots=drawn)),
+            ("failed", "What could not be computed", failed),
+            (
+                "table",
+                "Over all poses",
+                Section(
+                    [f"{more}table.csv has these rows for every tilt too, with 95 % intervals."],
+                    tables=[Table("Errors over all poses", [name.replace("_", " ") for name in head], shown)],
+                    files=["table.csv"],
+                    book=("studies, and what their columns mean", "study.md"),
+                ),
+            ),
+        ],
+        _summary(sweep),
+        "The same study gives the same page.",
+    )
+
+
+def _summary(sweep: Sweep) -> str:
+    grid = "; ".join(f"{name}: {', '.join(map(axis_text, values))}" for name, values in sweep.axes.items())
+    fixed = "; ".join(f"{name}: {axis_text(value)}" for name, value in sweep.fixed.items())
+    words = f"{len(sweep.points)} points of a grid ({grid}), {sweep.runs} noisy trials for each pose."
+    return words + (f" The same everywhere: {fixed}." if fixed else "")
+
+
+def _text(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

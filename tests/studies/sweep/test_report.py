@@ -4,7 +4,7 @@ import pytest
 from html_pages import check
 
 from markergen.studies.sweep.grid import sweep_from_mapping
-from markergen.studies.sweep.report import page, plots, roles_of
+from markergen.studies.sweep.run import page, plots, roles_of
 
 ROW = {
     "polar_angle_deg": "all", "estimator": "lm", "rotation_rms_deg": 1.0, "rotation_low_deg": 0.9,

@@ -6,8 +6,18 @@ import pytest
 
 from markergen.presentation.tables import csv_bytes
 from markergen.studies.sweep.grid import KEYS, sweep_from_mapping
-from markergen.studies.sweep.run import DIGITS, layout_cell, trials_cell, work
-from markergen.studies.sweep.table import ALL, COLUMNS, ERROR, columns, mean_square_interval, rows
+from markergen.studies.sweep.run import (
+    ALL,
+    COLUMNS,
+    DIGITS,
+    ERROR,
+    columns,
+    layout_cell,
+    mean_square_interval,
+    rows,
+    trials_cell,
+    work,
+)
 from markergen.validation.metrics import statistics
 from markergen.validation.trials import PoseErrors
 
