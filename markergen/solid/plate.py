@@ -21,7 +21,7 @@ from markergen.model.marker import Marker
 from markergen.model.openings import drawn_holes
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.substrate_checks import disk_radius
-from markergen.solid.bodies import OFF, Body, Part, Prism, Revolved, cylinder, mm, size_of
+from markergen.solid.primitives import OFF, Part, Primitive, Prism, Revolved, cylinder, mm, size_of
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -120,7 +120,11 @@ class SolidPlate:
         return mm((face - self.thickness) / 1e3)
 
     def parts(
-        self, face: float = 0.0, cut: Sequence[Body] = (), marked: Sequence[Body] = (), add: Sequence[Body] = ()
+        self,
+        face: float = 0.0,
+        cut: Sequence[Primitive] = (),
+        marked: Sequence[Primitive] = (),
+        add: Sequence[Primitive] = (),
     ) -> list[Part]:
         """Make the plates, each with its own bores and the bodies that are cut from, marked on or joined to it.
 
@@ -128,7 +132,7 @@ class SolidPlate:
         ----------
         face : float
             Height of the upper face.
-        cut, marked, add : sequence of Body
+        cut, marked, add : sequence of Primitive
             As in `Part`.
         """
         bottom = self.bottom(face)
@@ -140,7 +144,7 @@ class SolidPlate:
             for k, (name, body) in enumerate(zip(names, bodies, strict=True))
         ]
 
-    def _shared_out(self, bodies: Sequence[Body]) -> list[tuple[Body, ...]]:
+    def _shared_out(self, bodies: Sequence[Primitive]) -> list[tuple[Primitive, ...]]:
         """Assign bodies to the plates that they belong to."""
         if len(self.pieces) == 1 or not bodies:
             return [tuple(bodies)] * len(self.pieces)

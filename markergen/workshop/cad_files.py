@@ -14,7 +14,7 @@ from typing import Any
 import markergen
 from markergen.errors import OutputError
 from markergen.occt import import_kernel
-from markergen.solid.bodies import COLORS, OTHER
+from markergen.solid.primitives import COLORS, OTHER
 from markergen.workshop.kernel import NamedSolid
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)

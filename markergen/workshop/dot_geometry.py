@@ -12,7 +12,7 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point
 from markergen.model.marker import Marker
 from markergen.model.tag import Mask, Tag, cell_outlines, to_plane
-from markergen.solid.bodies import mm
+from markergen.solid.primitives import mm
 from markergen.units import format_length
 
 Labels = NDArray[np.int64]

@@ -14,8 +14,8 @@ from markergen.drawing.text import text, text_width
 from markergen.geometry.contour import Contour, Point, center_of
 from markergen.geometry.region import Region
 from markergen.model.marker import ControlPoint, Marker, marker_name
-from markergen.solid.bodies import Body, Prism, mm
 from markergen.solid.plate import grouped
+from markergen.solid.primitives import Primitive, Prism, mm
 from markergen.workshop.manufacturability import FLOOR
 from markergen.workshop.projection import plan
 
@@ -77,7 +77,7 @@ class _Block:
     text: EngravedText | None = None
 
 
-def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body]) -> Engraving:
+def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Primitive]) -> Engraving:
     """Engrave the back of a plate where there is room.
 
     Parameters
@@ -86,7 +86,7 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
         Outline in mm.
     bottom : float
         Height of the back, mm.
-    cut : sequence of Body
+    cut : sequence of Primitive
         All other bodies that are cut from the plate.
     """
     thickness, least = mm(marker.substrate.thickness), DEPTH + FLOOR

@@ -6,7 +6,7 @@ import; cadquery on top of it would take two more.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import atan, hypot, pi
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.occt import import_kernel
-from markergen.solid.bodies import COLORS, Body, Part, Prism
+from markergen.solid.primitives import COLORS, BodyPart, Part, PosedPart, Primitive, Prism
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
 NEAR = 1e-6
@@ -55,9 +55,54 @@ class NamedSolid:
 
 # Cached, since several files of one marker are often written in a row, and building solids takes most of the time.
 @lru_cache(maxsize=1)
-def solids_of(parts: tuple[Part, ...]) -> tuple[NamedSolid, ...]:
-    """Build all parts; raises like `build`."""
-    return tuple(map(build, parts))
+def solids_of(parts: tuple[Part | BodyPart, ...]) -> tuple[NamedSolid, ...]:
+    """Build all parts, in the body frame; raises like `build`."""
+    return tuple(_block(part) if part.is_block else _placed(part) for part in parts)
+
+
+def _placed(part: Part | BodyPart) -> NamedSolid:
+    (piece,) = part.pieces
+    solid = replace(build(piece.part), name=part.name)
+    if not piece.is_moved:
+        return solid
+    shape, floors = _moved(solid.shape, solid.marked, piece)
+    return replace(solid, shape=shape, marked=floors)
+
+
+def _block(part: Part | BodyPart) -> NamedSolid:
+    """Sew a block from its faces."""
+    import_kernel()
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+    from OCP.BRepLib import BRepLib
+    from OCP.TopoDS import TopoDS
+
+    def sewn() -> tuple[Any, tuple[Any, ...]]:
+        sewing = BRepBuilderAPI_Sewing(NEAR)
+        floors: list[Any] = []
+        for piece in part.pieces:
+            shape, marked = _moved(*assembled(piece.part, face_only=True), piece)
+            floors += marked
+            for face in explored(shape, "FACE"):
+                sewing.Add(face)
+        sewing.Perform()
+        solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
+        BRepLib.OrientClosedSolid_s(solid)
+        return solid, tuple(TopoDS.Face_s(sewing.ModifiedSubShape(face)) for face in floors)
+
+    shape, floors = checked(part.name, part.volume, sewn)
+    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+
+
+def _moved(shape: Any, faces: Sequence[Any], piece: PosedPart) -> tuple[Any, tuple[Any, ...]]:
+    """Move a shape, and faces of it, from the frame of its plate to that of the body."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+    from OCP.gp import gp_Trsf
+    from OCP.TopoDS import TopoDS
+
+    pose = gp_Trsf()
+    pose.SetValues(*np.column_stack([piece.rotation, piece.translation]).ravel().tolist())
+    moved = BRepBuilderAPI_Transform(shape, pose, True)
+    return moved.Shape(), tuple(TopoDS.Face_s(moved.ModifiedShape(face)) for face in faces)
 
 
 def build(part: Part) -> NamedSolid:
@@ -103,7 +148,7 @@ def _failed(name: str, found: str) -> OutputError:
     )
 
 
-def _solid(body: Body) -> Any:
+def _solid(body: Primitive) -> Any:
     """TopoDS_Solid of a body, without its chamfer."""
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism, BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Dir, gp_Pln, gp_Pnt, gp_Vec
@@ -192,7 +237,7 @@ def _level(level: PlanarFace, rims: _Rims) -> Any:
     return face if level.up else TopoDS.Face_s(face.Reversed())
 
 
-def _pieces(body: Body) -> list[tuple[Any, int]]:
+def _pieces(body: Primitive) -> list[tuple[Any, int]]:
     """Solids that make a body, each with 1 or, if it is a hole, -1."""
     if not (isinstance(body, Prism) and body.chamfer):
         return [(_solid(body), 1)]

@@ -11,7 +11,7 @@ from itertools import groupby
 
 from markergen.geometry.contour import Contour, area, circle, flattened, offset
 from markergen.geometry.region import parents
-from markergen.solid.bodies import OFF, SAME, Body, Part, Prism
+from markergen.solid.primitives import OFF, SAME, Part, Primitive, Prism
 
 DIGITS = 6
 """Decimals of a height in mm: one level."""
@@ -68,7 +68,7 @@ class PlanarFace:
     marked: bool
 
 
-def signed_bodies(part: Part) -> Iterator[tuple[Body, int, bool]]:
+def signed_bodies(part: Part) -> Iterator[tuple[Primitive, int, bool]]:
     """Yield each body of a part, 1 if it is added or -1 if not, and whether it is marked."""
     yield from ((body, 1, False) for body in part.add)
     yield from ((body, -1, False) for body in part.cut)
@@ -91,7 +91,7 @@ def level_faces(part: Part, face_only: bool = False) -> list[PlanarFace]:
     return [face for face in faces if not face_only or face.up or face.z > part.add[0].span[0] + SAME]
 
 
-def _rims(body: Body, sign: int, marked: bool) -> Iterator[Rim]:
+def _rims(body: Primitive, sign: int, marked: bool) -> Iterator[Rim]:
     if isinstance(body, Prism):
         above = offset(body.outer, body.chamfer) if body.chamfer else body.outer
         for top, bottom in ((above, body.outer), *((hole, hole) for hole in body.holes)):

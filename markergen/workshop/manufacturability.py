@@ -13,8 +13,8 @@ from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import mm
 from markergen.solid.plate import Footprint, SolidPlate, gaps
+from markergen.solid.primitives import mm
 from markergen.workshop.dot_geometry import NECK, SolidDot, cell_of
 
 FLOOR = 0.2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
 from markergen.geometry.region import Region
-from markergen.solid.bodies import SAME, Part, Prism, Revolved
+from markergen.solid.primitives import SAME, BodyPart, Part, Prism, Revolved
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
 Array = NDArray[np.float64]
@@ -66,19 +66,27 @@ class Mesh:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def mesh_of(part: Part, tolerance: float) -> Mesh:
-    """Mesh a part; no point of its surface is farther than `tolerance` mm from the mesh, whose points are on it.
+def meshes_of(parts: Sequence[Part | BodyPart], tolerance: float) -> tuple[Mesh, ...]:
+    """Mesh all parts on a common grid; no point of their surfaces is farther than `tolerance` mm from the mesh.
 
     Raises
     ------
     OutputError
-        If the bodies of the part overlap, or the tolerance is too coarse for gaps between them.
+        If the primitives of a part overlap, or the tolerance is too coarse for gaps between them.
     """
-    try:
-        corners, marked = shell_of(part, tolerance)
-    except ValueError as error:
-        raise failed(part.name, str(error)) from None
-    return welded(corners, marked, part.name)
+    shells = []
+    for part in parts:
+        try:
+            pieces = [(piece, *shell_of(piece.part, tolerance, part.is_block)) for piece in part.pieces]
+        except ValueError as error:
+            raise failed(part.name, str(error)) from None
+        corners = np.concatenate([piece.to_body(corners) for piece, corners, _ in pieces])
+        shells.append((corners, np.concatenate([marked for _, _, marked in pieces])))
+    grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
+    return tuple(
+        replace(welded(corners, marked, part.name, grid), up=np.array(part.pieces[0].rotation)[:, 2])
+        for part, (corners, marked) in zip(parts, shells, strict=True)
+    )
 
 
 def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Array, NDArray[np.bool_]]:
@@ -97,15 +105,14 @@ def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Arr
     return np.concatenate([piece for piece, _ in pieces]), marked
 
 
-def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float | None = None) -> Mesh:
-    """Closed mesh of triangles (m, 3, 3) on a grid of that spacing, by default the one for their size.
+def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float) -> Mesh:
+    """Closed mesh of triangles (m, 3, 3) on a grid of that spacing.
 
     Raises
     ------
     OutputError
         If they leave gaps.
     """
-    grid = grid or grid_of(corners)
     ticks, index = _distinct(np.round(corners.reshape(-1, 3) / grid).astype(np.int64))
     triangles = index.reshape(-1, 3)
     # The lowest index first, then sorted.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.geometry.contour import Contour, Point, circle, flattened, offset
 from markergen.geometry.region import Region
-from markergen.solid.bodies import OFF, OTHER, SAME, Body, Box, Part, Prism, Revolved
+from markergen.solid.primitives import OFF, OTHER, SAME, Box, Part, Primitive, Prism, Revolved
 from markergen.workshop.drafting.drawing import ViewFace
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]
     """Section of parts by the plane at y, in (x, z), clipped to the box."""
     window = Region.rectangle(*box)
 
-    def cut(bodies: Sequence[Body]) -> Region:
+    def cut(bodies: Sequence[Primitive]) -> Region:
         boxes = [body.box for body in bodies]
         return _joined(
             _slice(body, y)
@@ -93,24 +93,24 @@ def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]
     )
 
 
-def plan(body: Body) -> Region:
+def plan(body: Primitive) -> Region:
     """Filled outline of a body in plan view."""
     outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
     return Region.of_contour(outer, (), OFF)
 
 
-def _end(body: Body, side: int) -> float:
+def _end(body: Primitive, side: int) -> float:
     """Extent of a body toward a viewer on that side: its top, or minus its bottom."""
     low, high = body.span
     return high if side == FRONT else -low
 
 
-def _distance(body: Body) -> float:
+def _distance(body: Primitive) -> float:
     """Relative distance of a body from a viewer at -y."""
     return body.y if isinstance(body, Revolved) else body.box[1]
 
 
-def _top_view(body: Body, material: str, side: int, hollow: bool = False) -> ViewFace:
+def _top_view(body: Primitive, material: str, side: int, hollow: bool = False) -> ViewFace:
     if isinstance(body, Prism):
         chamfer = (offset(body.outer, body.chamfer),) if body.chamfer and side == FRONT else ()
         return ViewFace((body.outer, *body.holes), material, chamfer)
@@ -143,7 +143,7 @@ def _mirrored(face: ViewFace) -> ViewFace:
     return ViewFace(flipped(face.contours), face.material, flipped(face.edges))
 
 
-def _silhouette(body: Body) -> Region:
+def _silhouette(body: Primitive) -> Region:
     """Filled outline of a body as seen from -y."""
     low, high = body.span
     if isinstance(body, Prism):
@@ -158,7 +158,7 @@ def _silhouette(body: Body) -> Region:
     return Region.union([*_both_sides(_profile(body), body.x), *core])
 
 
-def _slice(body: Body, y: float) -> Region:
+def _slice(body: Primitive, y: float) -> Region:
     """Section of a body by the plane at y."""
     if isinstance(body, Revolved):
         return _revolved_slice(body, y)

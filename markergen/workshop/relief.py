@@ -13,8 +13,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of, passage, pillar_radius
 from markergen.model.poses import PoseDistribution
-from markergen.solid.bodies import Revolved
 from markergen.solid.plate import Footprint, SolidPlate, gaps
+from markergen.solid.primitives import Revolved
 from markergen.workshop.dot_geometry import SolidDot
 from markergen.workshop.manufacturability import FLATTENING, Tool, found_room, up
 
@@ -74,7 +74,7 @@ class Pillar:
 
     @property
     def body(self) -> Revolved:
-        """Body from the plate's face at z = 0 to the dot's height."""
+        """Primitive from the plate's face at z = 0 to the dot's height."""
         x, y, z = self.dot.x, self.dot.y, self.dot.z
         if not self.foot:
             profile = Contour(((0.0, 0.0), (self.base, 0.0), (self.radius, z), (0.0, z)))

@@ -14,7 +14,7 @@ from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.model.tag import Tag, to_plane
-from markergen.solid.bodies import span_of
+from markergen.solid.primitives import span_of
 from markergen.workshop.processes import parts_of
 
 MATERIALS = ("light", "dark")

@@ -9,8 +9,8 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.substrate import Hole, Substrate
-from markergen.solid.bodies import Part, cylinder
 from markergen.solid.plate import SolidPlate, plate_of, plate_size
+from markergen.solid.primitives import Part, cylinder
 
 EXACT = 1e-9
 """Coordinates are rounded to picometers."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from markergen.solid.bodies import Part
+from markergen.solid.primitives import Part
 from markergen.workshop import kernel
 from markergen.workshop.kernel import NamedSolid
 

@@ -12,7 +12,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import marker_name
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.bodies import COLORS
+from markergen.solid.primitives import COLORS
 from markergen.workshop.cad_files import normalize, write_brep, write_step
 from markergen.workshop.kernel import NamedSolid, solids_of
 from markergen.workshop.processes import parts_of

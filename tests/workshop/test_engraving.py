@@ -9,8 +9,8 @@ from markergen.drawing.text import text_width
 from markergen.geometry.contour import area, flattened
 from markergen.model.substrate import Substrate
 from markergen.model.tag import FAMILIES, Tag
-from markergen.solid.bodies import cylinder
 from markergen.solid.plate import grouped, plate_of
+from markergen.solid.primitives import cylinder
 from markergen.workshop.engraving import DEPTH, MARGIN, WALL, _lines, engraving
 
 

@@ -7,7 +7,7 @@ from cad import build
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
-from markergen.solid.bodies import COLORS, Part, Prism, Revolved, cylinder
+from markergen.solid.primitives import COLORS, Part, Prism, Revolved, cylinder
 
 VOLUME = 1e-9
 """Open CASCADE integrates by quadrature, which is exact to this for planes, cylinders, cones and spheres."""

@@ -6,11 +6,16 @@ from cad import build
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
-from markergen.solid.bodies import Part, Prism, Revolved, cylinder
-from markergen.workshop.mesh import LEAST, Mesh, is_closed, kept_apart, mesh_of
+from markergen.solid.primitives import Part, Prism, Revolved, cylinder
+from markergen.workshop.mesh import LEAST, Mesh, is_closed, kept_apart, meshes_of
 
 QUARTER = tan(pi / 8)
 """Bulge of a quarter turn."""
+
+
+def mesh_of(part, tolerance):
+    return meshes_of([part], tolerance)[0]
+
 
 SQUARE = Contour(((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)))
 HALF_BALL = Contour(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), (0.0, QUARTER, 0.0))

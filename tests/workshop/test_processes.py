@@ -15,8 +15,8 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.bodies import Part, Prism, Revolved
 from markergen.solid.plate import plate_of
+from markergen.solid.primitives import Part, Prism, Revolved
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.processes import parts_of
 

@@ -4,7 +4,7 @@ import pytest
 import shapely
 
 from markergen.geometry.contour import Contour, circle
-from markergen.solid.bodies import OFF, Part, Prism, Revolved, cylinder, size_of
+from markergen.solid.primitives import OFF, Part, Prism, Revolved, cylinder, size_of
 from markergen.workshop.drafting.drawing import ViewFace
 from markergen.workshop.projection import BACK, cut_along, elevation, seen
 

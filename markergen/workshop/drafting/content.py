@@ -14,8 +14,8 @@ from markergen.drawing.scene import Box, union
 from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
-from markergen.solid.bodies import OFF, SAME, Part, Prism, cylinder, mm, size_of, span_of
 from markergen.solid.plate import plate_of
+from markergen.solid.primitives import OFF, SAME, Part, Prism, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.drafting.drawing import (

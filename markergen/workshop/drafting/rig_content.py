@@ -13,7 +13,8 @@ from markergen.model.boundary import Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_name
-from markergen.solid.bodies import OFF, Part, Prism
+from markergen.solid.primitives import OFF, Part, Prism
+from markergen.workshop.assembly import MadeBody
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.drawing import (
@@ -29,7 +30,6 @@ from markergen.workshop.drafting.drawing import (
 from markergen.workshop.drafting.rig_views import FaceName, RigView, RigWork
 from markergen.workshop.drafting.tolerances import PLUS_MINUS
 from markergen.workshop.processes import Accuracy
-from markergen.workshop.rig_solids import RigMade
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class _Side:
         return np.asarray(self.ring.mean(axis=0))
 
 
-def rig_work(rig: Rig, fabrication: Fabrication, made: RigMade) -> RigWork:
+def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     """Describe a rig as designed, and its parts from `parts_of_rig`, for the sheets of the whole."""
     accuracy, sides = made.made[0].accuracy, _sides(made)
     datums = _datums(sides)
@@ -110,7 +110,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: RigMade) -> RigWork:
     )
 
 
-def face_works(rig: Rig, fabrication: Fabrication, made: RigMade) -> list[Workpiece]:
+def face_works(rig: Rig, fabrication: Fabrication, made: MadeBody) -> list[Workpiece]:
     """Describe each marker of a rig for its own sheets: its plate, or its face of the body."""
     works = []
     for k, (each, one) in enumerate(zip(rig.markers, made.made, strict=True)):
@@ -120,11 +120,11 @@ def face_works(rig: Rig, fabrication: Fabrication, made: RigMade) -> list[Workpi
     return works
 
 
-def _lines(made: RigMade) -> tuple[str, ...]:
+def _lines(made: MadeBody) -> tuple[str, ...]:
     return tuple(dict.fromkeys(line for one in made.made for line in one.lines))
 
 
-def _sides(made: RigMade) -> list[_Side]:
+def _sides(made: MadeBody) -> list[_Side]:
     """Flat sides that can be datums: faces of the block, or of the plates."""
     if made.block:
         return [_Side(face.name, face.ring(), face.normal) for face in made.block]
@@ -179,7 +179,7 @@ def _words(way: Array) -> str:
 
 
 def _view(
-    place: str, axes: tuple[Array, Array, Array], rig: Rig, made: RigMade, sides: Sequence[_Side],
+    place: str, axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody, sides: Sequence[_Side],
     datums: Sequence[_Side], accuracy: Accuracy,
 ) -> RigView:  # fmt: skip
     flat, toward = np.stack(axes[:2], axis=1), axes[2]
@@ -201,7 +201,7 @@ def _view(
     )  # fmt: skip
 
 
-def _picture(main: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> RigView:
+def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigView:
     """The whole seen from a corner."""
     basis = np.stack([main[0], -main[2], main[1]], axis=1)
     toward = basis @ (CORNER / np.linalg.norm(CORNER))
@@ -240,7 +240,7 @@ def _flat(points: Array) -> Array:
     return np.column_stack([points, np.zeros(len(points))])
 
 
-def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> tuple[ViewFace, ...]:
+def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> tuple[ViewFace, ...]:
     """Visible faces of the body or the plates with dots and tags on them, the farthest first."""
     flat, toward = np.stack(axes[:2], axis=1), axes[2]
     found: list[tuple[float, list[ViewFace]]] = []
@@ -257,7 +257,7 @@ def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: RigMade) -> tup
     return tuple(face for _, faces in found for face in faces)
 
 
-def _plates(each: Plate, made: RigMade, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
+def _plates(each: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
     """Distance toward the viewer of a marker's plates, and what is seen of them: convex hull, face, dots."""
     from scipy.spatial import ConvexHull
 
@@ -339,7 +339,7 @@ def _fixed(value: float, digits: int) -> str:
 
 
 def _relation_tables(
-    rig: Rig, made: RigMade, sides: Sequence[_Side], datums: Sequence[_Side], accuracy: Accuracy
+    rig: Rig, made: MadeBody, sides: Sequence[_Side], datums: Sequence[_Side], accuracy: Accuracy
 ) -> list[DrawingTable]:
     """Datums of the whole, and the tolerances of its faces in words."""
     if not made.block:
@@ -383,7 +383,7 @@ def _signed(value: float) -> str:
     return f"{'-' if value < 0 else '+'}{abs(value):.6g}"
 
 
-def _face_work(each: Plate, made: RigMade, k: int, fabrication: Fabrication) -> Workpiece:
+def _face_work(each: Plate, made: MadeBody, k: int, fabrication: Fabrication) -> Workpiece:
     """Describe one face of a body as if it were a plate, with the body seen from the side."""
     face, one = made.block[k], made.made[k]
     low = face.height - 2 * one.depth - 1

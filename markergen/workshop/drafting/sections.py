@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from markergen.drawing.scene import union
 from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
-from markergen.solid.bodies import OFF, SAME, Body, Part, Prism, Revolved, span_of
+from markergen.solid.primitives import OFF, SAME, Part, Primitive, Prism, Revolved, span_of
 from markergen.workshop.dot_geometry import SolidDot
 from markergen.workshop.drafting.drawing import Dimension, SectionView, millimeters
 from markergen.workshop.drafting.tolerances import DIAMETER, PLUS_MINUS, PlateHole, holes_of
@@ -189,7 +189,7 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     return [SectionView("Section of the edge", faces, box, across, upright(tall))] if faces else []
 
 
-def centered(bodies: Iterable[Body], x: float, y: float) -> list[Revolved]:
+def centered(bodies: Iterable[Primitive], x: float, y: float) -> list[Revolved]:
     """Bodies of revolution about the vertical axis through (x, y), within a micron."""
     return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
 

@@ -6,8 +6,8 @@ from math import atan2, degrees, tan
 
 from markergen.geometry.contour import Contour, box, radius_of
 from markergen.model.marker import Marker
-from markergen.solid.bodies import SAME, Body, Part, Prism, Revolved, mm, size_of
 from markergen.solid.plate import plate_of
+from markergen.solid.primitives import SAME, Part, Primitive, Prism, Revolved, mm, size_of
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.drafting.drawing import DrawingTable, millimeters
 from markergen.workshop.drafting.sections import centered, recesses_of, use_words
@@ -135,7 +135,7 @@ def _corners(contour: Contour) -> tuple[tuple[str, ...], ...]:
     return tuple((_fixed(a[0]), _fixed(a[1]), side(bulge, radius_of((a, b, bulge)))) for a, b, bulge in contour.sides)
 
 
-def _pillars(marker: Marker, added: Sequence[Body]) -> tuple[tuple[str, ...], ...]:
+def _pillars(marker: Marker, added: Sequence[Primitive]) -> tuple[tuple[str, ...], ...]:
     """Rows of pillars of the same shape."""
     groups: dict[tuple[str, ...], list[int]] = {}
     for dot in dots_of(marker):

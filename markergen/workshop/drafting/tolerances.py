@@ -14,8 +14,8 @@ from markergen.geometry.contour import Contour, area, box, placed
 from markergen.model.marker import Marker
 from markergen.model.openings import drawn_holes
 from markergen.model.substrate import SCREWS
-from markergen.solid.bodies import SAME, mm
 from markergen.solid.plate import plate_of
+from markergen.solid.primitives import SAME, mm
 from markergen.workshop.drafting.drawing import Control, Datum, DrawingTable, millimeters
 from markergen.workshop.iso286 import Limits, drilled, reamed
 from markergen.workshop.processes import Made

@@ -19,8 +19,8 @@ from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.openings import holes_beyond, openings
-from markergen.solid.bodies import Prism
 from markergen.solid.plate import plate_of
+from markergen.solid.primitives import Prism
 from markergen.units import format_length
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.processes import Made

@@ -18,6 +18,7 @@ from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shap
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_name
+from markergen.workshop.assembly import MadeBody, designed, made_of
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
@@ -26,9 +27,7 @@ from markergen.workshop.drafting.rig_content import face_works, rig_work
 from markergen.workshop.drafting.rig_views import RigWork, rig_page
 from markergen.workshop.drafting.title_block import title_block
 from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
-from markergen.workshop.formats.solids import rig_notes, solid_notes
-from markergen.workshop.processes import parts_of
-from markergen.workshop.rig_solids import designed, parts_of_rig
+from markergen.workshop.formats.solids import solid_notes
 
 COLUMN = 105.0
 """Minimum column width in mm on A4: that of a table with six columns of numbers."""
@@ -51,18 +50,16 @@ def export(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
 
     Of a rig, the drawing of the whole with the tolerances between its faces comes first, then that of each face.
     """
-    body = only(bodies, ".fab.pdf")
-    return _of_marker(body.as_designed, options) if isinstance(body, Marker) else _of_rig(designed(body), options)
+    body = designed(only(bodies, ".fab.pdf"))
+    made = made_of(body, options.fabrication)
+    if isinstance(body, Marker):
+        data, notes = write_fabrication_sheet(workpiece(body, options.fabrication, made.made[0]), options.sheet)
+    else:
+        data, notes = _of_rig(body, made, options)
+    return Output(data, (*notes, *solid_notes(body, made, options)))
 
 
-def _of_marker(marker: Marker, options: ExportOptions) -> Output:
-    made = parts_of(marker, options.fabrication)
-    data, notes = write_fabrication_sheet(workpiece(marker, options.fabrication, made), options.sheet)
-    return Output(data, (*notes, *solid_notes(marker, made, options)))
-
-
-def _of_rig(rig: Rig, options: ExportOptions) -> Output:
-    made = parts_of_rig(rig, options.fabrication)
+def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tuple[str, ...]]:
     parts = [sheets_of_rig(rig_work(rig, options.fabrication, made), options.sheet)]
     parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]
     name = rig_name(rig)
@@ -70,8 +67,7 @@ def _of_rig(rig: Rig, options: ExportOptions) -> Output:
     pages = sum(each.count for each in parts)
     first = parts[0].front
     drawn = f"the first on {first.frame.paper}, drawn {scale_words(first.scale)}"
-    note = f"The fabrication sheets have {pages} pages, {drawn}."
-    return Output(data, (note, *rig_notes(rig, made, options)))
+    return data, (f"The fabrication sheets have {pages} pages, {drawn}.",)
 
 
 def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[bytes, tuple[str, ...]]:

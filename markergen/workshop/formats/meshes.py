@@ -23,11 +23,10 @@ import markergen
 from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.solid.bodies import COLORS, OTHER
+from markergen.solid.primitives import COLORS, OTHER
+from markergen.workshop.assembly import MadeBody
 from markergen.workshop.formats.solids import designed_of
-from markergen.workshop.mesh import Mesh, kept_apart, mesh_of
-from markergen.workshop.processes import Made
-from markergen.workshop.rig_solids import RigMade, meshes_of_rig
+from markergen.workshop.mesh import Mesh, kept_apart, meshes_of
 
 Array = NDArray[np.float64]
 
@@ -80,7 +79,7 @@ class Meshed:
     name: str
     subject: Marker | Rig
     parts: tuple[MeshedPart, ...]
-    made: Made | RigMade
+    made: MadeBody
     notes: tuple[str, ...]
 
 
@@ -102,10 +101,8 @@ def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) 
 
 # Several formats of one marker share its meshes.
 @lru_cache(maxsize=1)
-def _meshes(made: Made | RigMade, tolerance: float) -> tuple[MeshedPart, ...]:
-    if isinstance(made, Made):
-        return tuple(MeshedPart(part.name, part.material, mesh_of(part, tolerance)) for part in made.parts)
-    meshes = zip(made.parts, meshes_of_rig(made.parts, tolerance), strict=True)
+def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
+    meshes = zip(made.parts, meshes_of(made.parts, tolerance), strict=True)
     return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
 
 

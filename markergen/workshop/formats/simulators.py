@@ -20,11 +20,10 @@ from markergen.exporters import ExportOptions, Output
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.solid.bodies import COLORS
+from markergen.solid.primitives import COLORS
+from markergen.workshop.assembly import volume_of
 from markergen.workshop.formats.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
 from markergen.workshop.mesh import Mesh
-from markergen.workshop.processes import Made
-from markergen.workshop.rig_solids import volume_of
 
 Array = NDArray[np.float64]
 
@@ -195,10 +194,10 @@ def _sites(body: Body) -> Iterator[Site]:
 
 def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
-    if isinstance(made.made, Made):
+    if made.subject.frame == "marker":
         low, high = _box([part.mesh for part in made.parts])
         size, middle = high - low, (low + high) / 2
-        if [part.is_disk for part in made.made.parts if part.is_plate] == [True]:
+        if [part.is_disk for part in made.made.made[0].parts if part.is_plate] == [True]:
             yield Collision("collision", "cylinder", (size[0] / 2, size[2]), middle, np.eye(3))
         else:
             yield Collision("collision", "box", tuple(size), middle, np.eye(3))

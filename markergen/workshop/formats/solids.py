@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.model.body import Body
 from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_name
 from markergen.solid.plate import plate_size
+from markergen.workshop.assembly import MadeBody, check_apart, designed, made_of
 from markergen.workshop.cad_files import write_brep, write_step
-from markergen.workshop.kernel import NamedSolid, solids_of
-from markergen.workshop.processes import Made, parts_of
-from markergen.workshop.rig_kernel import solids_of_rig
-from markergen.workshop.rig_solids import RigMade, check_apart, designed, parts_of_rig
+from markergen.workshop.kernel import solids_of
+from markergen.workshop.processes import Made
 
 MADE = (".step", ".brep", ".stl", ".3mf")
 """Suffixes of solids that are made, in which plates must not overlap; others are looked at."""
@@ -35,7 +35,7 @@ class Designed:
 
     name: str
     subject: Marker | Rig
-    made: Made | RigMade
+    made: MadeBody
     notes: tuple[str, ...]
     beside: Mapping[str, bytes]
 
@@ -53,23 +53,18 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     InputError
         If there is not exactly one marker, or it cannot be made as requested.
     """
-    body = only(bodies, suffix)
-    if not isinstance(body, Marker):
-        rig = designed(body)
-        made = parts_of_rig(rig, options.fabrication)
-        if suffix in MADE:
-            check_apart(made)
-        return Designed(rig_name(rig), rig, made, rig_notes(rig, made, options), {})
-    marker = body.as_designed
-    parts = parts_of(marker, options.fabrication)
-    notes = solid_notes(marker, parts, options)
-    return Designed(marker_name(marker), marker, parts, notes, beside_solid(marker, options))
+    body = designed(only(bodies, suffix))
+    made = made_of(body, options.fabrication)
+    if suffix in MADE:
+        check_apart(made)
+    name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
+    return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options))
 
 
 def export_step(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
     work = designed_of(bodies, options, ".step")
-    return Output(write_step(_solids(work.made), work.name), work.notes, work.beside)
+    return Output(write_step(solids_of(work.made.parts), work.name), work.notes, work.beside)
 
 
 def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -77,42 +72,36 @@ def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Outpu
     work = designed_of(bodies, options, ".brep")
     names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
-    return Output(write_brep(_solids(work.made)), (*work.notes, order), work.beside)
+    return Output(write_brep(solids_of(work.made.parts)), (*work.notes, order), work.beside)
 
 
-def _solids(made: Made | RigMade) -> tuple[NamedSolid, ...]:
-    return solids_of(made.parts) if isinstance(made, Made) else solids_of_rig(made.parts)
-
-
-def rig_notes(rig: Rig, made: RigMade, options: ExportOptions) -> tuple[str, ...]:
-    """Sentences on the solids of a rig as designed."""
-    process, count = options.fabrication.process, len(rig.markers)
+def solid_notes(body: Body, made: MadeBody, options: ExportOptions) -> tuple[str, ...]:
+    """Sentences on the solid, for the body as designed."""
+    process = options.fabrication.process
     how = f"({process}: {PROCESSES[process].label})"
-    points = np.concatenate([face.ring() for face in made.block]) if made.block else np.zeros((1, 3))
-    size = " x ".join(f"{side:.6g}" for side in np.ptp(points, axis=0))
-    said = (
-        f"Made as one body of {size} mm with {count} of its {len(made.block)} faces marked {how}."
-        if made.block
-        else f"Made as an assembly of {count} plate{'s' * (count > 1)} {how}."
-    )
+    first, count = body.plates[0].marker, len(body.plates)
+    what = _of_rig(made, count) if body.frame == "rig" else _of_marker(first, made.made[0])
     overlap = [f"Note that {made.overlap}."] if made.overlap else []
-    return (said, *overlap, *made.notes, *without_paper(options))
+    return (f"Made as {what} {how}.", *overlap, *made.notes, *without_paper(options))
 
 
-def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:
-    """Sentences on the solid, for the marker as designed."""
+def _of_rig(made: MadeBody, count: int) -> str:
+    if not made.block:
+        return f"an assembly of {count} plate{'s' * (count > 1)}"
+    size = " x ".join(f"{side:.6g}" for side in np.ptp(np.concatenate([face.ring() for face in made.block]), axis=0))
+    return f"one body of {size} mm with {count} of its {len(made.block)} faces marked"
+
+
+def _of_marker(marker: Marker, made: Made) -> str:
     plates = sum(part.is_plate for part in made.parts)
     others = len(made.parts) - plates
     what = f"{'a plate' if plates == 1 else f'{plates} plates'} {plate_size(marker)}"
-    thick = f"{marker.substrate.thickness * 1e3:.6g} mm thick"
     rest = f", and {others} part{'s' * (others > 1)} to go with {'it' if plates == 1 else 'them'}" if others else ""
-    process = options.fabrication.process
-    sentence = f"Made as {what} and {thick}{rest} ({process}: {PROCESSES[process].label})."
-    return (sentence, *made.notes, *without_paper(options))
+    return f"{what} and {marker.substrate.thickness * 1e3:.6g} mm thick{rest}"
 
 
-def beside_solid(marker: Marker, options: ExportOptions) -> dict[str, bytes]:
+def _beside(body: Body, options: ExportOptions) -> dict[str, bytes]:
     """Files that accompany a solid: for an engraved plate the DXF for the machine."""
-    if not PROCESSES[options.fabrication.process].engraved:
+    if body.frame == "rig" or not PROCESSES[options.fabrication.process].engraved:
         return {}
-    return {f"{options.stem}.dxf": EXPORTERS[".dxf"]((marker,), options).data}
+    return {f"{options.stem}.dxf": EXPORTERS[".dxf"](body, options).data}

@@ -13,8 +13,8 @@ from functools import lru_cache
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_holes
-from markergen.solid.bodies import Body, Part, Prism, cylinder
 from markergen.solid.plate import Footprint, plate_of
+from markergen.solid.primitives import Part, Primitive, Prism, cylinder
 from markergen.workshop.dot_geometry import SolidDot, dots_of, tag_ink
 from markergen.workshop.engraving import EngravedText, engraving
 from markergen.workshop.iso286 import DiscFit
@@ -69,12 +69,12 @@ class Made:
     parts : tuple of Part
         Parts besides the plate: ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``. `parts_of` inserts the finished plates
         before them.
-    cut : tuple of Body
+    cut : tuple of Primitive
         Bodies cut from the plate and from what is added to it. They are disjoint, and lie inside the plate or end at
         its surface.
-    marked : tuple of Body
+    marked : tuple of Primitive
         Bodies that are also cut, leaving dark floors: engraving.
-    add : tuple of Body
+    add : tuple of Primitive
         Bodies joined to the plate, standing on its face apart from each other: pillars.
     notes : tuple of str
         Sentences for the user, shown on the screen.
@@ -95,9 +95,9 @@ class Made:
     """
 
     parts: tuple[Part, ...] = ()
-    cut: tuple[Body, ...] = ()
-    marked: tuple[Body, ...] = ()
-    add: tuple[Body, ...] = ()
+    cut: tuple[Primitive, ...] = ()
+    marked: tuple[Primitive, ...] = ()
+    add: tuple[Primitive, ...] = ()
     notes: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
     accuracy: Accuracy = Accuracy()
@@ -138,7 +138,7 @@ class Ground:
     """The dots to cut for, the pillars under them, and sentences about the pillars."""
 
     dots: tuple[SolidDot, ...]
-    pillars: tuple[Body, ...]
+    pillars: tuple[Primitive, ...]
     notes: tuple[str, ...]
 
 
@@ -205,7 +205,7 @@ def prepare(
     return Ground(dots, tuple(pillar.body for pillar in pillars), notes)
 
 
-def inlay(dot: SolidDot, cutting: Cutting) -> tuple[tuple[Part, ...], Body]:
+def inlay(dot: SolidDot, cutting: Cutting) -> tuple[tuple[Part, ...], Primitive]:
     """A dot's inlays, flush with its top, and the pocket that they fill; a ring has a light core."""
     top, bottom = dot.z, round(dot.z - cutting.depth, 9)
     pocket = cylinder(dot.x, dot.y, dot.radius + cutting.gap(2 * dot.radius), bottom, top)
@@ -217,7 +217,7 @@ def inlay(dot: SolidDot, cutting: Cutting) -> tuple[tuple[Part, ...], Body]:
     return (whole, core), pocket
 
 
-def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Body, ...]]:
+def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Primitive, ...]]:
     """A tag's inlays, named ``tag-<k>`` from 1, and their pockets.
 
     Both are rounded about the same arc centers, for an even gap.
@@ -231,13 +231,13 @@ def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tupl
     return tuple(parts), tuple(pockets)
 
 
-def marks(marker: Marker, dots: Sequence[SolidDot], cutting: Cutting) -> tuple[Body, ...]:
+def marks(marker: Marker, dots: Sequence[SolidDot], cutting: Cutting) -> tuple[Primitive, ...]:
     """Dots and tag as bodies to engrave."""
     engraved = [cylinder(dot.x, dot.y, dot.radius, round(dot.z - cutting.depth, 9), dot.z, dot.inner) for dot in dots]
     return (*engraved, *tag_inlays(marker, cutting)[1])
 
 
-def inlaid(marker: Marker, ground: Ground, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Body, ...]]:
+def inlaid(marker: Marker, ground: Ground, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Primitive, ...]]:
     """All inlays, those of the dots first, and their pockets."""
     each = [inlay(dot, cutting) for dot in ground.dots]
     parts, pockets = tag_inlays(marker, cutting)

@@ -5,7 +5,7 @@ from math import ceil
 from markergen.errors import InputError
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Part, cylinder, mm
+from markergen.solid.primitives import Part, Primitive, cylinder, mm
 from markergen.units import format_length
 from markergen.workshop.dot_geometry import SolidDot, cell_of, dots_of
 from markergen.workshop.iso286 import DiscFit, core_fit, disc_fit
@@ -56,7 +56,7 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         marker, fabrication, cutting, lambda dot: dot.radius + gap_for(0 if open_(dot) else 2 * dot.radius)
     )
     parts: list[Part] = []
-    cut: list[Body] = []
+    cut: list[Primitive] = []
     for dot in dots:
         if open_(dot):
             cut.append(cylinder(dot.x, dot.y, dot.radius, bottom, dot.z))

@@ -6,8 +6,8 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Part, Revolved, cylinder
 from markergen.solid.plate import Footprint, plate_of
+from markergen.solid.primitives import Part, Primitive, Revolved, cylinder
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.manufacturability import check_apart, check_dots, depth_of, gap_of, tool_of
 from markergen.workshop.processes import Accuracy, Cutting, Made, prepare, tag_inlays
@@ -67,7 +67,7 @@ def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: flo
     """Hemispheres that stand on the plate or on pillars, held by plugs."""
     ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)
     parts: list[Part] = []
-    cut: list[Body] = []
+    cut: list[Primitive] = []
     for dot in ground.dots:
         bottom = round(dot.z - cutting.depth, 9)
         plug = dot.inner - gap if dot.inner else PLUG * dot.radius
@@ -104,7 +104,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     face = -round((1 + STAND) * max(dot.radius for dot in dots), 6)
     bottom = face - cutting.depth
     parts: list[Part] = []
-    cut: list[Body] = []
+    cut: list[Primitive] = []
     prints = []
     for dot in dots:
         neck = min(NECK * dot.radius, 0.8 * (dot.inner - gap)) if dot.inner else NECK * dot.radius

@@ -11,8 +11,8 @@ from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import OFF, Body, Prism, cylinder
 from markergen.solid.plate import Footprint, SolidPlate, gaps, plate_of
+from markergen.solid.primitives import OFF, Primitive, Prism, cylinder
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.manufacturability import FLATTENING, ROUNDING, Tool, depth_of, found_room, gap_of, tool_of, up
 from markergen.workshop.processes import Accuracy, Cutting, Made, prepare
@@ -44,7 +44,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
         around = _mm(marker.tag.quiet_zone.outlines()[0]).tolist() if marker.tag else []
         printed = [Footprint("the recess for the tag", tuple(map(tuple, around)), gap)] if around else []
         ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius + gap, printed)
-        recesses: tuple[Body, ...] = tuple(
+        recesses: tuple[Primitive, ...] = tuple(
             cylinder(dot.x, dot.y, dot.radius + gap, round(dot.z - depth, 9), dot.z) for dot in dots
         )
         if around:

@@ -16,7 +16,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
-from markergen.solid.bodies import OTHER
+from markergen.solid.primitives import OTHER
 from markergen.workshop.formats.meshes import MATERIALS, VOLUMES, Meshed, meshed
 
 PLACE = 5e-3
@@ -171,7 +171,7 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
 def test_a_marker_in_several_formats_is_made_once(make, monkeypatch):
     marker, options = make(4, False), ExportOptions(fabrication=Fabrication("print", **BLANK))
     first = meshed([marker], options, ".stl")
-    monkeypatch.setattr("markergen.workshop.formats.meshes.mesh_of", None)
+    monkeypatch.setattr("markergen.workshop.formats.meshes.meshes_of", None)
     assert meshed([replace(marker)], replace(options, stem="other"), ".glb").parts is first.parts
 
 

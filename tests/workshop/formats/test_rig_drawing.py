@@ -8,18 +8,18 @@ from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import bounds
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.model.fabrication import Fabrication
+from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
 from markergen.workshop.drafting.rig_content import face_works, rig_work
 from markergen.workshop.drafting.rig_views import rig_page
-from markergen.workshop.rig_solids import parts_of_rig
 from tests.support.rigs import cube, wall
-from tests.workshop.test_rig_solids import prism
+from tests.workshop.test_assembly import prism
 
 FDM = Fabrication()
 
 
 def work_of(rig):
-    return rig_work(rig, FDM, parts_of_rig(rig, FDM))
+    return rig_work(rig, FDM, made_of(rig, FDM))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_the_table_of_faces_is_the_pose_of_each():
 
 def test_the_face_of_a_block_is_drawn_with_the_block_behind_it():
     rig = prism()
-    for work in face_works(rig, FDM, parts_of_rig(rig, FDM)):
+    for work in face_works(rig, FDM, made_of(rig, FDM)):
         left, bottom, right, top = around(work.side)
         assert (right - left, top - bottom) == pytest.approx((120, 60 * np.sqrt(3)))
         assert top == pytest.approx(0, abs=1e-9)

@@ -12,9 +12,9 @@ from markergen.exporters.saving import save
 from markergen.maths.rotation import exponential
 from markergen.model.fabrication import Fabrication
 from markergen.verification.step import read_step
+from markergen.workshop.assembly import made_of
 from markergen.workshop.formats.simulators import DENSITY, roll_pitch_yaw
-from markergen.workshop.rig_kernel import solids_of_rig
-from markergen.workshop.rig_solids import parts_of_rig
+from markergen.workshop.kernel import solids_of
 from tests.support.rigs import corner, cube, wall
 
 CUBE = cube(0.08)
@@ -57,8 +57,8 @@ def test_the_parts_of_a_step_keep_names_colors_and_places(step):
 
 @pytest.mark.long
 def test_a_step_of_a_rig_has_the_same_bytes_every_time(step):
-    solids_of_rig.cache_clear()
-    parts_of_rig.cache_clear()
+    solids_of.cache_clear()
+    made_of.cache_clear()
     assert EXPORTERS[".step"](CUBE, OPTIONS).data == step.read_bytes()
 
 

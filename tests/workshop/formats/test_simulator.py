@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from tetrahedra import part
 
-from markergen.solid.bodies import Part, cylinder
+from markergen.solid.primitives import Part, cylinder
 from markergen.workshop.formats.meshes import MeshedPart
 from markergen.workshop.formats.simulators import DENSITY, mass_of, number, numbers
-from markergen.workshop.mesh import mesh_of
+from markergen.workshop.mesh import meshes_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)
 """mm; bit by bit of their number: x, y, z."""
@@ -33,7 +33,7 @@ def test_two_halves_weigh_what_the_whole_does():
 
 
 def test_a_disc_has_the_moments_of_a_cylinder():
-    mesh = mesh_of(Part("dot-0", "dark", (cylinder(40.0, 0.0, 10.0, -2.0, 0.0),)), 0.005)
+    [mesh] = meshes_of([Part("dot-0", "dark", (cylinder(40.0, 0.0, 10.0, -2.0, 0.0),))], 0.005)
     mass, center, inertia = mass_of([MeshedPart("dot-0", "dark", mesh)])
     np.testing.assert_allclose(center, [0.04, 0, -0.001], atol=1e-9)
     # A polygon of 144 corners has 0.03 % less area, and twice that less of the second moment.

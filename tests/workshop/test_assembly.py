@@ -8,9 +8,9 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import build_marker
 from markergen.model.substrate import Substrate
 from markergen.objectives.criteria import regular_polygon
-from markergen.workshop.mesh import is_closed, mesh_of
+from markergen.workshop.assembly import BODY, block_of, check_apart, made_of, volume_of
+from markergen.workshop.mesh import is_closed, meshes_of
 from markergen.workshop.processes import parts_of
-from markergen.workshop.rig_solids import BODY, block_of, check_apart, meshes_of_rig, parts_of_rig, volume_of
 from tests.support.rigs import corner, cube, mounted, plate, rectangle, wall
 
 FDM = Fabrication()
@@ -28,14 +28,14 @@ def prism(sides=6, width=0.06, height=0.1):
 
 @pytest.mark.parametrize("process", ["fdm", pytest.param("cnc", marks=pytest.mark.long), "laser"])
 def test_body_and_inlays_of_a_cube_fill_it(process):
-    made = parts_of_rig(cube(0.08), Fabrication(process=process, gap=0.0 if process == "cnc" else None))
+    made = made_of(cube(0.08), Fabrication(process=process, gap=0.0 if process == "cnc" else None))
     body, *inlays = made.parts
     assert body.name == BODY
     engraved = sum(each.volume for part in body.pieces for each in part.part.marked)
     assert sum(part.volume for part in made.parts) + engraved == pytest.approx(80**3, rel=1e-12)
     assert len(made.block) == 6
     assert {part.material for part in inlays} <= {"dark", "light"}
-    mesh = meshes_of_rig((body,), 0.005)[0]
+    mesh = meshes_of((body,), 0.005)[0]
     assert is_closed(mesh.triangles)
     np.testing.assert_allclose([mesh.points.min(axis=0), mesh.points.max(axis=0)], [[-40] * 3, [40] * 3], atol=1e-4)
     # Pockets of 144 chords are smaller by 0.03 %.
@@ -45,8 +45,8 @@ def test_body_and_inlays_of_a_cube_fill_it(process):
 
 def test_inlays_lie_flush_in_the_faces_of_a_cube():
     rig = cube(0.08)
-    made = parts_of_rig(rig, FDM)
-    meshes = meshes_of_rig(made.parts, 0.005)
+    made = made_of(rig, FDM)
+    meshes = meshes_of(made.parts, 0.005)
     seen = 0
     for each in rig.markers:
         for point in each.marker.control_points:
@@ -62,12 +62,12 @@ def test_inlays_lie_flush_in_the_faces_of_a_cube():
 
 
 def test_the_open_ends_of_a_prism_are_closed():
-    made = parts_of_rig(prism(), FDM)
+    made = made_of(prism(), FDM)
     assert [face.name for face in made.block[-2:]] == ["face-1", "face-2"]
     area = 3 * np.sqrt(3) / 2 * 60**2
     assert volume_of(made.block) == pytest.approx(area * 100, rel=1e-9)
     assert sum(part.volume for part in made.parts) == pytest.approx(area * 100, rel=1e-9)
-    meshes = meshes_of_rig(made.parts, 0.005)
+    meshes = meshes_of(made.parts, 0.005)
     assert sum(mesh.volume for mesh in meshes) == pytest.approx(area * 100, rel=1e-6)
 
 
@@ -75,25 +75,25 @@ def test_balls_lower_the_faces_of_a_block():
     square = build_marker(regular_polygon(4, 0.02), rectangle(0.08, 0.08), diameter=0.006, clearance=0.0006)
     whole, balls = cube(0.08), Fabrication(process="dome", dome="ball")
     turns, places = zip(*((each.rotation_matrix, each.translation_vector) for each in whole.markers), strict=True)
-    made = parts_of_rig(mounted([square] * 6, turns, places), balls)
+    made = made_of(mounted([square] * 6, turns, places), balls)
     low = made.block[0].height
     assert low < 0
     assert volume_of(made.block) == pytest.approx((80 + 2 * low) ** 3, rel=1e-12)
-    assert is_closed(meshes_of_rig(made.parts[:1], 0.02)[0].triangles)
+    assert is_closed(meshes_of(made.parts[:1], 0.02)[0].triangles)
     with pytest.raises(InputError, match="balls lower it"):
-        parts_of_rig(whole, balls)
+        made_of(whole, balls)
 
 
 def test_a_wall_is_an_assembly_of_the_plates_of_its_markers():
     rig = wall(columns=2, rows=1)
-    made = parts_of_rig(rig, FDM)
+    made = made_of(rig, FDM)
     assert not block_of(rig)
     names = [part.name for part in made.parts]
     assert names[0] == "plate 0/plate"
-    meshes = dict(zip(names, meshes_of_rig(made.parts, 0.005), strict=True))
+    meshes = dict(zip(names, meshes_of(made.parts, 0.005), strict=True))
     for each in rig.markers:
         for part in parts_of(each.marker, FDM).parts:
-            alone, placed = mesh_of(part, 0.005), meshes[f"{each.name}/{part.name}"]
+            [alone], placed = meshes_of([part], 0.005), meshes[f"{each.name}/{part.name}"]
             np.testing.assert_allclose(
                 placed.points.min(axis=0) / 1e3, each.to_body(alone.points / 1e3).min(axis=0), atol=1e-6
             )
@@ -118,17 +118,17 @@ def three_faces_of_a_cube():
 
 
 def test_plates_that_overlap_are_refused():
-    made = parts_of_rig(mounted(*three_faces_of_a_cube()), FDM)
+    made = made_of(mounted(*three_faces_of_a_cube()), FDM)
     assert made.overlap == "the plates of plate 0 and plate 1 overlap by 5 mm"
     with pytest.raises(InputError, match="found the plates of plate 0 and plate 1 overlap by 5 mm"):
         check_apart(made)
-    assert "overlap by 5 mm" in parts_of_rig(corner(inward=False), FDM).overlap
+    assert "overlap by 5 mm" in made_of(corner(inward=False), FDM).overlap
 
 
 def test_plates_side_by_side_do_not_overlap():
     turns = [np.eye(3)] * 2
-    check_apart(parts_of_rig(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
-    made = parts_of_rig(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.08399, 0, 0]]), FDM)
+    check_apart(made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
+    made = made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.08399, 0, 0]]), FDM)
     assert made.overlap.endswith("overlap by 0.01 mm")
 
 
@@ -138,9 +138,9 @@ def test_inlays_that_meet_inside_of_a_block_are_refused():
     rig = mounted(
         thick, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
     )
-    parts_of_rig(rig, Fabrication(depth=0.001))
+    made_of(rig, Fabrication(depth=0.001))
     with pytest.raises(InputError, match="that do not meet"):
-        parts_of_rig(rig, Fabrication(depth=0.02))
+        made_of(rig, Fabrication(depth=0.02))
 
 
 def replace_plate(marker, substrate):
@@ -158,7 +158,7 @@ def replace_plate(marker, substrate):
 )
 def test_what_a_block_cannot_have_is_refused(options, said):
     with pytest.raises(InputError, match=said) as error:
-        parts_of_rig(cube(), Fabrication(**options))
+        made_of(cube(), Fabrication(**options))
     assert "plate 0" in str(error.value)
 
 
@@ -166,7 +166,7 @@ def test_a_block_has_no_chamfer():
     rig = cube()
     cut = [replace_plate(each.marker, Substrate(chamfer=0.001)) for each in rig.markers]
     with pytest.raises(InputError, match="made as one block"):
-        parts_of_rig(
+        made_of(
             mounted(
                 cut, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
             ),

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from markergen.geometry.contour import Contour, area, center_of, circle, flattened, offset
-from markergen.solid.bodies import Part, Prism, Revolved, cylinder
+from markergen.solid.primitives import Part, Prism, Revolved, cylinder
 
 QUARTER = tan(pi / 8)
 ROUNDED = Contour(

@@ -1,4 +1,4 @@
-"""Bodies as plain data, in mm in the marker frame: the contents of parts, independent of any CAD kernel.
+"""Prisms and revolutions as plain data, in mm: what parts are made of, independent of any CAD kernel.
 
 Outlines and profiles are contours of exact lines and arcs. Volumes, boxes and heights are closed-form; the kernel's
 results are checked against them, and the fabrication sheet shows them.
@@ -8,9 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan, pi, sin
 
+import numpy as np
+from numpy.typing import NDArray
+
 from markergen.geometry import contour
 from markergen.geometry.contour import Contour, area, offset
 
+Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top."""
 
@@ -19,6 +23,8 @@ OTHER = {"light": "dark", "dark": "light"}
 
 COLORS = {"light": (1.0, 1.0, 1.0), "dark": (0.05, 0.05, 0.05)}
 """Red, green and blue of a material, 0 to 1, sRGB."""
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 SAME = 1e-6
 """Lengths in mm that differ by less are equal."""
@@ -111,7 +117,7 @@ class Revolved:
         return 2 * pi * _moment(self.profile)
 
 
-Body = Prism | Revolved
+Primitive = Prism | Revolved
 
 
 @dataclass(frozen=True)
@@ -123,19 +129,29 @@ class Part:
     name : str
         ``plate``, or ``plate-1`` and so on for several; ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
     material : {"light", "dark"}
-    add : tuple of Body
+    add : tuple of Primitive
         Bodies that are joined; they do not overlap.
-    cut : tuple of Body
+    cut : tuple of Primitive
         Bodies that are removed. Each lies inside the added ones or ends at their surface; they are disjoint.
-    marked : tuple of Body
+    marked : tuple of Primitive
         Bodies that are also removed, leaving floors of the other color: engraved marks.
     """
 
     name: str
     material: str
-    add: tuple[Body, ...]
-    cut: tuple[Body, ...] = ()
-    marked: tuple[Body, ...] = ()
+    add: tuple[Primitive, ...]
+    cut: tuple[Primitive, ...] = ()
+    marked: tuple[Primitive, ...] = ()
+
+    @property
+    def pieces(self) -> "tuple[PosedPart, ...]":
+        """The part where it is, as a body of one plate has it."""
+        return (PosedPart(self),)
+
+    @property
+    def is_block(self) -> bool:
+        """False: no faces of several plates close it."""
+        return False
 
     @property
     def is_plate(self) -> bool:
@@ -160,6 +176,51 @@ class Part:
         return sum(body.volume for body in self.add) - sum(body.volume for body in (*self.cut, *self.marked))
 
 
+@dataclass(frozen=True)
+class PosedPart:
+    """A part in the frame of its plate, mm, with the rotation and the translation that place it in the body."""
+
+    part: Part
+    rotation: tuple[tuple[float, ...], ...] = IDENTITY
+    translation: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    @property
+    def is_moved(self) -> bool:
+        """False if the frame of the plate is that of the body."""
+        return self.rotation != IDENTITY or any(self.translation)
+
+    def to_body(self, points: Array) -> Array:
+        """Transform points (..., 3) in mm to the body frame."""
+        return points @ np.array(self.rotation).T + np.array(self.translation)
+
+
+@dataclass(frozen=True)
+class BodyPart:
+    """One part of a body of several plates.
+
+    Attributes
+    ----------
+    name : str
+        ``+x/dot-0``: the name of the plate and that of the part; or ``body``.
+    material : {"light", "dark"}
+    pieces : tuple of PosedPart
+        The part itself or, of a block, its faces: parts of which neither the walls nor the bottom of the first
+        primitive count.
+    volume : float
+        mm^3.
+    """
+
+    name: str
+    material: str
+    pieces: tuple[PosedPart, ...]
+    volume: float
+
+    @property
+    def is_block(self) -> bool:
+        """True for a block that its faces close."""
+        return len(self.pieces) > 1
+
+
 def mm(meters: float) -> float:
     """Convert to mm, rounded to a picometer, so that 0.0036 m is 3.6 mm and not 3.5999999999999996."""
     return round(meters * 1e3, 9) + 0.0
@@ -176,7 +237,7 @@ def span_of(parts: Sequence[Part]) -> tuple[float, float]:
     return min(lows), max(highs)
 
 
-def size_of(bodies: Sequence[Body]) -> tuple[float, float]:
+def size_of(bodies: Sequence[Primitive]) -> tuple[float, float]:
     """Width and height of bodies in plan view, exact for arcs."""
     lefts, bottoms, rights, tops = zip(*(body.box for body in bodies), strict=True)
     return max(rights) - min(lefts), max(tops) - min(bottoms)

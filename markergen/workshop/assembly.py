@@ -18,8 +18,7 @@ from markergen.model.body import Plate
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.solid.bodies import OFF, Body, Part, Prism, mm
-from markergen.workshop.mesh import Mesh, failed, grid_of, shell_of, welded
+from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, mm
 from markergen.workshop.processes import Made, parts_of
 from markergen.workshop.processes.fdm import FACE_DOWN
 
@@ -45,47 +44,7 @@ BARE = "face"
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A part in the frame of its marker, mm, with the rotation and the translation that place it in the rig."""
-
-    part: Part
-    rotation: tuple[tuple[float, ...], ...]
-    translation: tuple[float, ...]
-
-    def to_body(self, points: Array) -> Array:
-        """Transform points (..., 3) in mm to the rig frame."""
-        return points @ np.array(self.rotation).T + np.array(self.translation)
-
-
-@dataclass(frozen=True)
-class RigPart:
-    """One part of a rig.
-
-    Attributes
-    ----------
-    name : str
-        ``+x/dot-0``: the name of the marker and that of the part; or ``body``.
-    material : {"light", "dark"}
-    pieces : tuple of Piece
-        The part itself or, of a block, its faces: parts of which neither the walls nor the bottom of the first body
-        count.
-    volume : float
-        mm^3.
-    """
-
-    name: str
-    material: str
-    pieces: tuple[Piece, ...]
-    volume: float
-
-    @property
-    def is_block(self) -> bool:
-        """True for a block that its faces close."""
-        return len(self.pieces) > 1
-
-
-@dataclass(frozen=True)
-class Face:
+class BlockFace:
     """A face of a block, with the place of its marker's frame or, without a marker, one of its own, in the rig; mm.
 
     Attributes
@@ -118,24 +77,24 @@ class Face:
 
 
 @dataclass(frozen=True)
-class RigMade:
-    """A rig as solids.
+class MadeBody:
+    """A body as solids.
 
     Attributes
     ----------
-    parts : tuple of RigPart
+    parts : tuple of Part or BodyPart
         The block, or the plates, first for each marker.
     made : tuple of Made
         What the process made for each marker.
-    block : tuple of Face
+    block : tuple of BlockFace
         Faces of the block, those of the markers first; empty for an assembly.
     overlap : str
         Which plates of an assembly overlap and by how much, in words; empty if none do.
     """
 
-    parts: tuple[RigPart, ...]
+    parts: tuple[Part | BodyPart, ...]
     made: tuple[Made, ...]
-    block: tuple[Face, ...] = ()
+    block: tuple[BlockFace, ...] = ()
     overlap: str = ""
 
     @property
@@ -144,57 +103,39 @@ class RigMade:
         return tuple(dict.fromkeys(note for each in self.made for note in each.notes))
 
 
-# Cached, since each file of a rig needs its parts.
+# Cached, since each file of a body needs its parts.
 @lru_cache(maxsize=2)
-def parts_of_rig(rig: Rig, fabrication: Fabrication) -> RigMade:
-    """All parts of a rig as designed, in the rig frame; needs no CAD kernel.
+def made_of(body: Marker | Rig, fabrication: Fabrication) -> MadeBody:
+    """All parts of a body as designed, in its frame; needs no CAD kernel.
 
     Raises
     ------
     InputError
         If something is too small for the process or does not fit; one line.
     """
-    rig = designed(rig)
-    if block := block_of(rig):
-        return _as_block(rig, block, fabrication)
-    made = tuple(_named(each, lambda marker: parts_of(marker, fabrication)) for each in rig.markers)
+    body = designed(body)
+    if isinstance(body, Marker):
+        made = parts_of(body, fabrication)
+        return MadeBody(made.parts, (made,))
+    if block := block_of(body):
+        return _as_block(body, block, fabrication)
+    plates = tuple(_named(plate, lambda marker: parts_of(marker, fabrication)) for plate in body.plates)
     parts = [
-        RigPart(f"{each.name}/{part.name}", part.material, (_piece(each, part),), part.volume)
-        for each, one in zip(rig.markers, made, strict=True)
-        for part in one.parts
+        BodyPart(f"{plate.name}/{part.name}", part.material, (_piece(plate, part),), part.volume)
+        for plate, made in zip(body.plates, plates, strict=True)
+        for part in made.parts
     ]
-    return RigMade(tuple(parts), made, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
+    return MadeBody(tuple(parts), plates, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
 
 
-def designed(rig: Rig) -> Rig:
-    """Return the rig with all its markers as designed."""
-    return replace(rig, markers=tuple(replace(each, marker=each.marker.as_designed) for each in rig.markers))
+def designed(body: Marker | Rig) -> Marker | Rig:
+    """Return a marker, or a rig with all its markers, as designed."""
+    if isinstance(body, Marker):
+        return body.as_designed
+    return replace(body, markers=tuple(replace(plate, marker=plate.marker.as_designed) for plate in body.plates))
 
 
-def meshes_of_rig(parts: Sequence[RigPart], tolerance: float) -> tuple[Mesh, ...]:
-    """Mesh all parts on a common grid; no point of their surfaces is farther than `tolerance` mm from the mesh.
-
-    Raises
-    ------
-    OutputError
-        If a part does not make a closed mesh.
-    """
-    shells = []
-    for part in parts:
-        try:
-            found = [(each, *shell_of(each.part, tolerance, part.is_block)) for each in part.pieces]
-        except ValueError as error:
-            raise failed(part.name, str(error)) from None
-        corners = np.concatenate([piece.to_body(corners) for piece, corners, _ in found])
-        shells.append((corners, np.concatenate([marked for _, _, marked in found])))
-    grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
-    return tuple(
-        replace(welded(corners, marked, part.name, grid), up=np.array(part.pieces[0].rotation)[:, 2])
-        for part, (corners, marked) in zip(parts, shells, strict=True)
-    )
-
-
-def block_of(rig: Rig) -> tuple[Face, ...]:
+def block_of(rig: Rig) -> tuple[BlockFace, ...]:
     """Faces of the block that the markers of a rig, as designed, enclose; empty if they do not enclose one."""
     rings = []
     for each in rig.markers:
@@ -215,7 +156,7 @@ def block_of(rig: Rig) -> tuple[Face, ...]:
     return tuple(faces) if _is_convex(faces, vertices) else ()
 
 
-def volume_of(block: Sequence[Face]) -> float:
+def volume_of(block: Sequence[BlockFace]) -> float:
     """Volume in mm^3 of a block without its pockets, by the divergence theorem."""
     total = 0.0
     for face in block:
@@ -224,8 +165,8 @@ def volume_of(block: Sequence[Face]) -> float:
     return total
 
 
-def _piece(each: Plate, part: Part) -> Piece:
-    return Piece(part, each.rotation, tuple(mm(value) for value in each.translation))
+def _piece(each: Plate, part: Part) -> PosedPart:
+    return PosedPart(part, each.rotation, tuple(mm(value) for value in each.translation))
 
 
 def _vertices(points: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -261,7 +202,7 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
     return found
 
 
-def _face(name: str, ring: Array, each: Plate | None = None) -> Face:
+def _face(name: str, ring: Array, each: Plate | None = None) -> BlockFace:
     """Make a face of its corners (m, 3) in the rig frame, in the frame of a marker or in one at its middle."""
     if each is not None:
         rotation, shift = each.rotation_matrix, 1e3 * each.translation_vector
@@ -273,16 +214,18 @@ def _face(name: str, ring: Array, each: Plate | None = None) -> Face:
         rotation = np.column_stack([x, np.cross(z, x), z])
     # Sizes on drawings are 60 mm and not 59.99999999999999.
     flat = np.round(((ring - shift) @ rotation)[:, :2], 9) + 0.0
-    return Face(name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist()))
+    return BlockFace(
+        name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist())
+    )
 
 
-def _is_convex(faces: Sequence[Face], vertices: Array) -> bool:
+def _is_convex(faces: Sequence[BlockFace], vertices: Array) -> bool:
     """Tell whether all vertices lie behind all faces, and not all in one plane."""
     behind = np.array([_depths(face, vertices) for face in faces])
     return bool(behind.min() > -JOINED and behind.max(axis=1).min() > 1.0)
 
 
-def _depths(face: Face, points: Array) -> Array:
+def _depths(face: BlockFace, points: Array) -> Array:
     """Distances (...,) of points (..., 3) of the rig frame behind the plane of a face, mm."""
     return np.asarray((face.ring()[0] - points) @ face.normal)
 
@@ -296,7 +239,7 @@ def _named(each: Plate, make: Callable[[Marker], Made]) -> Made:
         raise InputError(f"for the marker {each.name} {expected}", found, remedy) from None
 
 
-def _as_block(rig: Rig, block: tuple[Face, ...], fabrication: Fabrication) -> RigMade:
+def _as_block(rig: Rig, block: tuple[BlockFace, ...], fabrication: Fabrication) -> MadeBody:
     """Inlay the dots of all markers into the faces of a block."""
     made = tuple(_named(each, lambda marker: _on_a_face(marker, fabrication)) for each in rig.markers)
     block = _lowered(block, [one.face for one in made])
@@ -306,13 +249,13 @@ def _as_block(rig: Rig, block: tuple[Face, ...], fabrication: Fabrication) -> Ri
         # This prism stands for the block under its face, and ends below all that is cut.
         prism = Prism(Contour(face.corners), (), face.height - 2 * one.depth - 1, face.height)
         under = Part(BODY, "light", (prism, *one.add), one.cut, one.marked)
-        pieces.append(Piece(under, face.rotation, face.translation))
+        pieces.append(PosedPart(under, face.rotation, face.translation))
         inlays += [
-            RigPart(f"{face.name}/{part.name}", part.material, (replace(pieces[-1], part=part),), part.volume)
+            BodyPart(f"{face.name}/{part.name}", part.material, (replace(pieces[-1], part=part),), part.volume)
             for part in one.parts
         ]
     volume = volume_of(block) + sum(each.part.volume - each.part.add[0].volume for each in pieces)
-    return RigMade((RigPart(BODY, "light", tuple(pieces), volume), *inlays), made, block)
+    return MadeBody((BodyPart(BODY, "light", tuple(pieces), volume), *inlays), made, block)
 
 
 def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
@@ -334,7 +277,7 @@ def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
     return replace(made, lines=tuple(line for line in made.lines if line != FACE_DOWN))
 
 
-def _lowered(block: Sequence[Face], heights: Sequence[float]) -> tuple[Face, ...]:
+def _lowered(block: Sequence[BlockFace], heights: Sequence[float]) -> tuple[BlockFace, ...]:
     """Move the first faces to heights in their frames: each corner to where the planes that met there meet."""
     if not any(heights):
         return tuple(block)
@@ -352,7 +295,7 @@ def _lowered(block: Sequence[Face], heights: Sequence[float]) -> tuple[Face, ...
     return tuple(found)
 
 
-def _check_inlays(block: Sequence[Face], made: Sequence[Made]) -> None:
+def _check_inlays(block: Sequence[BlockFace], made: Sequence[Made]) -> None:
     """Refuse what stands over the edge of a face, and pockets of two faces that may meet inside the block."""
     for face, one in zip(block, made, strict=False):
         points = [_extent(body)[:, :2] for body in (*one.cut, *one.marked, *one.add)]
@@ -387,14 +330,14 @@ def _inside(corners: Array, points: Array) -> Array:
     return np.asarray(((points[:, None] - corners) * inward).sum(axis=-1).min(axis=1))
 
 
-def _extent(body: Body, off: float = OFF) -> Array:
+def _extent(body: Primitive, off: float = OFF) -> Array:
     """Points (m, 3) around a body, in mm, marker frame, with chords within a distance of its arcs."""
     outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
     flat = np.array(flattened(outer, off))
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
-def check_apart(made: RigMade) -> None:
+def check_apart(made: MadeBody) -> None:
     """Refuse plates that overlap, which cannot be made."""
     if made.overlap:
         raise InputError(
@@ -404,7 +347,7 @@ def check_apart(made: RigMade) -> None:
         )
 
 
-def _overlap(plates: Sequence[RigPart]) -> str:
+def _overlap(plates: Sequence[BodyPart]) -> str:
     """Say which two plates overlap; those with concave outlines are taken for their convex hulls.
 
     By the separating axes: two convex bodies are apart along the normal of one of their faces, or along the cross
@@ -428,7 +371,7 @@ def _overlap(plates: Sequence[RigPart]) -> str:
     return ""
 
 
-def _hull(piece: Piece) -> tuple[Array, Array, Array]:
+def _hull(piece: PosedPart) -> tuple[Array, Array, Array]:
     """Corners (m, 3) of a plate's convex hull in the rig frame, normals of its faces, and directions of its edges."""
     from scipy.spatial import ConvexHull
 
