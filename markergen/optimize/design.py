@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.files import Written
@@ -32,7 +33,6 @@ from markergen.optimize.dot_count import outlook, sources_of
 from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, pixels_across
 from markergen.optimize.given import refuse_faults, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
-from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import (
     FeasibleRegion,
     check,

@@ -17,6 +17,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.perspective import MANY, layout_safety
 from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -34,7 +35,6 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.dot_size import clearance_of
 from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
-from markergen.optimize.label_ambiguity import MANY, layout_safety
 from markergen.optimize.packing import lattice
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, fewer, room_of

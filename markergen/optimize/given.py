@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.perspective import layout_safety
 from markergen.errors import InputError
 from markergen.model.boundary import Without
 from markergen.model.occlusion import eyes_of
@@ -12,7 +13,6 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.optimize.dot_size import CLEARANCE, DotSize, clearance_of, pixels_in_words, wanted_diameter
-from markergen.optimize.label_ambiguity import layout_safety
 from markergen.optimize.problem import TOLERANCE, FeasibleRegion, room_of
 from markergen.optimize.relief import relief_breach
 from markergen.units import format_length

@@ -1,6 +1,6 @@
 """Layouts without a key ring, whose dots are identified by position alone, with a given label safety.
 
-Minimizes the objective subject to a minimum label safety in px (see `markergen.optimize.label_ambiguity`) by cutting
+Minimizes the objective subject to a minimum label safety in px (see `markergen.bounds.confusion`) by cutting
 planes: rivals of a layout that are too near become constraints, each a labeling at a pose; the layout is polished under
 these and examined again, until there are no new ones. A constraint's derivative has a closed form: D is a minimum over
 the rival's poses, so these need not be differentiated,
@@ -16,10 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.camera import Camera
-from markergen.objectives import Objective
-from markergen.optimize.label_ambiguity import (
+from markergen.bounds.confusion.perspective import (
     LabelSafety,
     find_rivals,
     layout_safety,
@@ -27,9 +24,12 @@ from markergen.optimize.label_ambiguity import (
     safety_of,
     worst_rivals,
 )
+from markergen.bounds.confusion.rival_fits import Rivals, SeenLayout, seen_layout
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.objectives import Objective
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, slsqp
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.rival_labelings import Rivals, SeenLayout, seen_layout
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
 from markergen.options import Progress

@@ -4,13 +4,14 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import permutations
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.affine import likeness
+from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.bounds.dots import dot_information
 from markergen.maths.information import covariance, rotation_bound, translation_bound
 from markergen.model.feature import Feature, key_ring
@@ -25,7 +26,6 @@ from markergen.objectives.observation import DotNoise
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
 from markergen.optimize.dot_size import DotSize
-from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import check
 from markergen.optimize.ranges import Scale, aggregated, nested, values_of
 from markergen.optimize.to_marker import number, provenance_of
@@ -229,29 +229,3 @@ def _check_figures(scales: tuple[Scale, ...]) -> None:
         for other in scales:
             if one is not other and likeness(one.points, other.points) < ALIKE:
                 raise RuntimeError(f"constellations of {one.diameter} and {other.diameter} m are alike")
-
-
-def likeness(points: Array, among: Array) -> float:
-    """Least deviation of a layout (n, 2) from an affine image of dots among others (m, 2), the first on the first.
-
-    The largest distance in m over the radius of the layout, for the best of all choices of three more dots that
-    determine the map; each further dot is compared with the nearest of the others. inf if there are more dots than
-    others.
-    """
-    if len(points) > len(among):
-        return np.inf
-    size = float(np.linalg.norm(points - points.mean(axis=0), axis=-1).max())
-    rest = np.arange(1, len(among))
-    best = np.inf
-    basis = np.column_stack([points[:3], np.ones(3)])
-    if abs(np.linalg.det(basis)) < 1e-9 * size**2:
-        return best
-    for pair in permutations(rest.tolist(), 2):
-        # Maps the other layout's dots into this one's plane.
-        corners = np.column_stack([among[np.array([0, *pair])], np.ones(3)])
-        if abs(np.linalg.det(corners)) < 1e-12:
-            continue
-        moved = np.column_stack([among, np.ones(len(among))]) @ np.linalg.solve(corners, points[:3])
-        away = np.linalg.norm(points[:, None] - moved, axis=-1).min(axis=1).max() / size
-        best = min(best, float(away))
-    return best

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.bounds.confusion.perspective import layout_safety
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.marker import Marker
@@ -29,7 +30,6 @@ from markergen.optimize.dot_size import (
     wanted_diameter,
     wanted_pixels,
 )
-from markergen.optimize.label_ambiguity import layout_safety
 from markergen.optimize.problem import check, check_objective, check_parts
 from markergen.optimize.rig_layouts import APART_PX, RigLayouts, Seen, best_views, seen_plates
 from markergen.optimize.to_marker import dress, number

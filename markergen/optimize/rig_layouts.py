@@ -1,28 +1,28 @@
 """Layouts of the plates of a rig, for the joint pose: block coordinate descent over the plates.
 
 In each pose T_camera_rig some plates are seen; the information of their dots on the joint pose adds up. While one
-plate's layout is optimized, that of all others in view is constant (`Sight.known`). Plates without tags are kept apart
-(`markergen.optimize.distinct`), each from all others.
+plate's layout is optimized, that of all others in view is constant (`Sight.known`). Plates without tags are kept a
+smallest affine distance apart, each from all others, so that no view confuses them (`bounds.confusion`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.affine import affine_distance, foreign_safety, partial_distance, self_distance
 from markergen.errors import InputError
 from markergen.maths.information import covariance, moved_information, rotation_bound, translation_bound
 from markergen.model.goal import parse_goal
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
 from markergen.model.spec import Spec
-from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.base import Carrier, Sight
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.comparisons import reference
-from markergen.optimize.distinct import distinct_layout, foreign_safety
 from markergen.optimize.dot_size import PIXELS, DotSize
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FEW_POSES, FeasibleRegion, objective_of, room_of
@@ -47,6 +47,15 @@ APART_PX = 1.0
 ATTEMPTS, FARTHER = 4, 1.5
 """Number of layouts tried for a plate that is not safe enough, and factor of the affine distance from one to the next:
 from close up, perspective makes up for differences that no affine map does."""
+
+FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
+"""Numbers of layouts tried at first and in each generation, of those that are varied, and of generations."""
+
+LARGEST, SMALLEST = 0.4, 0.003
+"""Steps of the first and the last generation, in radii of the boundary."""
+
+PARTLY = 2.0
+"""How much a distance counts that leaves out a dot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,3 +260,70 @@ def _few(count: int) -> Indices:
 
 def _in_rig(face: Face, points: Array) -> Array:
     return points @ np.array(face.rotation).T[:2] + face.translation
+
+
+def distinct_layout(
+    objective: Objective,
+    rough: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    others: list[Array],
+    distance: float,
+    rng: np.random.Generator,
+) -> Array:
+    """Find a layout (n, 2) that minimizes an objective, at least a distance from others and from itself relabeled.
+
+    Random variations of the start and of the best ones found, with steps that become smaller; then a polish, if that
+    keeps the distances.
+
+    Parameters
+    ----------
+    rough : Objective
+        The same criterion for fewer poses.
+    others : list of array (m, 2)
+    distance : float
+        Smallest `affine_distance` in m, and `PARTLY` times the smallest `partial_distance`.
+
+        If no layout has it, the one that lacks least is returned.
+    """
+    scale, n = region.boundary.radius, len(start)
+
+    def apart(layouts: Array) -> Array:
+        every = [affine_distance(layouts, other) for other in others] + [self_distance(layouts)]
+        every += [PARTLY * partial_distance(layouts, other) for other in others]
+        return np.min(every, axis=0)
+
+    steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
+    mirrored = np.where(rng.random(FIRST)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
+    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
+    pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
+    # The ring at each of the dots.
+    pool = np.concatenate([pool, [np.roll(start, turn, axis=0) for turn in range(1, n)]])
+    best, rank = _ranked(pool, region, rough, apart, distance)
+    sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
+    for size in sizes:
+        parents = best[np.arange(CHILDREN) % len(best)]
+        # Half of the children move one dot only.
+        moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
+        children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
+        fresh, fresh_rank = _ranked(children, region, rough, apart, distance)
+        both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
+        order = np.lexsort(ranks.T[::-1])[:PARENTS]
+        best, rank = both[order], ranks[order]
+    found = best[0]
+    polished, _ = polish(objective, region, found)
+    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(found[None])[0])
+    return polished if kept else found
+
+
+def _ranked(
+    layouts: Array, region: FeasibleRegion, rough: Objective, apart: Callable[[Array], Array], distance: float
+) -> tuple[Array, Array]:
+    """Feasible layouts among some, the best `PARENTS`, with their ranks (k, 2): lack of distance, then the value."""
+    layouts = region.project(layouts)
+    layouts = layouts[region.holds(layouts)]
+    lack = np.maximum(distance - apart(layouts), 0.0)
+    near = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
+    rank = np.stack([lack[near], rough(layouts[near])], axis=-1)
+    order = np.lexsort(rank.T[::-1])[:PARENTS]
+    return layouts[near[order]], rank[order]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.bounds.confusion.perspective import LabelSafety
 from markergen.errors import InputError
 from markergen.model.marker import Marker, build_marker
 from markergen.model.poses import PoseDistribution
@@ -16,7 +17,6 @@ from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import Criteria
 from markergen.optimize.dot_size import DotSize
-from markergen.optimize.label_ambiguity import LabelSafety
 
 Array = NDArray[np.float64]
 

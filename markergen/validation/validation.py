@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.perspective import label_safety
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -22,7 +23,6 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.criteria import Criteria, criteria, without_height
 from markergen.optimize.comparisons import compare, comparison_layouts
-from markergen.optimize.label_ambiguity import label_safety
 from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
 from markergen.presentation.plots import axes_of

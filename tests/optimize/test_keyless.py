@@ -5,6 +5,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.perspective import find_rivals
+from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
@@ -12,9 +14,7 @@ from markergen.model.poses import named_poses
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize import keyless
 from markergen.optimize.keyless import asymmetric_search, safety_gradient
-from markergen.optimize.label_ambiguity import find_rivals
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.rival_labelings import seen_layout
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=0..60,count=8,seed=0")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.perspective import label_safety
 from markergen.errors import InputError
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.spec import Spec
 from markergen.optimize import keyless
 from markergen.optimize.design import design, upright
-from markergen.optimize.label_ambiguity import label_safety
 
 SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=0..60,count=12")
 

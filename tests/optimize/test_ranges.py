@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from markergen.api.design import design
+from markergen.bounds.confusion.affine import likeness
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.poses import named_poses
@@ -13,7 +14,6 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.observation import DotNoise
 from markergen.optimize import ranges
-from markergen.optimize.pad_design import likeness
 from markergen.optimize.problem import breach
 from markergen.optimize.search import search
 

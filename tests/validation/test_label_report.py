@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.perspective import label_safety
 from markergen.detect import detect
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature
 from markergen.model.poses import paper
 from markergen.objectives import Setting
-from markergen.optimize.label_ambiguity import label_safety
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.validation.report import overview
 from markergen.validation.report.subject import Subject

@@ -3,13 +3,13 @@ import json
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.perspective import label_safety
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
 from markergen.model.feature import RING_PIXELS
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.label_ambiguity import label_safety
 from markergen.presentation.results import json_bytes
 from markergen.validation import tables
 from markergen.validation.validation import setting_of, validate

@@ -1,7 +1,7 @@
 """Distance of rival labelings of the dots from fitting their images, each at its best pose.
 
-For a pose T and a permutation s of the dots, the rival labeling takes the image of dot s(j) for that of dot j. Its
-distance from fitting is
+For a pose T and a permutation s of the dots, the rival labeling takes the image of dot s(j) for that
+of dot j. Its distance from fitting is
 
     D(T, s) = min over T' of sqrt(sum over j of |m_T(X_s(j)) - m_T'(X_j)|^2),
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markergen.bounds.confusion.rival_fits import EDGE_ON, RivalFit, fit_poses, seen_layout
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
-from markergen.optimize.rival_labelings import EDGE_ON, RivalFit, fit_poses, seen_layout
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=20..60,count=6,seed=1")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))

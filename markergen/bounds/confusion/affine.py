@@ -1,17 +1,16 @@
-"""Layouts that no view confuses with others: found with a smallest affine distance from each of them.
+"""Affine distance of layouts: how much no affine map of one explains of the other.
 
-A camera far away takes a plate to its image by an affine map that does not mirror, and any such map is one for some
-pose. Two plates look alike as far as one of these maps takes the dots of one to those of the other, whichever dot goes
-to whichever: at a large tilt, key rings are not told from disks. Their distance is the RMS of what is left,
+A camera far away takes a plate to its image by an affine map that does not mirror, and any such map is
+one for some pose. Two plates look alike as far as one of these maps takes the dots of one to those of the other,
+whichever dot goes to whichever: at a large tilt, key rings look like disks. Their distance is the RMS of what is left,
 
     D(A, B) = min over labelings s and affine maps M of sqrt(mean |A_j - M(B_s(j))|^2),
 
 in m on plate A: A minus its projection on the coordinates of B_s. Layouts that have all dots but one in common differ
-by a single dot, which may be hidden: the same without any one pair of dots counts twice (`PARTLY`). `foreign_safety`
+by a single dot, which may be hidden: `partial_distance` is the same without any one pair of dots. `foreign_safety`
 checks the first with poses and perspective, in px.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import permutations
@@ -19,35 +18,23 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.objectives import Objective, Setting
-from markergen.optimize.label_ambiguity import (
+from markergen.bounds.confusion.perspective import (
+    ANGLES_OF_MANY,
     MANY,
     REPRESENTATIVE,
     REPRESENTATIVE_OF_MANY,
     find_rivals,
     representative,
 )
-from markergen.optimize.polish import polish
-from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.rival_labelings import seen_layout
+from markergen.bounds.confusion.rival_fits import seen_layout
+from markergen.objectives import Setting
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ENUMERATED, RINGS_TOLD = 8, 7
-"""Number of dots up to which all labelings are tried, beyond it those of `ANGLES` rotations, to the nearest dots; and
-from which on labelings keep the key ring, as there would be too many others."""
-
-ANGLES = 360
-
-FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
-"""Numbers of layouts tried at first and in each generation, of those that are varied, and of generations."""
-
-LARGEST, SMALLEST = 0.4, 0.003
-"""Steps of the first and the last generation, in radii of the boundary."""
-
-PARTLY = 2.0
-"""How much a distance counts that leaves out a dot."""
+"""Number of dots up to which all labelings are tried, beyond it those of `ANGLES_OF_MANY` rotations, to the nearest
+dots; and from which on labelings keep the key ring, as there would be too many others."""
 
 FITTED = 8
 """Number of labelings per pose that are fitted with perspective: those that an affine map fits best."""
@@ -66,7 +53,7 @@ def affine_distance(layouts: Array, other: Array) -> Array:
         return np.full(len(layouts), np.inf)
     if n > ENUMERATED:
         return _nearest_distance(layouts, other)
-    return _least(layouts, _round(other), _labelings(n, n >= RINGS_TOLD))
+    return _least(layouts, _orthonormal(other), _labelings(n, n >= RINGS_TOLD))
 
 
 def partial_distance(layouts: Array, other: Array) -> Array:
@@ -78,14 +65,14 @@ def partial_distance(layouts: Array, other: Array) -> Array:
     n = layouts.shape[1]
     if n != len(other) or n > ENUMERATED:
         return np.full(len(layouts), np.inf)
-    return _least(layouts, _round(other), _labelings(n, n >= RINGS_TOLD), True)
+    return _least(layouts, _orthonormal(other), _labelings(n, n >= RINGS_TOLD), True)
 
 
 def self_distance(layouts: Array) -> Array:
     """D (B,) in m of layouts (B, n, 2) to themselves with disks exchanged; inf for more than `ENUMERATED` dots."""
     if layouts.shape[1] > ENUMERATED:
         return np.full(len(layouts), np.inf)
-    return _least(layouts, np.stack([_round(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
+    return _least(layouts, np.stack([_orthonormal(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
 
 
 def _least(layouts: Array, basis: Array, labelings: Indices, partly: bool = False) -> Array:
@@ -133,18 +120,18 @@ def _left(layouts: Array, coordinates: Array, partly: bool = False) -> Array:
 
 def _nearest_distance(layouts: Array, other: Array) -> Array:
     """Lower estimate of D (B,) for many dots: whitened sets at every rotation, each dot to the nearest of the other."""
-    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    angle = 2 * np.pi * np.arange(ANGLES_OF_MANY) / ANGLES_OF_MANY
     turns = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
-    turned = _round(other) @ turns
+    turned = _orthonormal(other) @ turns
     found = []
     for layout in layouts:
-        gaps = np.sum((_round(layout)[None, :, None] - turned[:, None]) ** 2, axis=-1).min(axis=-1)
+        gaps = np.sum((_orthonormal(layout)[None, :, None] - turned[:, None]) ** 2, axis=-1).min(axis=-1)
         spread = np.sqrt(np.mean((layout - layout.mean(axis=0)) ** 2))
         found.append(spread * np.sqrt(gaps.sum(axis=-1).min() / 2))
     return np.array(found)
 
 
-def _round(points: Array) -> Array:
+def _orthonormal(points: Array) -> Array:
     """Coordinates (n, 2) of points in their own axes, orthonormal as columns, not mirrored."""
     centered = points - points.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered)
@@ -159,78 +146,37 @@ def _labelings(n: int, keyed: bool) -> Indices:
     return np.array(list(every), dtype=np.intp)
 
 
-def distinct_layout(
-    objective: Objective,
-    rough: Objective,
-    region: FeasibleRegion,
-    start: Array,
-    others: list[Array],
-    distance: float,
-    rng: np.random.Generator,
-) -> Array:
-    """Find a layout (n, 2) that minimizes an objective, at least a distance from others and from itself relabeled.
+def likeness(points: Array, among: Array) -> float:
+    """Least deviation of a layout (n, 2) from an affine image of dots among others (m, 2), the first on the first.
 
-    Random variations of the start and of the best ones found, with steps that become smaller; then a polish, if that
-    keeps the distances.
-
-    Parameters
-    ----------
-    rough : Objective
-        The same criterion for fewer poses.
-    others : list of array (m, 2)
-    distance : float
-        Smallest `affine_distance` in m, and `PARTLY` times the smallest `partial_distance`.
-
-        If no layout has it, the one that lacks least is returned.
+    The largest distance in m over the radius of the layout, for the best of all choices of three more dots that
+    determine the map; each further dot is compared with the nearest of the others. inf if there are more dots than
+    others.
     """
-    scale, n = region.boundary.radius, len(start)
-
-    def apart(layouts: Array) -> Array:
-        every = [affine_distance(layouts, other) for other in others] + [self_distance(layouts)]
-        every += [PARTLY * partial_distance(layouts, other) for other in others]
-        return np.min(every, axis=0)
-
-    steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
-    mirrored = np.where(rng.random(FIRST)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
-    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
-    pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
-    # The ring at each of the dots.
-    pool = np.concatenate([pool, [np.roll(start, turn, axis=0) for turn in range(1, n)]])
-    best, rank = _ranked(pool, region, rough, apart, distance)
-    sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
-    for size in sizes:
-        parents = best[np.arange(CHILDREN) % len(best)]
-        # Half of the children move one dot only.
-        moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
-        children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
-        fresh, fresh_rank = _ranked(children, region, rough, apart, distance)
-        both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
-        order = np.lexsort(ranks.T[::-1])[:PARENTS]
-        best, rank = both[order], ranks[order]
-    found = best[0]
-    polished, _ = polish(objective, region, found)
-    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(found[None])[0])
-    return polished if kept else found
-
-
-def _ranked(
-    layouts: Array, region: FeasibleRegion, rough: Objective, apart: Callable[[Array], Array], distance: float
-) -> tuple[Array, Array]:
-    """Feasible layouts among some, the best `PARENTS`, with their ranks (k, 2): lack of distance, then the value."""
-    layouts = region.project(layouts)
-    layouts = layouts[region.holds(layouts)]
-    lack = np.maximum(distance - apart(layouts), 0.0)
-    near = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
-    rank = np.stack([lack[near], rough(layouts[near])], axis=-1)
-    order = np.lexsort(rank.T[::-1])[:PARENTS]
-    return layouts[near[order]], rank[order]
+    if len(points) > len(among):
+        return np.inf
+    size = float(np.linalg.norm(points - points.mean(axis=0), axis=-1).max())
+    rest = np.arange(1, len(among))
+    best = np.inf
+    basis = np.column_stack([points[:3], np.ones(3)])
+    if abs(np.linalg.det(basis)) < 1e-9 * size**2:
+        return best
+    for pair in permutations(rest.tolist(), 2):
+        # Maps the other layout's dots into this one's plane.
+        corners = np.column_stack([among[np.array([0, *pair])], np.ones(3)])
+        if abs(np.linalg.det(corners)) < 1e-12:
+            continue
+        moved = np.column_stack([among, np.ones(len(among))]) @ np.linalg.solve(corners, points[:3])
+        away = np.linalg.norm(points[:, None] - moved, axis=-1).min(axis=1).max() / size
+        best = min(best, float(away))
+    return best
 
 
 def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
     """Safety in px against taking a plate with dots `points` (n, 2) for one with `other` (n, 2), from any pose.
 
     As long as the images of the dots are displaced by less than that, RMS over the dots, the plate itself fits better.
-    inf for another number of dots. See `markergen.optimize.label_ambiguity`, whose search this is.
+    inf for another number of dots.
     """
     n = len(points)
     if n != len(other):
@@ -242,7 +188,7 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
     at = representative(setting.poses, REPRESENTATIVE if n <= MANY else REPRESENTATIVE_OF_MANY)
     if n > ENUMERATED:
         return float(find_rivals(scene, at).px.min(initial=np.inf))
-    labelings, basis = _labelings(n, n >= RINGS_TOLD), _round(other)
+    labelings, basis = _labelings(n, n >= RINGS_TOLD), _orthonormal(other)
     images = scene.images[at] * [1, -1]
     left = _left(images, basis[labelings])
     best = np.argsort(left, axis=-1, kind="stable")[:, :FITTED]

@@ -6,14 +6,14 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.perspective import find_rivals, label_safety, representative, safety_of
+from markergen.bounds.confusion.rival_fits import fit_poses, seen_layout
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature
 from markergen.model.poses import named_poses, paper
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.label_ambiguity import find_rivals, label_safety, representative, safety_of
-from markergen.optimize.rival_labelings import fit_poses, seen_layout
 
 CIRCLE = Circle(0.15)
 FEW = Setting(CIRCLE, PAPER_CAMERA, named_poses("cone:distance=0.6..1.5,tilt=0..65,count=12,seed=0"))

@@ -1,11 +1,10 @@
 """Label safety: the displacement of the dots' images at which another labeling fits as well as the true one.
 
 For each dot the search covers all poses for the nearest rival labeling that confuses it with another dot (see
-`markergen.optimize.rival_labelings`, also for D). Its safety is d = D/(2 sqrt(n)), in px: as long as the images of the
-n dots are displaced by less than d, RMS over the dots, the true labeling fits better than that rival. This holds in
-particular if no single dot is displaced by more than d. The bound is proved and tight: the displacement halfway to the
-rival's images, of exactly that RMS, makes the rival fit as well as the true pose. Labels whose safety is below
-`SAME_PX` are ambiguous.
+`rival_fits`, also for D). Its safety is d = D/(2 sqrt(n)), in px: as long as the images of the n dots are displaced by
+less than d, RMS over the dots, the true labeling fits better than that rival. This holds in particular if no single dot
+is displaced by more than d. The bound is proved and tight: the displacement halfway to the rival's images, of exactly
+that RMS, makes the rival fit as well as the true pose. Labels whose safety is below `SAME_PX` are ambiguous.
 
 With noise of sigma px in every coordinate the rival fits better with a probability of about Q(sqrt(n) d/sigma), Q being
 the tail of the normal distribution; all dots together contribute.
@@ -22,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
-from markergen.optimize.rival_labelings import RivalFit, Rivals, SeenLayout, seen_layout
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -48,7 +47,6 @@ FITS = 400_000
 
 SAME_PX = 1e-3
 """Safety in px below which no camera can distinguish two labelings."""
-
 
 LISTED = 8
 """Maximum length of a cycle whose dots are listed in sentences; for longer ones only the length is given."""
@@ -307,10 +305,10 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
     n = len(scene.points)
     strange = np.where(scene.kinds[:, None] != scene.kinds, 1e6, 0.0)
     angles = np.arange(ANGLES_OF_MANY if n > MANY else ANGLES) * (2 * np.pi / (ANGLES_OF_MANY if n > MANY else ANGLES))
-    layout = _round(scene.points[:, :2])
+    layout = _whitened(scene.points[:, :2])
     labelings, poses = [], []
     for pose in at:
-        seen = _round(scene.rays[pose] * [1, -1])
+        seen = _whitened(scene.rays[pose] * [1, -1])
         found: dict[bytes, tuple[float, Indices]] = {}
         for angle in angles:
             turned = layout @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -326,7 +324,7 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
     return np.array(labelings, dtype=np.intp).reshape(-1, n), np.array(poses, dtype=np.intp)
 
 
-def _round(points: Array) -> Array:
+def _whitened(points: Array) -> Array:
     """Whiten points (n, 2): subtract the mean and make the covariance the identity, without mirroring."""
     centered = points - points.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered / len(points))

@@ -5,13 +5,13 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from markergen.bounds.confusion.affine import affine_distance, foreign_safety, partial_distance, self_distance
+from markergen.bounds.confusion.perspective import find_rivals, representative
+from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
 from markergen.objectives import Setting
-from markergen.optimize.distinct import affine_distance, foreign_safety, partial_distance, self_distance
-from markergen.optimize.label_ambiguity import find_rivals, representative
-from markergen.optimize.rival_labelings import seen_layout
 
 RNG = np.random.default_rng(5)
 ONE, OTHER = RNG.uniform(-0.04, 0.04, size=(2, 6, 2))
