@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Mask
 from markergen.calibration.network import Network, Views, moved_camera
 from markergen.detect.conic_projection import pose_rows
 from markergen.maths.information import apply_pose_step
-from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.camera import Camera
 
 Array = NDArray[np.float64]

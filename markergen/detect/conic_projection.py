@@ -9,19 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Mask
 from markergen.detect import kernel
 from markergen.maths.batched import Batched
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
-from markergen.maths.levenberg_marquardt import (
-    FACTOR,
-    Arrays,
-    Attempt,
-    Damping,
-    LeastSquares,
-    Mask,
-    levenberg_marquardt,
-)
+from markergen.maths.levenberg_marquardt import FACTOR, Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.body import Body
 
 Array = NDArray[np.float64]

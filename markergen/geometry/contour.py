@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from math import acos, asin, atan, atan2, ceil, cos, hypot, inf, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 Side = tuple[Point, Point, float]
 """Start, end and bulge."""

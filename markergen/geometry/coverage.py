@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array, Indices
+
 Grey = NDArray[np.float32]
-Indices = NDArray[np.intp]
 
 FAINT = 1e-3
 """Minimum share of a pixel in a run; half a grey level is 2e-3."""

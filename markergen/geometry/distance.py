@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array, Mask
+
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Box = tuple[Array, Array]
 """Lower left and upper right corner (2,)."""
 

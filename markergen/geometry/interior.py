@@ -13,11 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.geometry.contour import Contour, rings_and_circles
-from markergen.geometry.distance import Arcs, Mask, Segments
+from markergen.geometry.distance import Arcs, Segments
 from markergen.geometry.region import Region
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SLACK = 1e-12

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
 from markergen.geometry.region import signed_area
 from markergen.units import format_length
 
-Array = NDArray[np.float64]
 Ring = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 10_000

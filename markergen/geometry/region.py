@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from markergen.arrays import Array, Mask
 from markergen.geometry.contour import Contour, flattened
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Box = tuple[float, float, float, float]
 """Left, lower, right and upper end."""
 

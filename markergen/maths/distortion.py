@@ -26,7 +26,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients
+from markergen.arrays import Array
+from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Coefficients
 
 __all__ = [
     "LARGEST_RADIUS",

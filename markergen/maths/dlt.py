@@ -13,7 +13,7 @@ makes A'A cheap to form without A: with q = (XX, XY, X, YY, Y, 1) the nine 3x3 b
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
 
 _QUADRATIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 """Position in q of the product p_i p_j."""

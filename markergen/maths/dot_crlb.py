@@ -24,9 +24,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
 
 DIRECTIONS = 8
 """Number of directions over half a turn; the integral is then good to 3e-4 for an axis ratio of 1:3 (tilt of 70 deg)

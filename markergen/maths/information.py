@@ -8,12 +8,10 @@ has eight: M <- M (I + D), D33 = 0, where M = [r1 r2 t] acts on (X/r, Y/r, 1), s
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.projection import rotate
 from markergen.maths.rotation import angle_between, exponential, skew
-
-Array = NDArray[np.float64]
 
 
 def apply_pose_step(rotation: Array, translation: Array, step: Array) -> tuple[Array, Array]:

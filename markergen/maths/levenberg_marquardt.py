@@ -19,8 +19,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from markergen.arrays import Array, Mask
+
 Arrays = tuple[Array, ...]
 """Arrays whose first axis is the problem of the batch."""
 

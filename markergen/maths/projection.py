@@ -5,9 +5,8 @@ or (..., n, 3); poses as rotation (P, 3, 3) and translation (P, 3); the results 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
 
 
 def rotate(points: Array, rotation: Array) -> Array:

@@ -1,9 +1,8 @@
 """Rotations in space, and least-squares alignments in the plane: rigid, mirrored, or scaled."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
 
 
 def skew(vectors: Array) -> Array:

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices, Mask
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
 from markergen.model.constellation import constellations_among
@@ -18,9 +18,6 @@ from markergen.model.rigid import Rows, check_pose
 if TYPE_CHECKING:
     from markergen.model.marker import Marker
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 _RENAMED = {"turn": "rotation_matrix", "shift": "translation_vector", "to_rig": "to_body"}
 """Attributes of the release before, and what they are now; they go with the next."""

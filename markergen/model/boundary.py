@@ -8,8 +8,8 @@ from math import isfinite, pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, backward, circle, placed
 from markergen.geometry.distance import Edges
@@ -17,8 +17,6 @@ from markergen.geometry.interior import Interior
 from markergen.geometry.outlines import Ring, canonical_contours, polygons_of
 from markergen.geometry.region import Region, enclosing_circle, signed_area
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 CIRCLE_CORNERS = 720
 """Corners of the polygon that approximates a circle in drawings; it is 1.4 um off at a radius of 0.15 m."""

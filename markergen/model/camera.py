@@ -10,13 +10,12 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.maths import distortion as lens
 from markergen.maths.lenses import LENSES
 from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
 from markergen.registry import door
-
-Array = NDArray[np.float64]
 
 LARGEST_SIDE = 20_000
 """Maximum width and height of an image in px, larger than those of any camera."""

@@ -3,11 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from markergen.arrays import Array, Indices, Mask
 
 FEWEST = 4
 """Number of dots of one diameter, not all on a line, from which a pose is found."""

@@ -9,8 +9,8 @@ from os import PathLike
 from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.errors import InputError, brief
 from markergen.model.body import Body, Plate
 from markergen.model.boundary import Boundary
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from markergen.files import Written
     from markergen.options.declarations import ExportKeywords
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 LIGHT_DOTS = "light dots on a dark ground are printed and detected, but not yet made as a solid"
 """The limits of `Feature.polarity`, in words."""

@@ -2,40 +2,27 @@
 
 The file is the whole marker: frame, boundary, control points with features, and provenance. Its version is the lowest
 one that has all its keys: a marker without keys of version 2 is written as version 1, for programs that read only that.
-`json_schema` returns the published schemas (docs/marker-v1.schema.json, docs/marker-v2.schema.json).
+`marker_file.json_schema` returns the published schemas (docs/marker-v1.schema.json, docs/marker-v2.schema.json).
 """
 
 import json
 import os
-from collections import Counter
 from collections.abc import Mapping
-from math import hypot, isfinite
-from pathlib import PurePath
+from math import hypot
 from typing import Any
 
-import numpy as np
-from pydantic import ValidationError
-
 from markergen.errors import InputError, brief
-from markergen.guard import Content, read, text_of
-from markergen.model.findings import findings_of, listed, path_of
+from markergen.guard import read
+from markergen.model.json_text import dumped, json_of, parsed
 from markergen.model.marker import ControlPoint, JointCovariance, Marker
-from markergen.model.marker_file import (
-    FORMAT,
-    TOLERANCE,
-    VERSIONS,
-    MarkerFile,
-    json_schema,
-    known_keys,
-    newer_keys,
-)
-from markergen.model.marker_findings import contradictions
+from markergen.model.marker_file import FORMAT, checked, newer_keys
 from markergen.model.tag import Tag
-
-__all__ = ["from_json", "json_schema", "load_marker", "read_marker", "to_json"]
 
 _FRAME = {"unit": "m", "x": "right", "y": "up", "z": "out of the printed face, toward the viewer"}
 _CENTER, _DRAWING = "center of the boundary's smallest enclosing circle", "that of the boundary's drawing"
+
+ROUNDING = 1e-9
+"""Distance in m of a center from the origin that counts as none: the corners of drawings are rounded."""
 
 
 def to_json(marker: Marker) -> bytes:
@@ -46,8 +33,7 @@ def to_json(marker: Marker) -> bytes:
     InputError
         If the marker contains a number that is not finite, or its provenance or extensions are not plain JSON.
     """
-    # A small tolerance: the corners of drawings are rounded.
-    centered = hypot(*marker.boundary.center) <= TOLERANCE
+    centered = hypot(*marker.boundary.center) <= ROUNDING
     joint = marker.joint_covariance
     content = {
         "format": FORMAT,
@@ -118,26 +104,6 @@ def _with_matrix(text: str, joint: JointCovariance) -> str:
     return text.replace('\n    "matrix": null', f'\n    "matrix": [\n{rows}\n    ]', 1)
 
 
-def dumped(content: Any, indent: int | None = 2) -> str:
-    """Return plain JSON values as text; raises InputError for others, and for numbers that are not finite."""
-    try:
-        return json.dumps(content, indent=indent, allow_nan=False, default=_plain)
-    except RecursionError:
-        actual = "endless nesting"
-    except (TypeError, ValueError) as error:
-        actual = str(error)[:80]
-    raise InputError("a marker of plain JSON values and finite numbers", actual, "correct it where it was made")
-
-
-def _plain(value: object) -> Any:
-    """Convert NumPy numbers and arrays to Python's."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    raise TypeError(f"{type(value).__name__} {brief(value)}")
-
-
 def load_marker(source: object) -> Marker:
     """Read a marker from a path, an open file, or parsed JSON; see `Marker.load`."""
     if isinstance(source, str | os.PathLike):
@@ -176,15 +142,6 @@ def from_json(text: str, name: str = "marker.json") -> Marker:
     return from_content(parsed(text, name), name)
 
 
-def json_of(content: Content) -> Any:
-    """Parse a file that should be a marker.json or rig.json; raises InputError, which names another kind of file."""
-    name = content.name
-    kind = PurePath(name).suffix[1:].upper()
-    if kind not in ("", "JSON") and not content.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
-        raise InputError(f"a marker.json at {name}", f"a {kind} file", "give the .json that was written with it")
-    return parsed(text_of(content), name)
-
-
 def from_content(content: Any, name: str) -> Marker:
     """Make a marker from the values of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
     form = checked(content, name)
@@ -192,79 +149,3 @@ def from_content(content: Any, name: str) -> Marker:
         names = ", ".join(plate.name for plate in form.plates)
         raise InputError(f"a marker on one plate in {name}", f"plates: {names[:80]}", "load it with Rig.load")
     return form.build()
-
-
-def checked(content: Any, name: str) -> MarkerFile:
-    """Check the values of a marker.json; raises as `read_marker` does."""
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(
-            f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
-        )
-    version = content.get("version")
-    if type(version) is not int or version not in VERSIONS:  # 1.0 and True equal 1, too
-        raise _other_version(content, name)
-    form, findings = _checked(content, version)
-    findings += [
-        f"{path_of(place)}: a key of version {since}, in a file that says version {version}"
-        for place, since in newer_keys(content)
-        if since > version
-    ]
-    findings += contradictions(content, form)
-    if form is None or findings:
-        raise InputError(f"a valid marker in {name}", listed(findings), "correct these places")
-    return form
-
-
-def _other_version(content: Mapping[str, Any], name: str) -> InputError:
-    version, expected = content.get("version"), f"marker.json version {' or '.join(map(str, VERSIONS))} in {name}"
-    if type(version) is not int or version < VERSIONS[0]:
-        return InputError(expected, f"version {brief(version)}", "design the marker again with this version")
-    writer: Any = content.get("provenance")
-    for key in ("versions", "markergen"):
-        writer = writer.get(key) if isinstance(writer, Mapping) else None
-    by = f"a newer markergen ({brief(writer)[1:-1]})" if isinstance(writer, str) else "a newer markergen"
-    return InputError(expected, f"version {brief(version)}, written by {by}", "update markergen")
-
-
-def parsed(text: str, name: str) -> Any:
-    """Parse JSON with distinct keys and finite numbers; `name` is the file's name in messages. Raises InputError."""
-    try:
-        return json.loads(
-            text, object_pairs_hook=_distinct, parse_constant=_number, parse_float=_number, parse_int=_integer
-        )
-    except json.JSONDecodeError as error:
-        actual = f"line {error.lineno} column {error.colno}: {error.msg}"
-    except RecursionError:
-        actual = "endless nesting"
-    except ValueError as error:
-        actual = str(error)
-    raise InputError(
-        f"complete JSON in {name}", actual, "the file is cut off or damaged: design it again or restore it"
-    )
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        (key, _), *_ = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"the key {brief(key)} twice in one object")
-    return content
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not isfinite(value):
-        raise ValueError(f"the number {text if len(text) < 20 else text[:17] + '...'}, which is not finite")
-    return value
-
-
-def _integer(text: str) -> int:
-    _number(text)  # Python's own message for thousands of digits is different
-    return int(text)
-
-
-def _checked(content: dict[str, Any], version: int) -> tuple[MarkerFile | None, list[str]]:
-    try:
-        return MarkerFile.model_validate(content), []
-    except ValidationError as error:
-        return None, findings_of(error, lambda location: known_keys(location, version))

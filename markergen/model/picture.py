@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.boundary import Boundary
 from markergen.presentation.plots import INK, MUTED, axes_of
 from markergen.units import format_length
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from markergen.model.marker import ControlPoint, Marker
 
-Array = NDArray[np.float64]
 
 WIDTH = 360
 """Width of the notebook picture in CSS px."""

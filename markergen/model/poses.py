@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, among, brief
 from markergen.geometry.region import hull
 from markergen.maths.projection import perspective, to_camera
@@ -17,7 +18,6 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.registry import Registry
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 RIM_POINTS = 64

@@ -8,11 +8,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.poses import SEEN, PoseDistribution, visibility
-
-Array = NDArray[np.float64]
 
 COLUMNS = "tx ty tz qx qy qz qw"
 MOST_KEPT = 2000

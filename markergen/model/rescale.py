@@ -6,15 +6,13 @@ from math import degrees, isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, check_supported
 from markergen.model.rig import Rig
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 MOST_OFF = 0.05
 """Relative error of a length above which something else was probably measured."""

@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError, brief
 from markergen.model.body import Body, Plate
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from markergen.files import Written
     from markergen.options.declarations import ExportKeywords
 
-Array = NDArray[np.float64]
 
 MOST_MARKERS = 100
 """Maximum number of markers of a rig."""

@@ -13,19 +13,10 @@ from markergen.errors import InputError, brief
 from markergen.guard import check_size, read
 from markergen.model.body import Body, Plate
 from markergen.model.findings import findings_of, listed
+from markergen.model.json_text import dumped, json_of, parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_file import PoseFile
-from markergen.model.marker_json import (
-    checked,
-    dumped,
-    from_content,
-    from_json,
-    json_of,
-    load_marker,
-    parsed,
-    read_marker,
-    to_json,
-)
+from markergen.model.marker_file import PoseFile, checked
+from markergen.model.marker_json import from_content, from_json, load_marker, read_marker, to_json
 from markergen.model.rig import MOST_MARKERS, Rig
 from markergen.model.shape_file import STRICT, Finite
 

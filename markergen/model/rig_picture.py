@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.occlusion import painting_levels
 from markergen.presentation.plots import INK, MUTED, axes_of
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from markergen.model.rig import Rig
 
-Array = NDArray[np.float64]
 
 FAR = 1e3
 """Distance of the eye, in radii of the rig: its lines of sight are as good as parallel."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import cos, isfinite, pi, radians, sin, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, among, brief
 from markergen.model.body import Plate
 from markergen.model.boundary import Boundary, Polygon
@@ -15,8 +15,6 @@ from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rigid import Rows
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 KINDS = ("cube", "prism", "wall", "pair")
 FORMS = ("cube", "prism:6", "wall 3x2", "pair", "plates.toml, .json or .csv")

@@ -1,11 +1,10 @@
 """Rigid motions and covariances as they are given: rows of numbers, and what is refused."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 
-Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 ROUNDING = 1e-9

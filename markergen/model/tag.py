@@ -6,15 +6,12 @@ from functools import cache
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.errors import InputError, among
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Polygon
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ARUCO = [f"{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)]
 FAMILIES: dict[str, str] = {

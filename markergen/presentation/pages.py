@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.presentation.plots import Plot, dark
 from markergen.presentation.tables import Table
-
-Array = NDArray[np.float64]
 
 BOOK = "https://github.com/markergen/markergen/blob/main/docs/"
 """Address of the documentation, to which pages link; the same as in pyproject.toml."""

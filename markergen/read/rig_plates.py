@@ -15,8 +15,9 @@ from markergen.maths.rotation import exponential, turn_z
 from markergen.model.body import Plate
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.findings import findings_of, listed
+from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_json import parsed, read_marker
+from markergen.model.marker_json import read_marker
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, span_of
 from markergen.read.outlines.boundary import parse_boundary

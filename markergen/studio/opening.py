@@ -12,8 +12,9 @@ from typing import Any
 from markergen.errors import InputError, brief
 from markergen.guard import read, text_of
 from markergen.model.boundary import polygon_from
+from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_json import parsed, to_json
+from markergen.model.marker_json import to_json
 from markergen.model.rig_json import is_rig, load_marker_or_rig, rig_to_json
 from markergen.model.spec import Spec
 from markergen.model.substrate import SCREWS

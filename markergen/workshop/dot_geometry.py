@@ -7,11 +7,12 @@ from math import hypot, pi, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Mask
 from markergen.drawing.figure import FLAT
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point
 from markergen.model.marker import Marker
-from markergen.model.tag import Mask, Tag, cell_outlines, to_plane
+from markergen.model.tag import Tag, cell_outlines, to_plane
 from markergen.solid.primitives import mm
 from markergen.units import format_length
 

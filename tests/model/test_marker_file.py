@@ -14,8 +14,8 @@ from markergen.errors import InputError
 from markergen.guard import KINDS
 from markergen.model.feature import Feature
 from markergen.model.marker import JointCovariance, MeasuredSize
-from markergen.model.marker_file import SINCE, VERSIONS, json_schema
-from markergen.model.marker_json import checked, from_json, read_marker, to_json
+from markergen.model.marker_file import SINCE, VERSIONS, checked, json_schema
+from markergen.model.marker_json import from_json, read_marker, to_json
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_rig, rig_to_json
 

@@ -17,9 +17,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Mask
 from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step, pose_jacobian
-from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution

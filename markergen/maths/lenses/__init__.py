@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from markergen.arrays import Array as Array
 from markergen.registry import Registry
 
 __all__ = [
@@ -24,7 +25,6 @@ __all__ = [
     "horner",
 ]
 
-Array = NDArray[np.float64]
 Coefficients = tuple[float, ...]
 Jacobian = tuple[Array, Array, Array, Array]
 """Entries dx'/dx, dx'/dy, dy'/dx, dy'/dy."""

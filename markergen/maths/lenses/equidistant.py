@@ -4,16 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markergen.maths.lenses import (
-    LARGEST_RADIUS,
-    LENSES,
-    Array,
-    Coefficients,
-    RadialModel,
-    derivative,
-    first_root,
-    horner,
-)
+from markergen.arrays import Array
+from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Coefficients, RadialModel, derivative, first_root, horner
 
 
 class Equidistant(RadialModel):

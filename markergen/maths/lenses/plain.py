@@ -1,6 +1,7 @@
 """``none``: a pinhole camera."""
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, LensModel
+from markergen.arrays import Array
+from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Coefficients, LensModel
 
 
 class NoDistortion(LensModel):

@@ -5,14 +5,13 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
 from markergen.units import parse_length
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 FORM = "cone:distance=A..B,tilt=A..B,azimuth=A..B,roll=A..B,count=N,seed=S,sampling=even|random,weight=1/distance"

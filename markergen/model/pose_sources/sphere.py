@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
-
-Array = NDArray[np.float64]
 
 FORM = "sphere:distance=A..B,roll=A..B,count=N,seed=S,sampling=even|random"
 KEYS = ("distance", "roll", "count", "seed", "sampling")
