@@ -43,7 +43,7 @@ GIVEN: Sequence[Given] = tuple(
                 "the same, # % of the dots false by # to # px",
             ],
         ),
-        (RIGS, DEFAULT, ["(short axis # px)"]),
+        (RIGS, DEFAULT, ["tilted by less than # deg", "(from # deg on, with a short axis of # px)"]),
         (RIGS, MEANING, ["a dot more than # px off", "more than # degrees or # %"]),
         (
             RIGS,
