@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Unpack
 
 from markergen.api.arguments import camera_of, files_among, marker_of
-from markergen.calibration.calibration import Calibration, Known
-from markergen.calibration.calibration import calibrate as run
+from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
@@ -117,7 +116,7 @@ def calibrate(
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
     covariance = None if taken is None else camera_covariance(settled["camera_covariance"], camera, taken)
-    known = Known(
+    knowledge = Known(
         taken,
         covariance,
         settled["geometry"] == "free",
@@ -127,14 +126,14 @@ def calibrate(
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
-    if known.camera is not None and known.covariance is None and not known.free and not has_relation:
+    if knowledge.camera is not None and knowledge.covariance is None and not knowledge.free and not has_relation:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
-    moved = known.camera is None or known.covariance is not None
-    Calibration.check_targets(targets, len(bodies), known.free or has_relation, moved)
+    moved = knowledge.camera is None or knowledge.covariance is not None
+    Calibration.check_targets(targets, len(bodies), knowledge.free or has_relation, moved)
     targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
-    found = run(bodies, photos, known, settled["workers"], progress)
-    _log.info("calibrated by %d views", len(found.adjustment.views))
-    return found.saved(targets)
+    calibration = calibrate_bodies(bodies, photos, knowledge, settled["workers"], progress)
+    _log.info("calibrated by %d views", len(calibration.adjustment.views))
+    return calibration.saved(targets)
 
 
 def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
@@ -152,14 +151,14 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
     number = int(which or 1)
     if not 1 <= number <= len(designs):
         raise InputError(f"marker 1 to {len(designs)}", text, "count the marker and those given with --also")
-    before = sum(len(each) for each in designs[: number - 1])
+    before = sum(len(design) for design in designs[: number - 1])
     ids = [point.id for point in designs[number - 1].control_points]
-    for each in (first, second):
-        if int(each) not in ids:
-            raise InputError("ids of the marker's dots", f"{each} in {text}", "the sheet numbers the dots")
+    for dot in (first, second):
+        if int(dot) not in ids:
+            raise InputError("ids of the marker's dots", f"{dot} in {text}", "the sheet numbers the dots")
     if first == second:
         raise InputError("two dots", text, "measure from the center of one dot to that of another")
-    places = [designs[number - 1].xyz[ids.index(int(each))] for each in (first, second)]
+    places = [designs[number - 1].xyz[ids.index(int(dot))] for dot in (first, second)]
     nominal = float(sum((a - b) ** 2 for a, b in zip(*places, strict=True)) ** 0.5)
     measured = parse_length(length, "measured")
     spread = sigma if own is None else parse_length(own, "measured")
@@ -167,7 +166,7 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
         raise InputError("a standard deviation above 0", text, "a steel ruler is read to 0.2 mm or so")
     if not abs(measured / nominal - 1) < 0.05:
         points = designs[number - 1].control_points
-        edges = sum(points[ids.index(int(each))].feature.diameter / 2 for each in (first, second))
+        edges = sum(points[ids.index(int(dot))].feature.diameter / 2 for dot in (first, second))
         outer = abs((measured - edges) / nominal - 1) < 0.05
         raise InputError(
             f"a length within 5 % of the design's {format_length(nominal)} between dots {first} and {second}",

@@ -76,11 +76,11 @@ class Study(Result):
         return data_frame(self._rows(table))
 
     def _rows(self, table: str) -> list[dict[str, str | float]]:
-        known = {path.stem: path for path in sorted(self.files) if path.suffix == ".csv"}
-        name = table or next((each for each in ("table", "claims") if each in known), "")
-        if name not in known:
-            raise InputError("a table of the study", repr(name), f"known: {', '.join(known)}")
-        with known[name].open(newline="") as file:
+        tables = {path.stem: path for path in sorted(self.files) if path.suffix == ".csv"}
+        name = table or next((stem for stem in ("table", "claims") if stem in tables), "")
+        if name not in tables:
+            raise InputError("a table of the study", repr(name), f"known: {', '.join(tables)}")
+        with tables[name].open(newline="") as file:
             return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 
 
@@ -153,10 +153,10 @@ def study(
     _log.info("studying, in %s", folder)
     files = tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress))
     _log.info("studied: %d files in %s", len(files), folder)
-    found = Study(folder, files)
-    write_all({path: found.to_json() for path in results})
-    found.written += tuple(map(Written, results))
-    return found
+    finished = Study(folder, files)
+    write_all({path: finished.to_json() for path in results})
+    finished.written += tuple(map(Written, results))
+    return finished
 
 
 study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]

@@ -144,14 +144,14 @@ class Adjustment:
         S + (1 - 2 w) J C J'.
         """
         parts, unscaled = self.normal, self.unscaled
-        own = np.linalg.inv(parts.pose)
+        pose_covariance = np.linalg.inv(parts.pose)
         # Blocks of the covariance of a view's pose (6), a dot (3) and the camera (r).
-        through = own @ parts.cross
+        through = pose_covariance @ parts.cross
         mixed = -through @ unscaled
-        poses = own - mixed @ through.swapaxes(-1, -2)
+        poses = pose_covariance - mixed @ through.swapaxes(-1, -2)
         v, n = self.views.seen.shape
         size, r = parts.dots, parts.rest.shape[0] - parts.dots
-        known = parts.rows_pose @ poses[:, None] @ parts.rows_pose.swapaxes(-1, -2)
+        predicted = parts.rows_pose @ poses[:, None] @ parts.rows_pose.swapaxes(-1, -2)
         cameras = np.broadcast_to(unscaled[size:, size:], (v, n, r, r))
         rows = parts.rows_camera
         cross = np.broadcast_to(mixed[:, None, :, size:], (v, n, 6, r))
@@ -163,11 +163,11 @@ class Adjustment:
             cameras = np.broadcast_to(block, (v, *block.shape))
             rows = np.concatenate([parts.rows_dot, parts.rows_camera], axis=-1)
             cross = np.concatenate([mixed[..., :size].reshape(v, 6, n, 3).swapaxes(1, 2), cross], axis=-1)
-        known = known + rows @ cameras @ rows.swapaxes(-1, -2)
+        predicted = predicted + rows @ cameras @ rows.swapaxes(-1, -2)
         both = parts.rows_pose @ cross @ rows.swapaxes(-1, -2)
-        known = known + both + both.swapaxes(-1, -2)
+        predicted = predicted + both + both.swapaxes(-1, -2)
         sign = (1 - 2 * self.weights)[..., None, None]
-        return np.where(self.views.seen[..., None, None], self.views.covariance + sign * known, np.eye(2))
+        return np.where(self.views.seen[..., None, None], self.views.covariance + sign * predicted, np.eye(2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +230,10 @@ def adjust(
     if ((factors > 0).sum(axis=1) < 3).any():
         raise UndeterminedError("three dots or more in every view")
     # In 1/m^2, of the order of what the photographs tell of a dot. The minimum does not depend on it.
-    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * factors
+    information = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * factors
     stiffness = (
-        float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
+        float(information.sum() / len(network.design))
+        * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
     problem = _Adjusting(network, views, factors, stiffness, tolerance)
     start = (
@@ -242,10 +243,10 @@ def adjust(
         np.zeros((1, len(network.freedom))),
     )
     unknowns, cost = levenberg_marquardt(problem, start, DAMPING, STEPS)
-    rotation, translation, places, moved = (each[0] for each in unknowns)
-    found = replace(views, rotation=rotation, translation=translation)
+    rotation, translation, places, moved = (block[0] for block in unknowns)
+    adjusted = replace(views, rotation=rotation, translation=translation)
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
-    residual = residuals(network.radii, found, places, camera)[0]
+    residual = residuals(network.radii, adjusted, places, camera)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that see all dots from the front")
     if network.free and network.loose is not None:
@@ -253,22 +254,22 @@ def adjust(
         off = (network.design - places).ravel()
         cost = cost - off @ network.looseness(places) @ off
     freedom = _freedom(network, int(np.count_nonzero(factors)), len(views))
-    return Adjustment(network, found, places, camera, factors, residual, float(cost[0]), freedom)
+    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom)
 
 
 def _freedom(network: Network, measured: int, views: int) -> int:
     """Measurements less unknowns; what is known before counts as measurements."""
-    known = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
+    measurements_before = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
     unknown = 6 * views + len(network.freedom)
     if network.free:
         unknown += 3 * len(network.design) - network.gauge(network.design).shape[1]
-        known += len(network.lengths)
+        measurements_before += len(network.lengths)
         if network.prior is not None:
-            known += sum(
-                int(np.linalg.matrix_rank(_without_motion(network, network.design, each)))
-                for each in np.unique(network.marker)
+            measurements_before += sum(
+                int(np.linalg.matrix_rank(_without_motion(network, network.design, marker)))
+                for marker in np.unique(network.marker)
             )
-    return 2 * measured + known - unknown
+    return 2 * measured + measurements_before - unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +284,7 @@ class _Adjusting(LeastSquares):
 
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
-        rotation, translation, places, moved = (each[0] for each in unknowns)
+        rotation, translation, places, moved = (block[0] for block in unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         views = replace(self.views, rotation=rotation, translation=translation)
         residual, front = residuals(self.network.radii, views, places, camera)
@@ -299,12 +300,12 @@ class _Adjusting(LeastSquares):
         """See `Network.gauge`."""
         return self.network.gauge(self.network.design)
 
-    def jacobian(self, unknowns: Arrays, found: Arrays) -> Any:
+    def jacobian(self, unknowns: Arrays, evaluated: Arrays) -> Any:
         """See `LeastSquares.jacobian`: here the normal equations in blocks."""
-        rotation, translation, places, moved = (each[0] for each in unknowns)
+        rotation, translation, places, moved = (block[0] for block in unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         views = replace(self.views, rotation=rotation, translation=translation)
-        parts = normal_equations(self.network, views, places, camera, self.weights, found[1][0])
+        parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0])
         size = parts.dots
         parts.gradient_rest[size:] -= self.network.freedom.precision @ moved
         if size:
@@ -336,7 +337,7 @@ class _Adjusting(LeastSquares):
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
-        rotation, translation, places, moved = (each[0] for each in unknowns)
+        rotation, translation, places, moved = (block[0] for block in unknowns)
         count, size = 6 * len(self.views), places.size if self.network.free else 0
         rotation, translation = apply_pose_step(rotation, translation, step[0, :count].reshape(-1, 6))
         if size:
@@ -429,12 +430,12 @@ def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, A
     cost = 0.0
     gradient: Array = np.zeros(places.size)
     matrix: Array = np.zeros((places.size,) * 2)
-    for each in network.lengths:
-        apart = places[each.first] - places[each.second]
+    for ruler in network.lengths:
+        apart = places[ruler.first] - places[ruler.second]
         length = float(np.linalg.norm(apart))
         row = np.zeros(places.shape)
-        row[each.first], row[each.second] = apart / length, -apart / length
-        short, weight = each.length - length, each.sigma**-2
+        row[ruler.first], row[ruler.second] = apart / length, -apart / length
+        short, weight = ruler.length - length, ruler.sigma**-2
         cost += weight * short**2
         gradient += weight * short * row.ravel()
         matrix += weight * np.outer(row, row)
@@ -457,20 +458,20 @@ def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, A
 def _without_motion(network: Network, places: Array, marker: int) -> Array:
     """Information (3 n, 3 n) of the measured dots of one marker about their shape: rigid motions are unknown."""
     assert network.prior is not None
-    own = network.marker == marker
+    is_on_marker = network.marker == marker
     n = len(places)
     information = np.zeros((n, 3, n, 3))
-    index = np.flatnonzero(own)
+    index = np.flatnonzero(is_on_marker)
     information[index, :, index, :] = network.prior[index]
     whole = information.reshape(3 * n, 3 * n)
     if not whole.any():
         return whole
-    centered = places - places[own].mean(axis=0)
+    centered = places - places[is_on_marker].mean(axis=0)
     motion = [
         *(np.broadcast_to(axis, places.shape) for axis in np.eye(3)),
         *(np.cross(axis, centered) for axis in np.eye(3)),
     ]
-    columns = np.array([(column * own[:, None]).ravel() for column in motion]).T
+    columns = np.array([(column * is_on_marker[:, None]).ravel() for column in motion]).T
     through = whole @ columns
     return np.asarray(whole - through @ np.linalg.pinv(columns.T @ through, hermitian=True) @ through.T, dtype=float)
 

@@ -19,7 +19,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots
 from markergen.calibration.relation import Relation, relate
-from markergen.calibration.scale import ScaleErrors, contradictions, doubt, scaled, told_by_rulers, widened
+from markergen.calibration.scale import ScaleErrors, doubt, ruler_contradictions, scaled, told_by_rulers, widened
 from markergen.calibration.scale import source as scale_source
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -136,8 +136,8 @@ class Calibration(SavableResult):
         """Write the measured markers in order (.json), the camera (.yaml, .xml, .txt) and the report (.html)."""
         targets = self.targets(paths, **named).checked()
         files = len(self.designs) if self.relation is None else 1
-        found = self.measured or self.relation is not None
-        self.check_targets(targets, files, found, bool(self.camera_covariance is not None))
+        is_found = self.measured or self.relation is not None
+        self.check_targets(targets, files, is_found, bool(self.camera_covariance is not None))
         return self.write(targets)
 
     @property
@@ -153,10 +153,10 @@ class Calibration(SavableResult):
         return verdict(self)[1]
 
     def closing(self, shown: bool = False) -> str:
-        """See `sentences.closing`."""
-        from markergen.calibration.sentences import closing
+        """See `sentences.closing_sentence`."""
+        from markergen.calibration.sentences import closing_sentence
 
-        return closing(self, shown)
+        return closing_sentence(self, shown)
 
     @staticmethod
     def check_targets(targets: Targets, markers: int, measured: bool, camera: bool) -> None:
@@ -197,9 +197,9 @@ class Calibration(SavableResult):
     def content(self, kind: str, path: Path) -> bytes:
         """See `SavableResult.content`."""
         if kind == "report":
-            from markergen.calibration.report import page
+            from markergen.calibration.report import calibration_page
 
-            return page(self)
+            return calibration_page(self)
         if kind == "camera":
             return camera_bytes(self.camera, path, self.camera_covariance, self.adjustment.rms)
         return super().content(kind, path)
@@ -216,18 +216,18 @@ class Calibration(SavableResult):
         """Return the results as plain JSON values."""
         from markergen.calibration.sentences import verdict
 
-        found, sightings = self.adjustment, self.sightings
-        spread = np.sqrt(np.maximum(np.diag(found.covariance), 0)).reshape(-1, 3) if self.measured else None
+        adjustment, sightings = self.adjustment, self.sightings
+        spread = np.sqrt(np.maximum(np.diag(adjustment.covariance), 0)).reshape(-1, 3) if self.measured else None
         numbered = [(k, point.id) for k, marker in enumerate(self.designs) for point in marker.control_points]
-        columns, views = found.weights > 0, np.flatnonzero(self.used)
-        said, use = verdict(self)
+        columns, views = adjustment.weights > 0, np.flatnonzero(self.used)
+        sentence, use = verdict(self)
         return {
-            "verdict": said,
+            "verdict": sentence,
             "use": use,
-            "rms_px": found.rms,
-            "chi2": found.chi2,
-            "degrees_of_freedom": found.degrees_of_freedom,
-            "variance_factor": found.variance_factor,
+            "rms_px": adjustment.rms,
+            "chi2": adjustment.chi2,
+            "degrees_of_freedom": adjustment.degrees_of_freedom,
+            "variance_factor": adjustment.variance_factor,
             "scale": self.scale_source,
             "expected": {"before": asdict(self.before), "after": asdict(self.after)},
             "camera": {
@@ -243,8 +243,8 @@ class Calibration(SavableResult):
                 {
                     "marker": numbered[index][0],
                     "id": numbered[index][1],
-                    "place": found.places[column].tolist(),
-                    "moved": (found.places[column] - found.network.design[column]).tolist(),
+                    "place": adjustment.places[column].tolist(),
+                    "moved": (adjustment.places[column] - adjustment.network.design[column]).tolist(),
                     "sigma": None if spread is None else spread[column].tolist(),
                     "views": int(columns[:, column].sum()),
                     "rejected": int(self.dropped[:, column].sum()),
@@ -256,7 +256,7 @@ class Calibration(SavableResult):
                     "photo": sightings.photos[sightings.photo[view]],
                     "marker": int(sightings.marker[view]),
                     "dots": int(columns[row].sum()),
-                    "rms_px": float(np.sqrt((found.residual[row][columns[row]] ** 2).sum(axis=-1).mean())),
+                    "rms_px": float(np.sqrt((adjustment.residual[row][columns[row]] ** 2).sum(axis=-1).mean())),
                     "rejected": [numbered[index][1] for index in self.chosen[self.dropped[view]].tolist()],
                 }
                 for row, view in enumerate(views.tolist())
@@ -275,30 +275,30 @@ class Calibration(SavableResult):
 
     def _relation(self) -> dict[str, Any]:
         assert self.relation is not None
-        found, (turned, moved) = self.relation, self.relation.sigma
-        rows = zip(found.rig.plates, found.turned_deg, found.moved, turned, moved, strict=True)
+        relation, (turned, moved) = self.relation, self.relation.sigma
+        rows = zip(relation.rig.plates, relation.turned_deg, relation.moved, turned, moved, strict=True)
         return {
-            "photographs": found.photographs,
-            "looseness": found.looseness,
+            "photographs": relation.photographs,
+            "looseness": relation.looseness,
             "markers": [
                 {
-                    "name": each.name,
-                    "T_rig_marker": {"rotation": each.rotation, "translation": each.translation},
-                    "turned_deg": float(turn),
-                    "moved": float(shift),
+                    "name": plate.name,
+                    "T_rig_marker": {"rotation": plate.rotation, "translation": plate.translation},
+                    "turned_deg": float(angle),
+                    "moved": float(distance),
                     "sigma": {"rotation_deg": float(by_turn), "translation": float(by_shift)},
                 }
-                for each, turn, shift, by_turn, by_shift in rows
+                for plate, angle, distance, by_turn, by_shift in rows
             ],
         }
 
     def _left_out(self) -> dict[str, Any]:
-        found = self.cross_validation
-        if isinstance(found, NotJudged):
-            return {"reason": found.reason}
-        rms = {"measured_px": found.measured.rms, "nominal_px": found.best_nominal.rms}
-        gain = found.gain and {"gain": found.gain.ratio, "low": found.gain.low, "high": found.gain.high}
-        return {"verdict": found.verdict, **rms, **(gain or {}), "better": found.better}
+        cross = self.cross_validation
+        if isinstance(cross, NotJudged):
+            return {"reason": cross.reason}
+        rms = {"measured_px": cross.measured.rms, "nominal_px": cross.best_nominal.rms}
+        gain = cross.gain and {"gain": cross.gain.ratio, "low": cross.gain.low, "high": cross.gain.high}
+        return {"verdict": cross.verdict, **rms, **(gain or {}), "better": cross.better}
 
 
 ELSEWHERE = 10.0
@@ -343,17 +343,17 @@ class Known:
     poses: str | PoseDistribution | None = None
 
 
-def network_of(designs: Sequence[Marker], known: Known, camera: Camera, names: Sequence[str]) -> Network:
+def network_of(designs: Sequence[Marker], knowledge: Known, camera: Camera, names: Sequence[str]) -> Network:
     """Return the network of all dots of some markers.
 
     Dots measured by hand, with a sigma, are a prior; `names` are the parameters of an unknown camera to estimate.
     """
-    if known.camera is None:
+    if knowledge.camera is None:
         freedom = CameraFreedom.of_names(camera, names, square="fy" not in names)
-    elif known.covariance is None:
+    elif knowledge.covariance is None:
         freedom = CameraFreedom.held(camera)
     else:
-        freedom = CameraFreedom.of_covariance(known.covariance)
+        freedom = CameraFreedom.of_covariance(knowledge.covariance)
     counts = [len(marker) for marker in designs]
     features = [point.feature for marker in designs for point in marker.control_points]
     return Network(
@@ -362,8 +362,8 @@ def network_of(designs: Sequence[Marker], known: Known, camera: Camera, names: S
         camera,
         freedom,
         np.repeat(np.arange(len(designs)), counts),
-        known.free,
-        known.lengths,
+        knowledge.free,
+        knowledge.lengths,
         _prior(designs),
     )
 
@@ -376,16 +376,16 @@ def _prior(designs: Sequence[Marker]) -> Array | None:
     for marker in designs:
         block = np.zeros((len(marker), 3, 3))
         if marker.place_covariance is not None:
-            known = np.isfinite(marker.place_covariance).all(axis=(1, 2))
-            block[known, :2, :2] = np.linalg.inv(marker.place_covariance[known])
+            is_measured = np.isfinite(marker.place_covariance).all(axis=(1, 2))
+            block[is_measured, :2, :2] = np.linalg.inv(marker.place_covariance[is_measured])
         blocks.append(block)
     return np.concatenate(blocks)
 
 
-def calibrate(
+def calibrate_bodies(
     bodies: Sequence[Body],
     photos: Any,
-    known: Known,
+    knowledge: Known,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -409,14 +409,14 @@ def calibrate(
     # A print that was calibrated before is measured anew.
     markers = [plate.marker for body in bodies for plate in body.plates]
     designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
-    ruled = told_by_rulers(designs, known.lengths, known.errors)
+    ruled = told_by_rulers(designs, knowledge.lengths, knowledge.errors)
     sightings, camera = find_dots(
-        designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
+        designs, photos, knowledge.camera, camera_covariance=knowledge.covariance, progress=progress, workers=workers
     )
     if not len(sightings.views):
         reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
         raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
-    if known.free and len(sightings.views) < 2:
+    if knowledge.free and len(sightings.views) < 2:
         raise InputError(
             "two photographs or more that show the marker",
             "one",
@@ -424,24 +424,26 @@ def calibrate(
         )
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
-    whole = network_of(designs, known, camera, () if known.camera else BASE)
-    whole = replace(whole, lengths=(*known.lengths, *ruled))
+    whole = network_of(designs, knowledge, camera, () if knowledge.camera else BASE)
+    whole = replace(whole, lengths=(*knowledge.lengths, *ruled))
     choice: CameraChoice | NotJudged | None = None
     try:
         cleaned = _unflipped(whole, sightings.views)
-        if known.camera is None:
-            found, photo = cleaned.adjustment, sightings.photo[cleaned.used]
-            choice = choose_camera(found.network, found.views, photo, found.weights)
+        if knowledge.camera is None:
+            adjusted, photo = cleaned.adjustment, sightings.photo[cleaned.used]
+            choice = choose_camera(adjusted.network, adjusted.views, photo, adjusted.weights)
             if isinstance(choice, CameraChoice) and choice.names != BASE:
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
-        off = contradictions(designs, cleaned.adjustment, known.errors, known.print_sigma)
+        off = ruler_contradictions(designs, cleaned.adjustment, knowledge.errors, knowledge.print_sigma)
         if any(off):
-            known = replace(known, errors=widened(designs, off, known.errors))
-            cleaned = _with_lengths(cleaned, (*known.lengths, *told_by_rulers(designs, known.lengths, known.errors)))
+            knowledge = replace(knowledge, errors=widened(designs, off, knowledge.errors))
+            cleaned = _with_lengths(
+                cleaned, (*knowledge.lengths, *told_by_rulers(designs, knowledge.lengths, knowledge.errors))
+            )
         if cleaned.adjustment.degrees_of_freedom > 0:
-            cleaned = _held_loosely(cleaned, known.print_sigma)
+            cleaned = _held_loosely(cleaned, knowledge.print_sigma)
     except (UndeterminedError, np.linalg.LinAlgError):
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
@@ -451,9 +453,9 @@ def calibrate(
     relation = None
     if len(bodies[0].plates) > 1:
         relation = relate(
-            _with_markers(bodies[0], designs), cleaned.adjustment, sightings.photo[cleaned.used], known.print_sigma
+            _with_markers(bodies[0], designs), cleaned.adjustment, sightings.photo[cleaned.used], knowledge.print_sigma
         )
-    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
+    result = _result(designs, knowledge, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
     report("judging", 1, 1)
     return result
 
@@ -465,16 +467,16 @@ def _with_markers(body: Body, markers: Sequence[Marker], relation: Array | None 
 
 def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
     """Adjust again with other lengths, of all dots, if there are any."""
-    found, chosen = cleaned.adjustment, np.flatnonzero(cleaned.dots).tolist()
-    own = tuple(
-        replace(each, first=chosen.index(each.first), second=chosen.index(each.second))
-        for each in lengths
-        if {each.first, each.second} <= set(chosen)
+    adjusted, chosen = cleaned.adjustment, np.flatnonzero(cleaned.dots).tolist()
+    rulers = tuple(
+        replace(ruler, first=chosen.index(ruler.first), second=chosen.index(ruler.second))
+        for ruler in lengths
+        if {ruler.first, ruler.second} <= set(chosen)
     )
-    if not own:
+    if not rulers:
         return cleaned
-    network = replace(found.network, lengths=own)
-    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
+    network = replace(adjusted.network, lengths=rulers)
+    return replace(cleaned, adjustment=adjust(network, adjusted.views, adjusted.weights, adjusted.places))
 
 
 def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
@@ -485,38 +487,40 @@ def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
     """
     from scipy.stats import chi2
 
-    found = cleaned.adjustment
-    if not found.network.free or chi2.sf(found.chi2, found.degrees_of_freedom) > MISFIT:
+    adjusted = cleaned.adjustment
+    if not adjusted.network.free or chi2.sf(adjusted.chi2, adjusted.degrees_of_freedom) > MISFIT:
         return cleaned
-    sigma = print_sigma / np.sqrt(found.scale)
-    network = replace(found.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
-    return replace(cleaned, adjustment=adjust(network, found.views, found.weights, found.places))
+    sigma = print_sigma / np.sqrt(adjusted.scale)
+    network = replace(adjusted.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
+    return replace(cleaned, adjustment=adjust(network, adjusted.views, adjusted.weights, adjusted.places))
 
 
 def _result(
     designs: Sequence[Marker],
-    known: Known,
+    knowledge: Known,
     sightings: PhotographedDots,
     chosen: NDArray[np.intp],
     cleaned: Cleaned,
     choice: CameraChoice | NotJudged | None,
     relation: Relation | None,
-    off: tuple[float, ...],
+    offsets: tuple[float, ...],
 ) -> Calibration:
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
-    names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
+    names = () if knowledge.camera else choice.names if isinstance(choice, CameraChoice) else BASE
     cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
     names_of = _names(designs)
-    poses = _working_poses(designs, known, adjustment)
-    found = findings(adjustment, known.print_sigma, poses, [names_of[k] for k in chosen]) if known.free else ()
-    if (error := refusal(found)) is not None:
+    poses = _working_poses(designs, knowledge, adjustment)
+    weaknesses = (
+        findings(adjustment, knowledge.print_sigma, poses, [names_of[k] for k in chosen]) if knowledge.free else ()
+    )
+    if (error := refusal(weaknesses)) is not None:
         raise error
     counts = sightings.views.seen.sum(axis=0)
     lost = np.setdiff1d(np.arange(len(names_of)), chosen)
-    rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if known.free else ()
-    notes = [str(each) for each in (*found, *rare)]
+    rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if knowledge.free else ()
+    notes = [str(weakness) for weakness in (*weaknesses, *rare)]
     notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
-    if not known.free and adjustment.variance_factor > ELSEWHERE:
+    if not knowledge.free and adjustment.variance_factor > ELSEWHERE:
         notes.append(
             f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
             "measure them, without --geometry nominal, for a better camera"
@@ -527,16 +531,16 @@ def _result(
     elif choice is not None:
         notes.append(f"which parameters the camera needs was not judged: {choice.reason}")
     markers = tuple(designs)
-    if known.free:
+    if knowledge.free:
         # With one pose for all markers of a photograph, the dots are known better.
-        told = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
+        dots = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
         photos = len(sightings.photos)
         # A rig grows as a whole, of which its markers' dots cannot tell.
-        errors, network = known.errors, adjustment.network
-        left = [0.0 if relation else errors.left(each, network, k) for k, each in enumerate(designs)]
-        markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *told) for k in range(len(designs)))
+        errors, network = knowledge.errors, adjustment.network
+        left = [0.0 if relation else errors.left(design, network, k) for k, design in enumerate(designs)]
+        markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *dots) for k in range(len(designs)))
         # What is to be said of the first marker's rulers is said where its scale is.
-        notes += [doubt(each) for k, each in enumerate(off) if each and k != network.marker[0]]
+        notes += [doubt(off_by) for k, off_by in enumerate(offsets) if off_by and k != network.marker[0]]
     if relation is not None:
         notes += relation.sentences[1:]
         relation = replace(relation, rig=_with_markers(relation.rig, markers, relation.rig.relation_covariance))
@@ -552,14 +556,14 @@ def _result(
         adjustment,
         cleaned.used,
         cleaned.dropped[:, chosen],
-        *_expected(designs, known, adjustment),
-        scale_source(designs[first], adjustment.network, known.errors, off[first]),
+        *_expected(designs, knowledge, adjustment),
+        scale_source(designs[first], adjustment.network, knowledge.errors, offsets[first]),
         tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
         cross,
         halves,
         flex,
         choice,
-        next_photos(adjustment, poses, [names_of[k] for k in chosen]) if known.free else None,
+        next_photos(adjustment, poses, [names_of[k] for k in chosen]) if knowledge.free else None,
         relation,
     )
 
@@ -568,26 +572,30 @@ def _names(designs: Sequence[Marker]) -> list[str]:
     """Names of all dots, for sentences."""
     if len(designs) == 1:
         return [f"dot {point.id}" for point in designs[0].control_points]
-    return [f"dot {p.id} of marker {k + 1}" for k, each in enumerate(designs) for p in each.control_points]
+    return [f"dot {p.id} of marker {k + 1}" for k, marker in enumerate(designs) for p in marker.control_points]
 
 
 def _unflipped(network: Network, views: Views) -> Cleaned:
     """Adjust, and again if a view fits better with its mirrored pose: from afar a flat marker has two."""
     cleaned = adjust_robustly(network, views)
-    found, dots = cleaned.adjustment, cleaned.dots
+    adjusted, dots = cleaned.adjustment, cleaned.dots
     held = replace(
-        found.network, design=found.places, camera=found.camera, free=False, freedom=found.network.freedom.none
+        adjusted.network,
+        design=adjusted.places,
+        camera=adjusted.camera,
+        free=False,
+        freedom=adjusted.network.freedom.none,
     )
-    own = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
-    own.rotation[cleaned.used], own.translation[cleaned.used] = found.views.rotation, found.views.translation
+    start = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
+    start.rotation[cleaned.used], start.translation[cleaned.used] = adjusted.views.rotation, adjusted.views.translation
     changed = False
     for k in range(len(views)):
         seen = views.seen[k] & dots & ~cleaned.dropped[k]
-        view = own.take(slice(k, k + 1)).of_dots(seen)
+        view = start.take(slice(k, k + 1)).of_dots(seen)
         if seen.sum() < LEAST_DOTS:
             continue
         fits = []
-        mirrored = mirrored_poses(found.places[seen[dots]], view.rotation, view.translation)
+        mirrored = mirrored_poses(adjusted.places[seen[dots]], view.rotation, view.translation)
         for rotation, translation in ((view.rotation, view.translation), mirrored):
             try:
                 fits.append(adjust(held.of_dots(seen[dots]), replace(view, rotation=rotation, translation=translation)))
@@ -598,9 +606,9 @@ def _unflipped(network: Network, views: Views) -> Cleaned:
             and fits[1].chi2 < 0.8 * fits[0].chi2
             and np.trace(fits[0].views.rotation[0].T @ fits[1].views.rotation[0]) < 2.999
         ):
-            own.rotation[k], own.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
+            start.rotation[k], start.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
             changed = True
-    return adjust_robustly(network, own) if changed else cleaned
+    return adjust_robustly(network, start) if changed else cleaned
 
 
 def _measured(
@@ -614,68 +622,73 @@ def _measured(
     covariance: Array,
 ) -> Marker:
     """Return a marker with its adjusted dots where they are in the print; `left` is what is unknown of its scale."""
-    own = adjustment.network.marker == which
-    if own.sum() < 2:
+    is_on_marker = adjustment.network.marker == which
+    if is_on_marker.sum() < 2:
         return designs[which]
-    before = sum(len(each) for each in designs[:which])
-    ids = [designs[which].control_points[int(index) - before].id for index in chosen[own]]
-    rows = np.repeat(own, 3)
+    before = sum(len(design) for design in designs[:which])
+    ids = [designs[which].control_points[int(index) - before].id for index in chosen[is_on_marker]]
+    rows = np.repeat(is_on_marker, 3)
     record = {
         "photographs": photos,
-        "views": int(adjustment.views.seen[:, own].any(axis=1).sum()),
+        "views": int(adjustment.views.seen[:, is_on_marker].any(axis=1).sum()),
         "rms_px": adjustment.rms,
         "variance_factor": adjustment.variance_factor,
     }
-    grown = left * (places[own] - places[own].mean(axis=0)).ravel()
+    grown = left * (places[is_on_marker] - places[is_on_marker].mean(axis=0)).ravel()
     return photographed(
-        designs[which], ids, places[own], covariance[np.ix_(rows, rows)] + np.outer(grown, grown), record
+        designs[which], ids, places[is_on_marker], covariance[np.ix_(rows, rows)] + np.outer(grown, grown), record
     )
 
 
-def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[ExpectedError, ExpectedError]:
+def _expected(
+    designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment
+) -> tuple[ExpectedError, ExpectedError]:
     """Expected error of the first marker's pose with the print as designed and as measured."""
     network = adjustment.network
-    own = network.marker == network.marker[0]
-    setting = _setting(designs, known, adjustment)
+    is_on_marker = network.marker == network.marker[0]
+    setting = _setting(designs, knowledge, adjustment)
     poses, camera = setting.poses, adjustment.camera
     # As precise in the image as the photographs themselves.
     spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
     noise = float(np.sqrt(adjustment.scale * np.median(spread)))
-    n, size = int(own.sum()), 3 * int(own.sum())
-    flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
+    n, size = int(is_on_marker.sum()), 3 * int(is_on_marker.sum())
+    flat = np.kron(np.eye(n), np.diag([knowledge.print_sigma**2, knowledge.print_sigma**2, 0.0]))
     joint = adjustment.joint
     if network.free:
-        rows = np.concatenate([np.repeat(own, 3), np.ones(len(camera.parameter_names), dtype=bool)])
+        rows = np.concatenate([np.repeat(is_on_marker, 3), np.ones(len(camera.parameter_names), dtype=bool)])
         joint = joint[np.ix_(rows, rows)]
     else:
         joint = block_diag(flat, joint)
     # A camera that was unknown is the same before and after: only the print differs.
-    lens = joint[size:, size:] if known.covariance is None else known.covariance
+    lens = joint[size:, size:] if knowledge.covariance is None else knowledge.covariance
     if setting.camera is not camera:
         # Another camera works: exact, as far as is known.
         lens = np.zeros((len(setting.camera.parameter_names),) * 2)
         joint = block_diag(joint[:size, :size], lens)
-    told = []
-    cases = (block_diag(flat, lens), network.design[own], False), (joint, adjustment.places[own], network.free)
+    errors = []
+    cases = (
+        (block_diag(flat, lens), network.design[is_on_marker], False),
+        (joint, adjustment.places[is_on_marker], network.free),
+    )
     for covariance, places, measured in cases:
         blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
-        found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
+        working = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         # A wrong scale moves all dots together, so weights ignore it.
         moved = np.zeros((len(covariance), 2))
-        moved[:size] = scaled(designs[network.marker[0]], network, known.errors, places, measured)
-        told.append(found.expected(covariance + moved @ moved.T))
-    return told[0], told[1]
+        moved[:size] = scaled(designs[network.marker[0]], network, knowledge.errors, places, measured)
+        errors.append(working.expected(covariance + moved @ moved.T))
+    return errors[0], errors[1]
 
 
-def _setting(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> Setting:
+def _setting(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment) -> Setting:
     """Working volume of the first marker, with the camera of the photographs if that sees it."""
     marker = designs[adjustment.network.marker[0]]
     try:
-        return setting_of(marker, known.poses, adjustment.camera)
+        return setting_of(marker, knowledge.poses, adjustment.camera)
     except InputError:
-        return setting_of(marker, known.poses)
+        return setting_of(marker, knowledge.poses)
 
 
-def _working_poses(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[Array, Array]:
-    poses = _setting(designs, known, adjustment).poses
+def _working_poses(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment) -> tuple[Array, Array]:
+    poses = _setting(designs, knowledge, adjustment).poses
     return poses.rotation, poses.translation

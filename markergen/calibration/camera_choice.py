@@ -100,7 +100,7 @@ def choose_camera(
     # Dots that take no part, as if they were never seen: a network of fewer.
     weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
     network = replace(network, camera=_with_lens(network.camera))
-    trials = _Trials(network, views, weights, photo)
+    trials = _CameraTrials(network, views, weights, photo)
     tried: list[Trial] = []
     names: tuple[str, ...] = ()
     current, left = None, None
@@ -122,12 +122,17 @@ def choose_camera(
             if set(group) <= set(names):
                 continue
             more = (*names, *group)
-            whole, found = trials.tried(more)
-            gain = None if found is None else Paired.of(left, found)
-            tried.append(Trial(more, found, gain, False))
+            whole, left_out_trial = trials.tried(more)
+            gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
+            tried.append(Trial(more, left_out_trial, gain, False))
             better = gain is not None and gain.chance < CHANCE
-            if better and whole is not None and found is not None and (best is None or found.rms < best[1].rms):
-                best = (whole, found, len(tried) - 1)
+            if (
+                better
+                and whole is not None
+                and left_out_trial is not None
+                and (best is None or left_out_trial.rms < best[1].rms)
+            ):
+                best = (whole, left_out_trial, len(tried) - 1)
         if best is not None and best[2] >= first:
             current, left, number = best
             tried[number] = replace(tried[number], taken=True)
@@ -136,13 +141,13 @@ def choose_camera(
         fewer = tuple(name for name in names if name not in held)
         if not set(held) <= set(names) or not _within_sigma(current, trials.network.camera, held):
             continue
-        whole, found = trials.tried(fewer)
-        gain = None if found is None else Paired.of(left, found)
+        whole, left_out_trial = trials.tried(fewer)
+        gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
         taken = gain is not None and gain.chance < CHANCE
-        tried.append(Trial(fewer, found, gain, taken))
-        if taken and gain is not None and found is not None and whole is not None:
+        tried.append(Trial(fewer, left_out_trial, gain, taken))
+        if taken and gain is not None and left_out_trial is not None and whole is not None:
             notes.append(f"{' '.join(held)} held: left-out photographs are predicted {gain.ratio:.3g} times better so")
-            names, current, left = fewer, whole, found
+            names, current, left = fewer, whole, left_out_trial
     return CameraChoice(names, network.camera, trials.freedom(names), tuple(tried), tuple(notes))
 
 
@@ -159,7 +164,7 @@ _HELD = (("k2",), ("k1",), ("cx", "cy"))
 
 
 @dataclass(eq=False)
-class _Trials:
+class _CameraTrials:
     """Left-out residuals with different camera parameters freed."""
 
     network: Network
@@ -194,22 +199,22 @@ class _Trials:
         return whole[0], result if np.isfinite(result.squares).sum() >= LEAST_JUDGED else None
 
 
-def _within_sigma(found: Adjustment, start: Camera, names: Sequence[str]) -> bool:
+def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -> bool:
     """Return whether parameters differ from their start by no more than their claimed errors (95 %)."""
     from scipy.stats import chi2 as chi2_distribution
 
-    chosen = [found.camera.parameter_names.index(name) for name in names]
+    chosen = [adjustment.camera.parameter_names.index(name) for name in names]
     try:
-        spread = found.camera_covariance[np.ix_(chosen, chosen)]
+        spread = adjustment.camera_covariance[np.ix_(chosen, chosen)]
     except UndeterminedError:
         return True
-    moved = (parameters_of(found.camera) - parameters_of(start))[chosen]
+    moved = (parameters_of(adjustment.camera) - parameters_of(start))[chosen]
     return squared_length(moved, spread)[0] < float(chi2_distribution.ppf(0.95, len(names)))
 
 
 def _with_lens(camera: Camera) -> Camera:
     """Return the camera with all five coefficients of radtan, if it has none or four of them."""
-    known = camera.distortion.coefficients
-    if camera.distortion.model not in ("none", "radtan") or len(known) == 5:
+    coefficients = camera.distortion.coefficients
+    if camera.distortion.model not in ("none", "radtan") or len(coefficients) == 5:
         return camera
-    return replace(camera, distortion=Distortion("radtan", (*known, *[0.0] * (5 - len(known)))))
+    return replace(camera, distortion=Distortion("radtan", (*coefficients, *[0.0] * (5 - len(coefficients)))))

@@ -35,7 +35,7 @@ TILTED_DEG = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class PhotoCoverage:
     """What the photographs of a calibration cover.
 
     Attributes
@@ -80,7 +80,7 @@ class Coverage:
         )
 
 
-def coverage(adjustment: Adjustment) -> Coverage:
+def coverage_of(adjustment: Adjustment) -> PhotoCoverage:
     """Return what the views of a calibration cover, by the dots that took part."""
     views, camera, used = adjustment.views, adjustment.camera, adjustment.weights > 0
     size = camera.width, camera.height
@@ -88,15 +88,15 @@ def coverage(adjustment: Adjustment) -> Coverage:
     x, y = ((views.pixels[used] + 0.5) / size * (COLUMNS, rows)).astype(int).T
     cells = np.zeros((rows, COLUMNS), dtype=np.intp)
     np.add.at(cells, (np.clip(y, 0, rows - 1), np.clip(x, 0, COLUMNS - 1)), 1)
-    shown = np.where(used[..., None], views.pixels, np.nan)
-    extent = np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1)
-    return Coverage(cells, *view_angles(views.rotation), (extent / size).max(axis=1))
+    pixels = np.where(used[..., None], views.pixels, np.nan)
+    extent = np.nanmax(pixels, axis=1) - np.nanmin(pixels, axis=1)
+    return PhotoCoverage(cells, *view_angles(views.rotation), (extent / size).max(axis=1))
 
 
 def posed(tilt_deg: Array, toward_deg: Array, turn_deg: Array) -> Array:
     """Rotations (k, 3, 3) of T_camera_marker, for the angles (k,) of `view_angles`."""
-    lean, turn = _lean(np.deg2rad(tilt_deg), np.deg2rad(toward_deg)), turn_z(np.deg2rad(turn_deg))
-    return np.asarray(lean @ np.diag([1.0, -1.0, -1.0]) @ turn, dtype=float)
+    lean, roll = _lean(np.deg2rad(tilt_deg), np.deg2rad(toward_deg)), turn_z(np.deg2rad(turn_deg))
+    return np.asarray(lean @ np.diag([1.0, -1.0, -1.0]) @ roll, dtype=float)
 
 
 def view_angles(rotation: Array) -> tuple[Array, Array, Array]:
@@ -116,8 +116,8 @@ def view_angles(rotation: Array) -> tuple[Array, Array, Array]:
     tilt = np.arctan2(aside, -normal[:, 2])
     toward = np.where(aside > 1e-12, np.arctan2(normal[:, 1], normal[:, 0]), 0.0)
     flat = np.diag([1.0, -1.0, -1.0]) @ _lean(tilt, toward).swapaxes(-1, -2) @ rotation
-    turn = np.arctan2(flat[:, 1, 0], flat[:, 0, 0])
-    return np.rad2deg(tilt), np.rad2deg(toward) % 360, np.rad2deg(turn) % 360
+    roll = np.arctan2(flat[:, 1, 0], flat[:, 0, 0])
+    return np.rad2deg(tilt), np.rad2deg(toward) % 360, np.rad2deg(roll) % 360
 
 
 def _lean(tilt: Array, toward: Array) -> Array:

@@ -83,7 +83,7 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     weighted = (weight @ heights).swapaxes(-1, -2)
     v = len(views)
     m, size, q = modes.shape[1], parts.dots, len(parts.rest)
-    own = np.einsum("vnia,vnab->vib", weighted, heights)
+    height_information = np.einsum("vnia,vnab->vib", weighted, heights)
     pose = np.einsum("vnia,vnab->vib", weighted, parts.rows_pose)
     through = pose @ np.linalg.inv(parts.pose)
     shared = np.zeros((v, m, q))
@@ -94,7 +94,7 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     shared = (shared - through @ parts.cross).reshape(v * m, q)
     matrix = -shared @ unscaled @ shared.T
     index = np.arange(v)
-    matrix.reshape(v, m, v, m)[index, :, index, :] += own - through @ pose.swapaxes(-1, -2)
+    matrix.reshape(v, m, v, m)[index, :, index, :] += height_information - through @ pose.swapaxes(-1, -2)
     gradient = np.einsum("vnia,vna->vi", weighted, adjustment.residual).ravel()
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     kept = values > _VISIBLE * max(values[-1], 1e-300)
@@ -121,12 +121,15 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
 def _modes(design: Array, marker: NDArray[np.intp]) -> Array:
     """Quadratic heights (n, 3) of each marker's dots less shift and tilt: orthogonal, of RMS 1, or 0."""
     modes = np.zeros((len(design), 3))
-    for each in np.unique(marker):
-        own = marker == each
-        x, y = ((design[own, :2] - design[own, :2].mean(axis=0)) / np.ptp(design[own, :2], axis=0).max()).T
+    for number in np.unique(marker):
+        is_on_marker = marker == number
+        x, y = (
+            (design[is_on_marker, :2] - design[is_on_marker, :2].mean(axis=0))
+            / np.ptp(design[is_on_marker, :2], axis=0).max()
+        ).T
         plane = np.linalg.qr(np.stack([np.ones_like(x), x, y], axis=-1))[0]
         bent = np.stack([x * x, x * y, y * y], axis=-1)
         left, strength, _ = np.linalg.svd(bent - plane @ (plane.T @ bent), full_matrices=False)
         count = min(3, left.shape[1])
-        modes[np.ix_(own, range(count))] = left[:, :count] * (strength[:count] > 1e-6) * np.sqrt(len(x))
+        modes[np.ix_(is_on_marker, range(count))] = left[:, :count] * (strength[:count] > 1e-6) * np.sqrt(len(x))
     return modes

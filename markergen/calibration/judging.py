@@ -72,14 +72,14 @@ class LeftOut:
     @property
     def rms(self) -> float:
         """RMS over all dots of the length of the residual, px."""
-        known = np.isfinite(self.squares)
-        return float(np.sqrt(self.squares[known].sum() / max(self.dots[known].sum(), 1)))
+        is_predicted = np.isfinite(self.squares)
+        return float(np.sqrt(self.squares[is_predicted].sum() / max(self.dots[is_predicted].sum(), 1)))
 
     @property
     def variance_factor(self) -> float:
         """chi2 per degree of freedom, over all photographs: 1 if dots and camera were exact."""
-        known = np.isfinite(self.chi2)
-        return float(self.chi2[known].sum() / max(self.degrees_of_freedom[known].sum(), 1))
+        is_predicted = np.isfinite(self.chi2)
+        return float(self.chi2[is_predicted].sum() / max(self.degrees_of_freedom[is_predicted].sum(), 1))
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Paired:
         """Compare two predictions of the same photographs; a ratio above 1 is in favor of the second."""
         from scipy.stats import t as student
 
-        first, second = (np.maximum(each.rms_each, _FLOOR_PX) for each in (worse, better))
+        first, second = (np.maximum(left_out.rms_each, _FLOOR_PX) for left_out in (worse, better))
         logarithm = np.log(first / second)
         logarithm = logarithm[np.isfinite(logarithm)]
         count = len(logarithm)
@@ -239,8 +239,8 @@ def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | No
         Photograph of each view.
     """
     network = continued(adjustment.network, adjustment.camera)
-    found = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places)
-    photos, (measured, nominal, refitted) = np.unique(photo), found
+    left_out = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places)
+    photos, (measured, nominal, refitted) = np.unique(photo), left_out
     if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
         return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
     best = refitted if len(network.freedom) else nominal
@@ -266,35 +266,37 @@ def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
     from scipy.stats import chi2 as chi2_distribution
 
     views, weights = adjustment.views, adjustment.weights
-    photos, first_view, own = np.unique(photo, return_index=True, return_inverse=True)
+    photos, first_view, index_of_photo = np.unique(photo, return_index=True, return_inverse=True)
     if len(photos) < 2 * LEAST_IN_HALF:
         return NotJudged(f"two halves need {2 * LEAST_IN_HALF} photographs or more, found {len(photos)}")
     second = _second_half(views.take(first_view), np.random.default_rng(0))
-    sides = [~second[own], second[own]]
+    sides = [~second[index_of_photo], second[index_of_photo]]
     network = continued(adjustment.network, adjustment.camera)
     kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
-    found = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
-    if found[0] is None or found[1] is None:
+    parts = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
+    if parts[0] is None or parts[1] is None:
         return NotJudged("half of the photographs are too few to determine the dots")
-    halves = [each[0] for each in found if each is not None]
+    halves = [part[0] for part in parts if part is not None]
     size = halves[0].normal.dots
     try:
-        covariances = [each.unscaled for each in halves]
+        covariances = [half.unscaled for half in halves]
     except UndeterminedError:
         return NotJudged("half of the photographs are too few to determine the dots")
-    known = [replace(each, views=each.views.take(slice(0)), weights=each.weights[:0]).normal.rest for each in halves]
+    information_before = [
+        replace(half, views=half.views.take(slice(0)), weights=half.weights[:0]).normal.rest for half in halves
+    ]
     spread: Array = covariances[0] + covariances[1]
-    if known[0].any():
+    if information_before[0].any():
         apart = covariances[1] - covariances[0]
-        spread = apart @ known[0] @ apart
-        for half, before, each in zip(halves, known, covariances, strict=True):
-            spread += each @ (half.normal.reduced() - before) @ each
+        spread = apart @ information_before[0] @ apart
+        for half, before, covariance in zip(halves, information_before, covariances, strict=True):
+            spread += covariance @ (half.normal.reduced() - before) @ covariance
     spread = adjustment.scale * spread
     difference = halves[1].places - halves[0].places
     difference = difference[: size // 3]
     chi2, freedom = squared_length(difference.ravel(), spread[:size, :size])
     blocks = [slice(3 * k, 3 * k + 3) for k in range(len(difference))]
-    each = np.array([squared_length(difference[k], spread[block, block])[0] for k, block in enumerate(blocks)])
+    chi2_each = np.array([squared_length(difference[k], spread[block, block])[0] for k, block in enumerate(blocks)])
     moved = parameters_of(halves[1].camera) - parameters_of(halves[0].camera)
     step: Array = np.linalg.pinv(network.freedom.directions) @ moved
     camera_chi2, free = squared_length(step, spread[size:, size:])
@@ -305,7 +307,7 @@ def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
         chi2,
         freedom,
         float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
-        each,
+        chi2_each,
         (halves[0].camera, halves[1].camera),
         camera_chi2 / free if free else None,
     )
@@ -327,27 +329,27 @@ def predictions(
     compared : bool
         False leaves out the second and the third.
     """
-    photos, own = np.unique(photo, return_inverse=True)
+    photos, index_of_photo = np.unique(photo, return_inverse=True)
     sums = [_Sums(len(photos)) for _ in range(3)]
     for left in _folds(len(photos)):
-        out = np.isin(own, left)
-        found = adjusted_part(network, views, weights, places, ~out)
-        if found is None:
+        out = np.isin(index_of_photo, left)
+        fitted = adjusted_part(network, views, weights, places, ~out)
+        if fitted is None:
             continue
-        part, kept = found
+        part, kept = fitted
         taken = views.seen & (weights > 0) & kept
         index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
         if not len(index):
             continue
         tested = views.take(index).of_dots(kept), weights[index][:, kept]
-        sums[0].add(own[index], _predicted(part, part.places, part.camera, *tested))
+        sums[0].add(index_of_photo[index], _predicted(part, part.places, part.camera, *tested))
         if compared:
             design = part.network.design
-            sums[1].add(own[index], _predicted(part, design, part.camera, *tested))
+            sums[1].add(index_of_photo[index], _predicted(part, design, part.camera, *tested))
             if len(network.freedom):
                 held = _adjusted(replace(part.network, free=False), part.views, part.weights)
                 if held is not None:
-                    sums[2].add(own[index], _predicted(part, design, held.camera, *tested))
+                    sums[2].add(index_of_photo[index], _predicted(part, design, held.camera, *tested))
     return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
 
 
@@ -364,9 +366,9 @@ def determined(network: Network, views: Views, weights: Array) -> Mask:
         usable = (taken & kept).sum(axis=1) >= LEAST_DOTS
         now = kept & ((taken & usable[:, None]).sum(axis=0) >= 2)
         for marker in np.unique(network.marker[now]):
-            own = now & (network.marker == marker)
-            if own.sum() < LEAST_DOTS:
-                now &= ~own
+            is_on_marker = now & (network.marker == marker)
+            if is_on_marker.sum() < LEAST_DOTS:
+                now &= ~is_on_marker
         if np.array_equal(now, kept):
             return kept
         kept = now
@@ -414,10 +416,10 @@ def continued(network: Network, camera: Camera) -> Network:
 def _adjusted(network: Network, views: Views, weights: Array, places: Array | None = None) -> Adjustment | None:
     """Adjust; None if the views do not determine the network."""
     try:
-        found = adjust(network, views, weights, places)
+        adjusted = adjust(network, views, weights, places)
     except (UndeterminedError, InputError, np.linalg.LinAlgError):
         return None
-    return found if found.degrees_of_freedom > 0 and np.isfinite(found.chi2) else None
+    return adjusted if adjusted.degrees_of_freedom > 0 and np.isfinite(adjusted.chi2) else None
 
 
 def adjusted_part(
@@ -431,8 +433,8 @@ def adjusted_part(
         return None
     reduced, views = network.of_dots(kept), views.of_dots(kept)
     usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
-    found = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
-    return None if found is None else (found, kept)
+    adjusted = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
+    return None if adjusted is None else (adjusted, kept)
 
 
 def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, weights: Array) -> Adjustment | None:

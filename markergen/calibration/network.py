@@ -82,7 +82,7 @@ class CameraFreedom:
         """Free the named parameters, of which nothing is known; if `square`, fx and fy move in proportion."""
         columns = []
         for name in names:
-            column = np.array([float(each == name) for each in camera.parameter_names])
+            column = np.array([float(parameter == name) for parameter in camera.parameter_names])
             if square and name == "fx":
                 column[1] = camera.fy / camera.fx
             if not (square and name == "fy"):
@@ -153,9 +153,9 @@ class Network:
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
         number = np.cumsum(kept) - 1
         lengths = tuple(
-            replace(each, first=int(number[each.first]), second=int(number[each.second]))
-            for each in self.lengths
-            if kept[each.first] and kept[each.second]
+            replace(ruler, first=int(number[ruler.first]), second=int(number[ruler.second]))
+            for ruler in self.lengths
+            if kept[ruler.first] and kept[ruler.second]
         )
         return replace(
             self,
@@ -168,9 +168,9 @@ class Network:
 
     def scale_known(self, marker: int) -> bool:
         """Return whether measurements on the print fix the scale of a marker's dots."""
-        own = self.marker == marker
-        ruled = any(own[each.first] for each in self.lengths)
-        measured = self.prior is not None and (np.trace(self.prior[own], axis1=1, axis2=2) > 0).sum() > 1
+        is_on_marker = self.marker == marker
+        ruled = any(is_on_marker[ruler.first] for ruler in self.lengths)
+        measured = self.prior is not None and (np.trace(self.prior[is_on_marker], axis1=1, axis2=2) > 0).sum() > 1
         return bool(ruled or measured)
 
     def gauge(self, places: Array) -> Array:
@@ -179,12 +179,12 @@ class Network:
         Three shifts and three turns of each marker, and its scale unless measurements fix that.
         """
         columns = []
-        for each in np.unique(self.marker):
-            own = self.marker == each
-            centered = np.where(own[:, None], places - places[own].mean(axis=0), 0.0)
-            shifts = [np.where(own[:, None], axis, 0.0) for axis in np.eye(3)]
+        for number in np.unique(self.marker):
+            is_on_marker = self.marker == number
+            centered = np.where(is_on_marker[:, None], places - places[is_on_marker].mean(axis=0), 0.0)
+            shifts = [np.where(is_on_marker[:, None], axis, 0.0) for axis in np.eye(3)]
             turns = [np.cross(axis, centered) for axis in np.eye(3)]
-            columns += [*shifts, *turns, *([] if self.scale_known(each) else [centered])]
+            columns += [*shifts, *turns, *([] if self.scale_known(number) else [centered])]
         matrix = np.array([column.ravel() for column in columns]).T
         return matrix / np.linalg.norm(matrix, axis=0)
 

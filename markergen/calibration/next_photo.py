@@ -163,9 +163,9 @@ class NextPhotos:
                 f"More photographs hardly help: the best one would lower the expected rotation error of {_short(was)} "
                 f"deg by {100 * max(first.gain, 0):.0f} %."
             )
-        known = _short(was) if was < OPEN_DEG else f"{OPEN_DEG:.0f} deg or more"
+        expected = _short(was) if was < OPEN_DEG else f"{OPEN_DEG:.0f} deg or more"
         return (
-            f"Next photograph: {first.request}. It lowers the expected rotation error from {known} to "
+            f"Next photograph: {first.request}. It lowers the expected rotation error from {expected} to "
             f"{_short(first.after.rotation_deg)} deg."
         )
 
@@ -234,48 +234,48 @@ def next_photos(
         Maximum number of photographs.
     """
     network = adjustment.network
-    own = np.flatnonzero(network.marker == network.marker[0])
-    points, radii, camera = adjustment.places[own], network.radii[own], adjustment.camera
+    dots = np.flatnonzero(network.marker == network.marker[0])
+    points, radii, camera = adjustment.places[dots], network.radii[dots], adjustment.camera
     names = [f"dot {k}" for k in range(len(network.design))] if names is None else names
     spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
     noise = float(np.sqrt(np.median(spread)))
-    taken = adjustment.views.seen[:, own].any(axis=1)
+    taken = adjustment.views.seen[:, dots].any(axis=1)
     earlier = adjustment.views.rotation[taken], adjustment.views.translation[taken]
-    shown = np.isfinite(camera.project(points, *poses)).all(axis=(1, 2))
-    working = (poses[0][shown], poses[1][shown]) if shown.any() else earlier
-    problem = _CandidateWorth(adjustment, points, camera, own, noise, working)
+    is_projected = np.isfinite(camera.project(points, *poses)).all(axis=(1, 2))
+    working = (poses[0][is_projected], poses[1][is_projected]) if is_projected.any() else earlier
+    problem = _CandidateWorth(adjustment, points, camera, dots, noise, working)
     covariance = bounded_covariance(adjustment, GUESS_M, GUESS_PX)
     covariance = covariance[np.ix_(problem.columns, problem.columns)]
     candidates = candidate_photos(points, radii, camera)
     photos: list[NextPhoto] = []
-    told = problem.sensitivity(covariance)
-    before = problem.expected(told, covariance)
+    working_sensitivity = problem.sensitivity(covariance)
+    before = problem.expected(working_sensitivity, covariance)
     while len(photos) < count and len(candidates):
-        gains = problem.gains(told, covariance, candidates)
-        turns, moves = problem.squares(told, covariance)[:, None] - gains.T
+        gains = problem.gains(working_sensitivity, covariance, candidates)
+        turns, moves = problem.squares(working_sensitivity, covariance)[:, None] - gains.T
         good = np.flatnonzero(turns <= _ALIKE**2 * turns.min())
         best = int(good[np.argmin(moves[good])])
         covariance = problem.updated(covariance, candidates.take(np.array([best])))
-        told = problem.sensitivity(covariance)
-        after = problem.expected(told, covariance)
-        photo = _photo(candidates, best, points, [names[k] for k in own.tolist()], camera, before, after)
+        working_sensitivity = problem.sensitivity(covariance)
+        after = problem.expected(working_sensitivity, covariance)
+        photo = _photo(candidates, best, points, [names[k] for k in dots.tolist()], camera, before, after)
         if photos and photo.gain < HARDLY:
             break
         photos.append(photo)
         before = after
         candidates = candidates.take(np.sort(np.argsort(turns, kind="stable")[:_KEPT]))
-    return NextPhotos(tuple(photos), points, radii, tuple(names[k] for k in own.tolist()), camera, earlier)
+    return NextPhotos(tuple(photos), points, radii, tuple(names[k] for k in dots.tolist()), camera, earlier)
 
 
 def candidate_photos(points: Array, radii: Array, camera: Camera) -> Candidates:
     """Photographs of dots (n, 3) with radii (n,), wholly in view, none smaller than `LEAST_DIAMETER`."""
     leaning = [(0.0, 0.0), *((tilt, 45.0 * k) for tilt in TILTS_DEG for k in range(8))]
     placed = [(fill, place) for fill in FILLS for place in PLACES if fill < 1 or place == (0, 0)]
-    rows = [(*lean, turn, fill, *place) for turn in TURNS_DEG for fill, place in placed for lean in leaning]
-    tilt, toward, turn, fill, x, y = np.array(rows).T
-    rotation, place = posed(tilt, toward, turn), np.stack([x, y], axis=-1)
+    rows = [(*lean, roll, fill, *place) for roll in TURNS_DEG for fill, place in placed for lean in leaning]
+    tilt, toward, roll, fill, x, y = np.array(rows).T
+    rotation, place = posed(tilt, toward, roll), np.stack([x, y], axis=-1)
     translation = _translations(points, radii, rotation, camera, fill, place)
-    found = Candidates(rotation, translation, tilt, toward, turn, fill, place)
+    candidates = Candidates(rotation, translation, tilt, toward, roll, fill, place)
     pixels = _rims(points, radii, rotation, translation, camera)
     room = 0.5 * MARGIN * np.array([camera.width, camera.height])
     inside = (pixels >= room) & (pixels <= [camera.width, camera.height] - room)
@@ -288,7 +288,7 @@ def candidate_photos(points: Array, radii: Array, camera: Camera) -> Candidates:
         with np.errstate(invalid="ignore"):
             smallest = 2 * np.sqrt(np.linalg.eigvalsh(np.nan_to_num(shape))[..., 0].min(axis=1))
         seen &= images.seen.all(axis=1) & (smallest >= LEAST_DIAMETER)
-    return found.take(seen)
+    return candidates.take(seen)
 
 
 def _rims(points: Array, radii: Array, rotation: Array, translation: Array, camera: Camera) -> Array:
@@ -319,9 +319,9 @@ def _translations(points: Array, radii: Array, rotation: Array, camera: Camera, 
         share = ((high - low) / room).max(axis=1) / fill
         depth = target[:, 2] * np.where(lost, 2.0, np.clip(share, 0.7, 2.0))
         goal = (size - 1) / 2 + place * (room - (high - low)) / 2
-        shift = (goal - (low + high) / 2) / camera.focal
+        displacement = (goal - (low + high) / 2) / camera.focal
         aside = target[:, :2] / target[:, 2:]
-        aside = np.where(lost[:, None], 0.5 * aside, aside + 0.8 * shift)
+        aside = np.where(lost[:, None], 0.5 * aside, aside + 0.8 * displacement)
         target = np.column_stack([aside * depth[:, None], depth])
     return target - rotation @ middle
 
@@ -333,7 +333,7 @@ class _CandidateWorth:
     adjustment: Adjustment
     points: Array
     camera: Camera
-    own: NDArray[np.intp]
+    dots: NDArray[np.intp]
     noise: float
     poses: tuple[Array, Array]
 
@@ -350,7 +350,7 @@ class _CandidateWorth:
     def columns(self) -> NDArray[np.intp]:
         """Indices of the own unknowns among all."""
         size = self.adjustment.normal.dots
-        dots = (3 * self.own[:, None] + np.arange(3)).ravel() if self.free else np.zeros(0, dtype=np.intp)
+        dots = (3 * self.dots[:, None] + np.arange(3)).ravel() if self.free else np.zeros(0, dtype=np.intp)
         return np.concatenate([dots, size + np.arange(len(self.adjustment.network.freedom))]).astype(np.intp)
 
     def lift(self, transfer: Array) -> Array:
@@ -367,16 +367,18 @@ class _CandidateWorth:
             index = np.arange(n)
             blocks = scale * covariance[: 3 * n, : 3 * n].reshape(n, 3, n, 3)[index, :, index, :]
         noise = np.sqrt(scale) * self.noise
-        told = sensitivity(self.points, self.camera, *self.poses, float(noise), blocks)
-        return replace(told, transfer=self.lift(told.transfer), dots=3 * n if self.free else 0)
+        working_sensitivity = sensitivity(self.points, self.camera, *self.poses, float(noise), blocks)
+        return replace(
+            working_sensitivity, transfer=self.lift(working_sensitivity.transfer), dots=3 * n if self.free else 0
+        )
 
-    def expected(self, told: Sensitivity, covariance: Array) -> ExpectedError:
-        return told.expected(self.scale * covariance)
+    def expected(self, working_sensitivity: Sensitivity, covariance: Array) -> ExpectedError:
+        return working_sensitivity.expected(self.scale * covariance)
 
-    def squares(self, told: Sensitivity, covariance: Array) -> Array:
+    def squares(self, working_sensitivity: Sensitivity, covariance: Array) -> Array:
         """Mean squares (2,) of rotation and translation, rad^2 and m^2, unscaled."""
-        image = np.einsum("pii->i", told.image) / len(told.image) / self.scale
-        matrices = [np.sum(each * covariance) for each in told.matrices()]
+        image = np.einsum("pii->i", working_sensitivity.image) / len(working_sensitivity.image) / self.scale
+        matrices = [np.sum(matrix * covariance) for matrix in working_sensitivity.matrices()]
         return np.array([image[:3].sum(), image[3:].sum()]) + matrices
 
     def rows(self, candidates: Candidates, dots: NDArray[np.intp]) -> tuple[Array, Array, Array]:
@@ -388,21 +390,21 @@ class _CandidateWorth:
         moved = self.camera.parameter_jacobian(normalized) @ self.adjustment.network.freedom.directions
         return pose, place if self.free else place[..., :0], moved
 
-    def gains(self, told: Sensitivity, covariance: Array, candidates: Candidates) -> Array:
+    def gains(self, working_sensitivity: Sensitivity, covariance: Array, candidates: Candidates) -> Array:
         """Decrease (k, 2) of the mean squares of rotation and translation, unscaled, by each candidate."""
         n = len(self.points)
         dots = np.unique(np.linspace(0, n - 1, min(n, _MOST_DOTS)).round().astype(np.intp))
         # As many coordinates tell more, fewer have to be the more precise.
         noise = self.noise**2 * len(dots) / n
-        worth = [covariance @ each @ covariance for each in told.matrices()]
-        found = []
+        worth = [covariance @ matrix @ covariance for matrix in working_sensitivity.matrices()]
+        gains = []
         for start in range(0, len(candidates), _BATCH):
             part = candidates.take(np.arange(start, min(start + _BATCH, len(candidates))))
             pose, place, moved = self.rows(part, dots)
-            inside = [_through(place, moved, dots, n, each) for each in (covariance, *worth)]
+            inside = [_through(place, moved, dots, n, matrix) for matrix in (covariance, *worth)]
             gain = _gain(inside[0] + noise * np.eye(2 * len(dots)), pose.reshape(len(part), -1, 6))
-            found.append(np.stack([np.einsum("kab,kab->k", gain, each) for each in inside[1:]], axis=-1))
-        return np.concatenate(found)
+            gains.append(np.stack([np.einsum("kab,kab->k", gain, lowered) for lowered in inside[1:]], axis=-1))
+        return np.concatenate(gains)
 
     def updated(self, covariance: Array, candidate: Candidates) -> Array:
         """Covariance (q, q), unscaled, after one candidate."""
@@ -424,16 +426,16 @@ def _through(place: Array, moved: Array, dots: NDArray[np.intp], n: int, matrix:
     k, m, r = *place.shape[:2], moved.shape[-1]
     size = len(matrix) - r
     camera = np.broadcast_to(matrix[size:, size:], (k, 1, r, r))
-    found = (moved @ camera).reshape(k, 2 * m, r) @ moved.reshape(k, 2 * m, r).swapaxes(-1, -2)
+    product = (moved @ camera).reshape(k, 2 * m, r) @ moved.reshape(k, 2 * m, r).swapaxes(-1, -2)
     if not size:
-        return np.asarray(found)
+        return np.asarray(product)
     dotted = matrix[:size, :size].reshape(n, 3, n, 3)[dots][:, :, dots]
     half = place @ dotted.reshape(m, 3, 3 * m)
     whole = half.reshape(k, 2 * m, m, 3).swapaxes(1, 2) @ place.swapaxes(-1, -2)
-    found = found + whole.swapaxes(1, 2).reshape(k, 2 * m, 2 * m)
+    product = product + whole.swapaxes(1, 2).reshape(k, 2 * m, 2 * m)
     aside = (place @ matrix[:size, size:].reshape(n, 3, r)[dots]).reshape(k, 2 * m, r)
     both = aside @ moved.reshape(k, 2 * m, r).swapaxes(-1, -2)
-    return np.asarray(found + both + both.swapaxes(-1, -2))
+    return np.asarray(product + both + both.swapaxes(-1, -2))
 
 
 def _gain(spread: Array, pose: Array) -> Array:
@@ -453,26 +455,26 @@ def _photo(
     after: ExpectedError,
 ) -> NextPhoto:
     """Return a candidate with its request."""
-    one = candidates.take(np.array([best]))
-    tilt, toward, turn = float(one.tilt_deg[0]), float(one.toward_deg[0]), float(one.turn_deg[0])
-    pixels = camera.project(points, one.rotation, one.translation)[0]
+    candidate = candidates.take(np.array([best]))
+    tilt, toward, roll = float(candidate.tilt_deg[0]), float(candidate.toward_deg[0]), float(candidate.turn_deg[0])
+    pixels = camera.project(points, candidate.rotation, candidate.translation)[0]
     top = names[int(np.argmin(pixels[:, 1]))]
     parts = ["hold the camera square to the marker"]
     if tilt:
         side = SIDES[round(toward / 45) % 8]
         parts = [f"tilt the marker {tilt:.0f} deg, its {side} away from the camera"]
-    words = {
+    orientation = {
         0.0: "hold the camera upright",
         90.0: "turn the camera by 90 deg to the right",
         180.0: "hold the camera upside down",
         270.0: "turn the camera by 90 deg to the left",
     }
-    parts.append(f"{words[turn]} ({top} at the top of the picture)")
-    place = PLACES[int(one.place[0, 0]), int(one.place[0, 1])]
-    filled = f"fill {FILLS[float(one.fill[0])]} the picture".replace("  ", " ")
+    parts.append(f"{orientation[roll]} ({top} at the top of the picture)")
+    place = PLACES[int(candidate.place[0, 0]), int(candidate.place[0, 1])]
+    filled = f"fill {FILLS[float(candidate.fill[0])]} the picture".replace("  ", " ")
     parts.append(f"{filled}, in its {place} corner" if place else filled)
     request = f"{', '.join(parts[:-1])}, and {parts[-1]}"
-    return NextPhoto(one.rotation[0], one.translation[0], tilt, toward, turn, request, before, after)
+    return NextPhoto(candidate.rotation[0], candidate.translation[0], tilt, toward, roll, request, before, after)
 
 
 def _corners(points: Array) -> NDArray[np.intp]:

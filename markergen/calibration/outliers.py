@@ -80,8 +80,8 @@ def _cleaned(network: Network, views: Views, dots: Mask) -> Cleaned:
     if not used.any():
         raise UndeterminedError("photographs that show four dots or more")
     limit = float(chi2_distribution.isf(FALSE_ALARM / max(1, views.seen.sum()), 2))
-    found = adjust(network, views.take(used))
-    test = _tested(found)
+    adjusted = adjust(network, views.take(used))
+    test = _tested(adjusted)
     if test.max(initial=0.0) > limit:
         # A robust start: one outlier hides others, and spoils the pose of its view.
         weights = np.ones(test.shape)
@@ -89,19 +89,19 @@ def _cleaned(network: Network, views: Views, dots: Mask) -> Cleaned:
             before, weights = weights, np.maximum(1 / (1 + test / CAUCHY**2), LEAST_WEIGHT)
             if np.abs(weights - before).max() < _SETTLED:
                 break
-            found = adjust(network, found.views, weights, found.places)
-            test = _tested(found)
+            adjusted = adjust(network, adjusted.views, weights, adjusted.places)
+            test = _tested(adjusted)
     dropped = np.zeros(views.seen.shape, dtype=bool)
     states: set[bytes] = set()
     for _ in range(_ROUNDS):
         outside = np.zeros(views.seen.shape, dtype=bool)
-        outside[used] = found.views.seen & (test > limit)
+        outside[used] = adjusted.views.seen & (test > limit)
         # What was taken until now goes the worst first, since it spoils the others of its view.
         new = (outside & dropped) | (dropped & ~used[:, None])
         new[used] |= _worst(outside[used] & ~dropped[used], test)
         left = used & ((views.seen & ~new).sum(axis=1) >= LEAST_DOTS)
         settled = np.array_equal(new, dropped) and np.array_equal(left, used)
-        if settled and (found.weights[found.views.seen & ~dropped[used]] == 1).all():
+        if settled and (adjusted.weights[adjusted.views.seen & ~dropped[used]] == 1).all():
             break
         if new.tobytes() in states:
             new |= dropped  # A measurement that changes sides again and again stays out.
@@ -113,24 +113,24 @@ def _cleaned(network: Network, views: Views, dots: Mask) -> Cleaned:
             rest = dots.copy()
             rest[dots] = taken
             return _cleaned(*whole, rest)
-        start, dropped, used = found.views.take(left[used]), new, left
-        found = adjust(network, start, (~dropped[used]).astype(float), found.places)
-        test = _tested(found)
+        start, dropped, used = adjusted.views.take(left[used]), new, left
+        adjusted = adjust(network, start, (~dropped[used]).astype(float), adjusted.places)
+        test = _tested(adjusted)
     everywhere = np.zeros((len(used), len(dots)), dtype=bool)
     everywhere[:, dots] = dropped
-    return Cleaned(found, used, everywhere, dots)
+    return Cleaned(adjusted, used, everywhere, dots)
 
 
-def _tested(found: Adjustment) -> Array:
+def _tested(adjusted: Adjustment) -> Array:
     """Test statistics (v, n) in units of the robust variance factor; 0 where a dot was not seen."""
-    spread, own = found.residual_covariance(), found.views.covariance
+    spread, measured = adjusted.residual_covariance(), adjusted.views.covariance
     values, vectors = np.linalg.eigh(spread)
-    controlled = values > UNTESTABLE * np.linalg.eigvalsh(own)
-    along = np.einsum("vnij,vni->vnj", vectors, found.residual) ** 2
+    controlled = values > UNTESTABLE * np.linalg.eigvalsh(measured)
+    along = np.einsum("vnij,vni->vnj", vectors, adjusted.residual) ** 2
     test = np.where(controlled, along / np.where(controlled, values, 1.0), 0.0).sum(axis=-1)
-    taken = (found.weights > 0) & controlled.all(axis=-1)
+    taken = (adjusted.weights > 0) & controlled.all(axis=-1)
     factor = float(np.median(test[taken])) / MEDIAN if taken.any() else 1.0
-    return np.where(found.views.seen, test / max(factor, 0.1), 0.0)
+    return np.where(adjusted.views.seen, test / max(factor, 0.1), 0.0)
 
 
 def _worst(chosen: Mask, test: Array) -> Mask:

@@ -131,18 +131,18 @@ def find_dots(
     raised = next((marker for marker in markers if np.ptp(marker.as_designed.xyz[:, 2])), None)
     if camera is None and raised is not None:
         raise InputError("a camera for a marker with relief", "none", "give a rough one with --camera-covariance")
-    given = camera is not None
+    is_given = camera is not None
     notes: dict[str, None] = {}
     every = _sources(photos, notes)
-    names = [f"photo {k}" if isinstance(each, np.ndarray) else str(each) for k, each in enumerate(every)]
+    names = [f"photo {k}" if isinstance(source, np.ndarray) else str(source) for k, source in enumerate(every)]
     size, odd = _one_size(every, names, camera)
     fitting = [k for k in range(len(every)) if k not in odd]
     sources = [every[k] for k in fitting]
-    chosen = sources if given else _some(sources)
+    chosen = sources if is_given else _some(sources)
     results, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers, notes)
     if camera is None:
         seen = _labeled(markers, results, {})
-        if len({each.photo for each in seen}) < ENOUGH and len(chosen) < len(sources):
+        if len({dots.photo for dots in seen}) < ENOUGH and len(chosen) < len(sources):
             results, reasons = _searched(markers, sources, None, None, progress, workers, notes)
             seen = _labeled(markers, results, {})
         camera = _rough_camera(markers, seen, size)
@@ -150,13 +150,13 @@ def find_dots(
             camera = _adjusted(markers, seen, camera)
             results, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
     seen = _labeled(markers, results, reasons)
-    if not given and seen:
+    if not is_given and seen:
         camera = _adjusted(markers, seen, camera)
     seen, doubts = _told_apart(markers, seen, camera, sources)
-    if not given and seen:
+    if not is_given and seen:
         camera = _adjusted(markers, seen, camera)
     views, kept = _views(markers, seen, camera)
-    for lost in sorted({each.photo for each in seen} - {seen[k].photo for k in kept}):
+    for lost in sorted({dots.photo for dots in seen} - {seen[k].photo for k in kept}):
         reasons[lost] = "no pose sees the dots from the front"
     photo = np.array([fitting[seen[k].photo] for k in kept], dtype=np.intp)
     marker = np.array([seen[k].marker for k in kept], dtype=np.intp)
@@ -169,14 +169,16 @@ def _sources(photos: Any, notes: dict[str, None]) -> list[Any]:
     sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
     if sources and isinstance(sources[0], np.ndarray):
         return sources
-    return list(find_images(sources, lambda said: notes.update({said: None})))
+    return list(find_images(sources, lambda note: notes.update({note: None})))
 
 
 def _one_size(
     sources: Sequence[Any], names: Sequence[str], camera: Camera | None
 ) -> tuple[tuple[int, int], dict[int, str]]:
     """Size in px that counts, the camera's or else that of most photographs, and why those of others are left out."""
-    sizes = [check_frame(each).shape[1::-1] if isinstance(each, np.ndarray) else image_size(each) for each in sources]
+    sizes = [
+        check_frame(source).shape[1::-1] if isinstance(source, np.ndarray) else image_size(source) for source in sources
+    ]
     counts = Counter(size for size in sizes if size is not None)
     if not counts:
         # It raises: its header could not be read.
@@ -188,13 +190,16 @@ def _one_size(
         most = counts[size]
     if not most or (camera is None and most < MAJORITY * counts.total()):
         common = counts.most_common(3)
-        firsts = (f"{count} of {_px(each)} ({names[sizes.index(each)]}{'...' * (count > 1)})" for each, count in common)
+        firsts = (
+            f"{count} of {_px(size_px)} ({names[sizes.index(size_px)]}{'...' * (count > 1)})"
+            for size_px, count in common
+        )
         raise InputError(
             "photographs of one size" if camera is None else f"photographs of the camera's {_px(size)}",
             ", ".join(firsts),
             "give all as the camera stored them: not rotated, cropped, zoomed or shrunk",
         )
-    odd = {k: f"{_px(each)}, {whose} {_px(size)}" for k, each in enumerate(sizes) if each not in (None, size)}
+    odd = {k: f"{_px(size_px)}, {whose} {_px(size)}" for k, size_px in enumerate(sizes) if size_px not in (None, size)}
     return size, odd
 
 
@@ -225,37 +230,39 @@ def _searched(
             if progress:
                 progress("detecting", len(results), len(sources))
         return results, {}
-    found = detect_files(
+    detections = detect_files(
         sources, markers, camera,
         camera_covariance=camera_covariance, print_sigma=SEARCH_SIGMA, workers=workers, progress=progress,
     )  # fmt: skip
-    notes.update(dict.fromkeys(note for each in found for note in each.notes))
-    return [each.markers for each in found], {k: each.error for k, each in enumerate(found) if each.error}
+    notes.update(dict.fromkeys(note for detected in detections for note in detected.notes))
+    return [detected.markers for detected in detections], {
+        k: detected.error for k, detected in enumerate(detections) if detected.error
+    }
 
 
 def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[_Seen]:
     """Dots of the markers found in each photograph; fills in why a photograph has none."""
     seen = []
-    for photo, found in enumerate(results):
-        own: list[_Seen] = []
+    for photo, detections in enumerate(results):
+        dots_of_markers: list[_Seen] = []
         for number, marker in enumerate(markers):
-            copies = [each.detection for each in found if each.ok and each.detection.marker == number]
+            copies = [result.detection for result in detections if result.ok and result.detection.marker == number]
             if len(copies) > 1:
                 reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
-                own = []
+                dots_of_markers = []
                 break
-            guessed = [each.detection for each in found if each.detection.marker == number]
+            guessed = [result.detection for result in detections if result.detection.marker == number]
             place = {point.id: k for k, point in enumerate(marker.control_points)}
             if copies:
                 index = np.array([place[int(name)] for name in copies[0].ids], dtype=np.intp)
-                own.append(_Seen(photo, number, index, copies[0].ellipse_centers, copies[0].covariance))
+                dots_of_markers.append(_Seen(photo, number, index, copies[0].ellipse_centers, copies[0].covariance))
             elif guessed and guessed[0].unlabeled is not None and guessed[0].rival is None:
                 dots = guessed[0].unlabeled
                 index = np.array([place[int(name)] for name in dots.guess], dtype=np.intp)
-                own.append(_Seen(photo, number, index, dots.ellipse_centers, dots.covariance, open=True))
-        if not own and found:
-            reasons.setdefault(photo, "; ".join(dict.fromkeys(each.reason for each in found if each.reason)))
-        seen += own
+                dots_of_markers.append(_Seen(photo, number, index, dots.ellipse_centers, dots.covariance, open=True))
+        if not dots_of_markers and detections:
+            reasons.setdefault(photo, "; ".join(dict.fromkeys(result.reason for result in detections if result.reason)))
+        seen += dots_of_markers
     return seen
 
 
@@ -263,10 +270,10 @@ def _told_apart(
     markers: Sequence[Marker], seen: list[_Seen], camera: Camera, sources: Sequence[Any]
 ) -> tuple[list[_Seen], tuple[str, ...]]:
     """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
-    told, doubts = list(seen), []
+    labeled, doubts = list(seen), []
     for number, marker in enumerate(markers):
-        own = [k for k, each in enumerate(seen) if each.marker == number]
-        if not any(seen[k].open for k in own):
+        views = [k for k, dots in enumerate(seen) if dots.marker == number]
+        if not any(seen[k].open for k in views):
             continue
         points, radii, rings = (
             marker.search_xyz,
@@ -274,7 +281,7 @@ def _told_apart(
             np.array([p.feature.kind == "ring" for p in marker.control_points]),
         )
         group, options, kept = relabelings(points, rings), [], []
-        for k in own:
+        for k in views:
             pose = _pose(markers, seen[k], camera)
             if pose is None:
                 continue
@@ -286,7 +293,7 @@ def _told_apart(
             blobs = detect_dots(_grey(sources[seen[k].photo]), marker.light)
             dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
             options.append(alternatives(guess, group, points, radii, camera, dots))
-        settled = settle(options, points, radii, camera)
+        settled = settle_labels(options, points, radii, camera)
         if all(seen[k].open for k in kept):
             settled, told_by_sizes = turned_to_design(settled, group, points, radii, camera)
             if not told_by_sizes:
@@ -300,8 +307,8 @@ def _told_apart(
                 f"others {settled.runner_up:.3g}; take more from one side"
             )
         for k, guess in zip(kept, settled.guesses, strict=True):
-            told[k] = replace(seen[k], index=guess.index, centers=guess.centers, covariance=guess.covariance)
-    return told, tuple(doubts)
+            labeled[k] = replace(seen[k], index=guess.index, centers=guess.centers, covariance=guess.covariance)
+    return labeled, tuple(doubts)
 
 
 def _grey(source: Any) -> NDArray[Any]:
@@ -321,8 +328,8 @@ def _dots_of(markers: Sequence[Marker], seen: _Seen) -> tuple[Array, Array]:
 def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array, Array, float] | None:
     points, radii = _dots_of(markers, seen)
     normalized = camera.from_pixels(seen.centers)
-    found = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(SEARCH_SIGMA))
-    return None if found is None else (found.rotation, found.translation, found.chi2)
+    fitted = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(SEARCH_SIGMA))
+    return None if fitted is None else (fitted.rotation, fitted.translation, fitted.chi2)
 
 
 def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int]) -> Camera:
@@ -334,9 +341,9 @@ def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[
     ]
     costs = []
     for camera in cameras:
-        found = [_pose(markers, each, camera) for each in chosen]
-        each = zip(found, chosen, strict=True)
-        costs.append(sum(np.log1p(pose[2] / len(own.index)) if pose else 20.0 for pose, own in each))
+        poses = [_pose(markers, dots, camera) for dots in chosen]
+        pairs = zip(poses, chosen, strict=True)
+        costs.append(sum(np.log1p(pose[2] / len(dots.index)) if pose else 20.0 for pose, dots in pairs))
     return cameras[int(np.argmin(costs))]
 
 
@@ -354,11 +361,11 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
     # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
     spread = views.covariance + _printed(views, camera)
     try:
-        found = adjust_robustly(network, Views(views.pixels, spread, views.seen, views.rotation, views.translation))
-        sigma = np.sqrt(np.diag(found.adjustment.camera_covariance))
+        cleaned = adjust_robustly(network, Views(views.pixels, spread, views.seen, views.rotation, views.translation))
+        sigma = np.sqrt(np.diag(cleaned.adjustment.camera_covariance))
     except UndeterminedError:
         return camera
-    better = found.adjustment.camera
+    better = cleaned.adjustment.camera
     # Better a rough camera than one that the views hardly determine.
     return better if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5 else camera
 
@@ -375,18 +382,18 @@ def _views(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> 
     total = int(starts[-1])
     pixels, spread, mask = [], [], []
     poses, kept = [], []
-    for k, each in enumerate(seen):
-        found = _pose(markers, each, camera)
-        if found is None:
+    for k, dots in enumerate(seen):
+        pose = _pose(markers, dots, camera)
+        if pose is None:
             continue
-        place, own = np.zeros((total, 2)), np.broadcast_to(np.eye(2), (total, 2, 2)).copy()
+        place, covariance = np.zeros((total, 2)), np.broadcast_to(np.eye(2), (total, 2, 2)).copy()
         taken = np.zeros(total, dtype=bool)
-        columns = starts[each.marker] + each.index
-        place[columns], own[columns], taken[columns] = each.centers, each.covariance, True
+        columns = starts[dots.marker] + dots.index
+        place[columns], covariance[columns], taken[columns] = dots.centers, dots.covariance, True
         pixels.append(place)
-        spread.append(own)
+        spread.append(covariance)
         mask.append(taken)
-        poses.append(found)
+        poses.append(pose)
         kept.append(k)
     return Views(
         np.array(pixels).reshape(-1, total, 2),
@@ -439,22 +446,22 @@ class Relabeling:
 
     Attributes
     ----------
-    rotation, shift : arrays (2, 2) and (2,), m
+    rotation, translation : arrays (2, 2) and (2,), m
         X -> R X + t.
     image : array (n,) of int
         The dot that each is taken to; -1: none.
     """
 
     rotation: Array
-    shift: Array
+    translation: Array
     image: Index
 
     def pose(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
         """Return the pose with which the moved layout looks as the layout does with the given pose."""
-        turn = np.eye(3)
-        turn[:2, :2] = self.rotation
-        turned = rotation @ turn.T
-        return turned, translation - turned @ np.append(self.shift, 0.0)
+        flip = np.eye(3)
+        flip[:2, :2] = self.rotation
+        turned = rotation @ flip.T
+        return turned, translation - turned @ np.append(self.translation, 0.0)
 
 
 def relabelings(points: Array, rings: NDArray[np.bool_]) -> list[Relabeling]:
@@ -467,25 +474,25 @@ def relabelings(points: Array, rings: NDArray[np.bool_]) -> list[Relabeling]:
     apart = tree.query(flat, k=2)[0][:, 1]
     within = MATCH * float(apart.min())
     middle = int(np.argmin(np.sum((flat - flat.mean(axis=0)) ** 2, axis=1)))
-    near = int(tree.query(flat[middle], k=2)[1][1])
-    length = float(np.linalg.norm(flat[near] - flat[middle]))
-    found: dict[bytes, Relabeling] = {}
+    neighbor = int(tree.query(flat[middle], k=2)[1][1])
+    length = float(np.linalg.norm(flat[neighbor] - flat[middle]))
+    relabeled: dict[bytes, Relabeling] = {}
     for first, others in enumerate(tree.query_ball_point(flat, length + within)):
         for second in others:
             if second == first or abs(np.linalg.norm(flat[second] - flat[first]) - length) > within:
                 continue
-            rotation, shift = rigid_motion(flat[[middle, near]], flat[[first, second]])
+            rotation, translation = rigid_motion(flat[[middle, neighbor]], flat[[first, second]])
             for _ in range(2):
-                distance, image = tree.query(flat @ rotation.T + shift)
+                distance, image = tree.query(flat @ rotation.T + translation)
                 kept = (distance < within) & (rings == rings[image])
                 if kept.mean() < OVERLAP:
                     break
-                rotation, shift = rigid_motion(flat[kept], flat[image[kept]])
+                rotation, translation = rigid_motion(flat[kept], flat[image[kept]])
             else:
                 labels = np.where(kept, image, -1)
-                found.setdefault(labels.tobytes(), Relabeling(rotation, shift, labels))
+                relabeled.setdefault(labels.tobytes(), Relabeling(rotation, translation, labels))
     identity = np.arange(len(points)).tobytes()
-    return [found[identity], *(each for key, each in found.items() if key != identity)]
+    return [relabeled[identity], *(relabeling for key, relabeling in relabeled.items() if key != identity)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -540,10 +547,10 @@ def alternatives(
     dots : (centers (b, 2), covariance (b, 2, 2), areas (b,))
         All dots of the photograph, labeled or not, px.
     """
-    tree, found = cKDTree(dots[0]), list[Guess]()
+    tree, guesses = cKDTree(dots[0]), list[Guess]()
     apart = cKDTree(guess.centers).query(guess.centers, k=2)[0][:, 1]
-    for each in group:
-        rotation, translation = each.pose(guess.rotation, guess.translation)
+    for relabeling in group:
+        rotation, translation = relabeling.pose(guess.rotation, guess.translation)
         place = to_camera(points, rotation[None], translation[None])
         predicted = camera.to_pixels(perspective(place))[0]
         good = np.isfinite(predicted).all(axis=1) & (place[0, :, 2] > 0)
@@ -551,18 +558,19 @@ def alternatives(
         labeled = np.flatnonzero(good & (distance < 0.3 * np.median(apart)))
         _, once = np.unique(nearest[labeled], return_index=True)
         labeled = labeled[np.sort(once)]
-        own = nearest[labeled]
+        dot_of_blob = nearest[labeled]
         drawn = outlines(points[labeled], radii[labeled], rotation[None], translation[None])
-        area = np.log(dots[2][own]) - np.log(np.linalg.det(drawn.shape[0])) / 2 + 2 * np.log(radii[labeled])
-        found.append(Guess(labeled, dots[0][own], dots[1][own], rotation, translation, area))
-    most = max(len(each.index) for each in found)
-    found = [each for each in found if len(each.index) == most]
-    return _of_right_sizes(found, [each.misfit_of_sizes(radii) for each in found])
+        area = np.log(dots[2][dot_of_blob]) - np.log(np.linalg.det(drawn.shape[0])) / 2 + 2 * np.log(radii[labeled])
+        guesses.append(Guess(labeled, dots[0][dot_of_blob], dots[1][dot_of_blob], rotation, translation, area))
+    most = max(len(labeling.index) for labeling in guesses)
+    guesses = [labeling for labeling in guesses if len(labeling.index) == most]
+    return _of_right_sizes(guesses, [labeling.misfit_of_sizes(radii) for labeling in guesses])
 
 
-def _of_right_sizes(found: Sequence[T], misfit: Sequence[float]) -> list[T]:
+def _of_right_sizes(candidates: Sequence[T], misfit: Sequence[float]) -> list[T]:
     """Return what the dots' sizes do not rule out."""
-    return [each for each, own in zip(found, misfit, strict=True) if own <= min(misfit) + SURELY]
+    limit = min(misfit) + SURELY
+    return [candidate for candidate, square in zip(candidates, misfit, strict=True) if square <= limit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -602,7 +610,7 @@ class _Joined:
     poses: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
 
-def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, camera: Camera) -> Settled:
+def settle_labels(options: Sequence[Sequence[Guess]], points: Array, radii: Array, camera: Camera) -> Settled:
     """Choose one labeling for each photograph so that all agree on one print.
 
     Photographs join one after another, the most different views first, each with every labeling; the best few sets of
@@ -622,22 +630,22 @@ def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, came
     # All may be turned together: the first keeps its labels.
     beam = [_Joined({order[0]: 0}, 0.0)]
     for k in order[1:]:
-        longer = [_joined(each, k, c, options, network) for each in beam for c in range(len(options[k]))]
-        longer.sort(key=lambda each: each.factor)
+        longer = [_joined(joined, k, c, options, network) for joined in beam for c in range(len(options[k]))]
+        longer.sort(key=lambda joined: joined.factor)
         best = longer[0]
         limit = best.factor + HOPELESS * max(1.0, best.factor) / max(1, best.degrees_of_freedom)
-        beam = [best, *(each for each in longer[1:WIDTH] if each.factor <= limit)]
+        beam = [best, *(joined for joined in longer[1:WIDTH] if joined.factor <= limit)]
     best, *others = beam
     changed: list[_Joined] = []
     while len(order) > 1:
         pairs = [(k, c) for k in order[1:] for c in range(len(options[k])) if c != best.chosen[k]]
         changed = [_joined(best, k, c, options, network) for k, c in pairs]
-        better = min(changed, key=lambda each: each.factor, default=best)
+        better = min(changed, key=lambda joined: joined.factor, default=best)
         if better.factor >= best.factor:
             break
         others.append(best)
         best = better
-    runner_up = min((each.factor for each in (*others, *changed) if each.chosen != best.chosen), default=np.inf)
+    runner_up = min((joined.factor for joined in (*others, *changed) if joined.chosen != best.chosen), default=np.inf)
     guesses = tuple(options[k][best.chosen[k]] for k in range(len(options)))
     return Settled(guesses, best.factor, float(runner_up), best.degrees_of_freedom)
 
@@ -645,12 +653,12 @@ def settle(options: Sequence[Sequence[Guess]], points: Array, radii: Array, came
 def _order(options: Sequence[Sequence[Guess]]) -> list[int]:
     """Photographs in the order to join: first one of few labelings and many dots, then the one tilted most unlike."""
     first = min(range(len(options)), key=lambda k: (len(options[k]), -len(options[k][0].index)))
-    normals = np.array([each[0].rotation[:, 2] for each in options])
-    order, near = [first], normals @ normals[first]
+    normals = np.array([guesses[0].rotation[:, 2] for guesses in options])
+    order, nearest = [first], normals @ normals[first]
     while len(order) < len(options):
-        near[order] = np.inf
-        order.append(int(np.argmin(near)))
-        near = np.maximum(near, normals @ normals[order[-1]])
+        nearest[order] = np.inf
+        order.append(int(np.argmin(nearest)))
+        nearest = np.maximum(nearest, normals @ normals[order[-1]])
     return order
 
 
@@ -670,30 +678,31 @@ def _joined(before: _Joined, k: int, c: int, options: Sequence[Sequence[Guess]],
     """Return the photographs joined before with photograph k added, or changed, to its labeling c."""
     chosen = {**before.chosen, k: c}
     photos = sorted(chosen)
-    guesses = [options[each][chosen[each]] for each in photos]
+    guesses = [options[photo][chosen[photo]] for photo in photos]
     v, n = len(photos), len(network.design)
     pixels, spread = np.zeros((v, n, 2)), np.broadcast_to(np.eye(2), (v, n, 2, 2)).copy()
     seen = np.zeros((v, n), dtype=bool)
-    for row, each in enumerate(guesses):
-        pixels[row, each.index], spread[row, each.index], seen[row, each.index] = each.centers, each.covariance, True
+    for row, guess in enumerate(guesses):
+        pixels[row, guess.index], spread[row, guess.index] = guess.centers, guess.covariance
+        seen[row, guess.index] = True
     shared = np.flatnonzero(seen.sum(axis=0) > 1)
     kept = np.zeros(n, dtype=bool)
     kept[shared[np.unique(np.linspace(0, len(shared) - 1, min(len(shared), MOST_DOTS)).astype(int))]] = True
     if kept.sum() < LEAST_DOTS or (seen[:, kept].sum(axis=1) < LEAST_DOTS).any():
         return _Joined(chosen)
-    old = {each: pose for each, pose in before.poses.items() if each != k}
-    poses = [old.get(each, (guess.rotation, guess.translation)) for each, guess in zip(photos, guesses, strict=True)]
+    old = {photo: pose for photo, pose in before.poses.items() if photo != k}
+    poses = [old.get(photo, (guess.rotation, guess.translation)) for photo, guess in zip(photos, guesses, strict=True)]
     views = Views(pixels, spread, seen, np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
     start = network.design if before.places is None else before.places
     try:
-        found = adjust(network.of_dots(kept), views.of_dots(kept), places=start[kept], tolerance=ROUGHLY)
+        adjusted = adjust(network.of_dots(kept), views.of_dots(kept), places=start[kept], tolerance=ROUGHLY)
     except (UndeterminedError, np.linalg.LinAlgError):
         return _Joined(chosen)
     places = start.copy()
-    places[kept] = found.places
-    moved = zip(found.views.rotation, found.views.translation, strict=True)
-    factor = found.chi2 / max(1, found.degrees_of_freedom)
-    return _Joined(chosen, factor, found.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
+    places[kept] = adjusted.places
+    moved = zip(adjusted.views.rotation, adjusted.views.translation, strict=True)
+    factor = adjusted.chi2 / max(1, adjusted.degrees_of_freedom)
+    return _Joined(chosen, factor, adjusted.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
 
 
 def turned_to_design(
@@ -707,27 +716,27 @@ def turned_to_design(
         tuple(
             replace(
                 guess,
-                index=each.image[guess.index],
-                **dict(zip(("rotation", "translation"), each.pose(guess.rotation, guess.translation), strict=True)),
+                index=guesses.image[guess.index],
+                **dict(zip(("rotation", "translation"), guesses.pose(guess.rotation, guess.translation), strict=True)),
             )
             for guess in settled.guesses
         )
-        for each in group
-        if (each.image >= 0).all()
+        for guesses in group
+        if (guesses.image >= 0).all()
     ]
-    likely = _of_right_sizes(turned, [sum(guess.misfit_of_sizes(radii) for guess in each) for each in turned])
-    best = min(likely, key=lambda each: _misfit(each, points, radii, camera))
+    likely = _of_right_sizes(turned, [sum(guess.misfit_of_sizes(radii) for guess in guesses) for guesses in turned])
+    best = min(likely, key=lambda guesses: _misfit(guesses, points, radii, camera))
     return replace(settled, guesses=best), len(likely) == 1
 
 
 def _misfit(guesses: Sequence[Guess], points: Array, radii: Array, camera: Camera) -> float:
     """Sum of squares in px^2 of what the design leaves in all photographs."""
     total = 0.0
-    for each in guesses:
-        seen = camera.from_pixels(each.centers)
+    for guess in guesses:
+        seen = camera.from_pixels(guess.centers)
         weight = np.broadcast_to(camera.fx**2 * np.eye(2), (1, len(seen), 2, 2))
-        found = refine_poses(
-            points[each.index], radii[each.index], seen[None], weight, each.rotation[None], each.translation[None]
+        refined = refine_poses(
+            points[guess.index], radii[guess.index], seen[None], weight, guess.rotation[None], guess.translation[None]
         )
-        total += float(found[2][0])
+        total += float(refined[2][0])
     return total

@@ -133,8 +133,8 @@ def draw_difference(difference: Array, camera: Camera, ax: "Axes") -> "Axes":
     _map(size[..., 0], camera, ax, "difference, px")
     columns = difference.shape[1]
     step = max(columns // _ARROWS, 1)
-    some = (slice(step // 2, None, step), slice(step // 2, None, step))
-    at, to, size = (each[some] for each in (pixel_grid(camera, columns), difference, size))
+    every_tenth = (slice(step // 2, None, step), slice(step // 2, None, step))
+    at, to, size = (values[every_tenth] for values in (pixel_grid(camera, columns), difference, size))
     length = 0.6 * (camera.width - 1) * step / (columns - 1)
     to = np.divide(length * to, size, out=np.zeros_like(to), where=size > _LEAST)
     ax.quiver(*at.T, *to.T, angles="xy", scale_units="xy", scale=1, width=2.5e-3, color=INK, zorder=3)
@@ -146,16 +146,16 @@ def _map(values: Array, camera: Camera, ax: "Axes", label: str) -> "Axes":
 
     x, y = np.moveaxis(pixel_grid(camera, values.shape[1]), -1, 0)
     # In steps of 1, 2, 5: a corner may be a hundred times as bad as the middle.
-    shown = np.ma.masked_invalid(np.maximum(values, _LEAST))
-    largest = float(shown.max()) if shown.count() else _LEAST
-    smallest = max(float(shown.min()) if shown.count() else _LEAST, largest / _RANGE)
+    positive = np.ma.masked_invalid(np.maximum(values, _LEAST))
+    largest = float(positive.max()) if positive.count() else _LEAST
+    smallest = max(float(positive.min()) if positive.count() else _LEAST, largest / _RANGE)
     steps = [base * 10.0**power for power in range(-8, 7) for base in (1, 2, 5)]
-    low = max((each for each in steps if each <= smallest), default=steps[0])
-    high = min((each for each in steps if each > largest), default=steps[-1])
-    levels = [each for each in steps if low <= each <= high]
-    filled = ax.contourf(x, y, shown, levels=levels, norm=LogNorm(low, high), cmap=COLORS, extend="min")
+    low = max((level for level in steps if level <= smallest), default=steps[0])
+    high = min((level for level in steps if level > largest), default=steps[-1])
+    levels = [level for level in steps if low <= level <= high]
+    filled = ax.contourf(x, y, positive, levels=levels, norm=LogNorm(low, high), cmap=COLORS, extend="min")
     if smallest < largest:
-        lines = ax.contour(x, y, shown, levels=levels[1:-1], colors=INK, linewidths=0.5)
+        lines = ax.contour(x, y, positive, levels=levels[1:-1], colors=INK, linewidths=0.5)
         ax.clabel(lines, fontsize=7, fmt=lambda value: f"{value:g}")
     ax.figure.colorbar(filled, ax=ax, label=label, shrink=0.85, ticks=levels, format=lambda value, _: f"{value:g}")
     ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")

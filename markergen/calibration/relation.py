@@ -208,17 +208,17 @@ class _BodyNetwork:
 
     def solved(self, state: _State) -> _State:
         """Return the state at the minimum; steps that raise chi2 are halved."""
-        known, poses = self.free.T @ self.known @ self.free, 6 * (self.photo_count + self.plate_count)
+        information, poses = self.free.T @ self.known @ self.free, 6 * (self.photo_count + self.plate_count)
         away = (state.places - self.network.design).ravel() if self.network.free else np.zeros(0)
         total = self.free.T @ np.r_[np.zeros(poses), away, np.zeros(len(self.network.freedom))]
         normal, gradient, chi2 = self.normal(state)
         for _ in range(STEPS):
-            step = np.linalg.solve(normal + known, gradient - known @ total)
-            cost = chi2 + total @ known @ total
+            step = np.linalg.solve(normal + information, gradient - information @ total)
+            cost = chi2 + total @ information @ total
             for _ in range(HALVINGS):
                 tried, after = self.moved(state, self.free @ step), total + step
                 normal, gradient, chi2 = self.normal(tried)
-                if chi2 + after @ known @ after <= cost * (1 + 1e-9):
+                if chi2 + after @ information @ after <= cost * (1 + 1e-9):
                     break
                 step = step / 2
             state, total = tried, after

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.camera_choice import CameraChoice
-from markergen.calibration.coverage import Coverage, coverage
+from markergen.calibration.coverage import PhotoCoverage, coverage_of
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import CrossValidation, Halves, parameters_of
 from markergen.calibration.projection_uncertainty import (
@@ -24,11 +24,11 @@ from markergen.calibration.projection_uncertainty import (
 from markergen.calibration.sentences import (
     SOURCES,
     far_points,
-    headline,
     judged,
     photographs,
     sentence,
     unused,
+    verdict_sentence,
     what_is_left,
 )
 from markergen.model.camera import Camera
@@ -75,7 +75,7 @@ METHOD = [
 ]
 
 
-def page(found: "Calibration") -> bytes:
+def calibration_page(calibration: "Calibration") -> bytes:
     """Make a self-contained HTML page from a calibration.
 
     Returns
@@ -83,22 +83,24 @@ def page(found: "Calibration") -> bytes:
     bytes
         UTF-8 without scripts, dates or external resources. Text from files is escaped.
     """
-    subject = Quantities(found)
-    designs = "; ".join(title(marker) for marker in found.designs)
-    photos, size = len(found.sightings.photos), found.sightings.size
-    known = "the camera given with its errors" if found.camera_covariance is not None else "the camera taken as given"
+    quantities = Quantities(calibration)
+    designs = "; ".join(title(marker) for marker in calibration.designs)
+    photos, size = len(calibration.sightings.photos), calibration.sightings.size
+    camera_words = (
+        "the camera given with its errors" if calibration.camera_covariance is not None else "the camera taken as given"
+    )
     return pages.page(
         "Calibration report",
         designs,
         [
-            ("answer", "What to expect", _answer_section(subject)),
-            ("print", "The print", _print_section(subject)),
-            ("relation", "The rig", _relation_section(subject)),
-            ("judged", "Does it hold?", _judgment_section(subject)),
-            ("camera", "The camera", _camera_section(subject)),
-            ("photos", "Photographs", _photos_section(subject)),
-            ("coverage", "Coverage", _coverage_section(subject)),
-            ("next", "Next photographs", _next_photos_section(subject)),
+            ("answer", "What to expect", _answer_section(quantities)),
+            ("print", "The print", _print_section(quantities)),
+            ("relation", "The rig", _relation_section(quantities)),
+            ("judged", "Does it hold?", _judgment_section(quantities)),
+            ("camera", "The camera", _camera_section(quantities)),
+            ("photos", "Photographs", _photos_section(quantities)),
+            ("coverage", "Coverage", _coverage_section(quantities)),
+            ("next", "Next photographs", _next_photos_section(quantities)),
             (
                 "method",
                 "How it was measured",
@@ -106,8 +108,8 @@ def page(found: "Calibration") -> bytes:
             ),
         ],
         f"{designs}. {photos} photographs of {size[0]} x {size[1]} px; the print was "
-        f"{'measured' if found.measured else 'taken as designed'}, "
-        f"{'the camera calibrated' if found.estimated else known}.",
+        f"{'measured' if calibration.measured else 'taken as designed'}, "
+        f"{'the camera calibrated' if calibration.estimated else camera_words}.",
         "The same photographs and options give the same page.",
     )
 
@@ -131,28 +133,28 @@ class Rejected:
 class Quantities:
     """The calibration that a report shows; rows are its used views, columns its adjusted dots."""
 
-    found: "Calibration"
+    calibration: "Calibration"
 
     @cached_property
     def dots(self) -> list[str]:
         """Ids of the adjusted dots; with several markers, as ``2:5`` the fifth of the second."""
-        named = [(k, point.id) for k, marker in enumerate(self.found.designs) for point in marker.control_points]
-        several = len(self.found.designs) > 1
-        return [f"{named[i][0] + 1}:{named[i][1]}" if several else str(named[i][1]) for i in self.found.chosen]
+        named = [(k, point.id) for k, marker in enumerate(self.calibration.designs) for point in marker.control_points]
+        several = len(self.calibration.designs) > 1
+        return [f"{named[i][0] + 1}:{named[i][1]}" if several else str(named[i][1]) for i in self.calibration.chosen]
 
     @cached_property
     def photos(self) -> list[str]:
         """Names of the photographs; the end of long ones."""
         return [
             name if len(name) <= LONGEST_NAME else "..." + name[3 - LONGEST_NAME :]
-            for name in self.found.sightings.photos
+            for name in self.calibration.sightings.photos
         ]
 
     @cached_property
     def rows(self) -> list[str]:
         """Name of the photograph of each used view; with several markers also which."""
-        sightings, used = self.found.sightings, self.found.used
-        several = len(self.found.designs) > 1
+        sightings, used = self.calibration.sightings, self.calibration.used
+        several = len(self.calibration.designs) > 1
         return [
             f"{self.photos[photo]}, marker {marker + 1}" if several else self.photos[photo]
             for photo, marker in zip(sightings.photo[used], sightings.marker[used], strict=True)
@@ -161,30 +163,30 @@ class Quantities:
     @property
     def taken(self) -> NDArray[np.bool_]:
         """Measurements (v, n) that took part."""
-        return self.found.adjustment.weights > 0
+        return self.calibration.adjustment.weights > 0
 
     @property
     def rejected(self) -> NDArray[np.bool_]:
         """Measurements (v, n) that were rejected, of the used views."""
-        return self.found.dropped[self.found.used]
+        return self.calibration.dropped[self.calibration.used]
 
     @property
     def displacement(self) -> Array:
         """Where the print's dots (n, 3) are, less where they were designed, um."""
-        adjustment = self.found.adjustment
+        adjustment = self.calibration.adjustment
         return UM * (adjustment.places - adjustment.network.design)
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance (n, 3, 3) of each dot, um^2."""
-        n = len(self.found.chosen)
+        n = len(self.calibration.chosen)
         index = np.arange(n)
-        return UM**2 * self.found.adjustment.covariance.reshape(n, 3, n, 3)[index, :, index]
+        return UM**2 * self.calibration.adjustment.covariance.reshape(n, 3, n, 3)[index, :, index]
 
     @cached_property
     def spread(self) -> Array:
         """Covariance (v, n, 2, 2) of the residuals, px^2, scaled."""
-        return self.found.adjustment.scale * self.found.adjustment.residual_covariance()
+        return self.calibration.adjustment.scale * self.calibration.adjustment.residual_covariance()
 
     @cached_property
     def variance_factors(self) -> Array:
@@ -193,7 +195,7 @@ class Quantities:
         A view's own share of the degrees of freedom is tr(S^-1 A), S the covariance of its measurements in the image
         and A that of their residuals.
         """
-        adjustment, taken = self.found.adjustment, self.taken
+        adjustment, taken = self.calibration.adjustment, self.taken
         inverse = np.linalg.inv(adjustment.views.covariance)
         chi2 = np.einsum("vni,vnij,vnj->vn", adjustment.residual, inverse, adjustment.residual)
         expected = np.einsum("vnij,vnji->vn", inverse, self.spread / adjustment.scale)
@@ -202,7 +204,7 @@ class Quantities:
     @cached_property
     def squares(self) -> Array:
         """Squared lengths (v, n) of the residuals that took part, px^2."""
-        return np.where(self.taken, (self.found.adjustment.residual**2).sum(axis=-1), 0.0)
+        return np.where(self.taken, (self.calibration.adjustment.residual**2).sum(axis=-1), 0.0)
 
     def rms(self, axis: int) -> Array:
         """RMS of the residuals in px of each dot (axis 0) or each view (axis 1); nan where none took part."""
@@ -210,45 +212,47 @@ class Quantities:
         return np.sqrt(np.where(count > 0, self.squares.sum(axis=axis) / np.maximum(count, 1), np.nan))
 
     @cached_property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> PhotoCoverage:
         """What the used views cover."""
-        return coverage(self.found.adjustment)
+        return coverage_of(self.calibration.adjustment)
 
     @cached_property
     def outliers(self) -> list[Rejected]:
         """Rejected dots of the used views, the worst first."""
-        residual = self.found.adjustment.residual
+        residual = self.calibration.adjustment.residual
         listed = []
         for row, column in np.argwhere(self.rejected):
             off = residual[row, column]
             sigma = float(np.sqrt(off @ np.linalg.solve(self.spread[row, column], off)))
             listed.append(Rejected(self.rows[row], self.dots[column], float(np.linalg.norm(off)), sigma))
-        return sorted(listed, key=lambda each: -each.off_sigma)
+        return sorted(listed, key=lambda rejected: -rejected.off_sigma)
 
 
 _HANG_UP, _SQUARE = (5.8, 5.0), (4.4, 4.4)
 """Widths and heights of plots in inches."""
 
 
-def _answer_section(subject: Quantities) -> Section:
+def _answer_section(quantities: Quantities) -> Section:
     """What to expect before and after, by source, and where the scale comes from."""
-    found = subject.found
+    calibration = quantities.calibration
     section = Section(
-        [headline(found), what_is_left(found), found.scale_source],
-        warnings=list(found.notes),
+        [verdict_sentence(calibration), what_is_left(calibration), calibration.scale_source],
+        warnings=list(calibration.notes),
         book=("what is measured, and how well it works", "calibrate.md#how-well-it-works"),
     )
-    if found.next_photos is not None:
-        section.sentences.append(found.next_photos.sentence)
+    if calibration.next_photos is not None:
+        section.sentences.append(calibration.next_photos.sentence)
     rows = []
     for name, pick in (("rotation, deg", 0), ("translation, mm", 1)):
         factor = (1.0, 1e3)[pick]
-        for when, error in (("as designed", found.before), ("as measured", found.after)):
-            if when == "as measured" and not found.measured:
+        for when, error in (("as designed", calibration.before), ("as measured", calibration.after)):
+            if when == "as measured" and not calibration.measured:
                 continue
             total = (error.rotation_deg, error.translation)[pick]
             parts = [getattr(error, source)[pick] for source in SOURCES]
-            rows.append([name, when, *(number(factor * each) if each else "0" for each in (total, *parts))])
+            rows.append(
+                [name, when, *(number(factor * error_size) if error_size else "0" for error_size in (total, *parts))]
+            )
     section.tables.append(
         Table(
             "Expected pose error over the working volume, RMS over its poses",
@@ -261,35 +265,36 @@ def _answer_section(subject: Quantities) -> Section:
     return section
 
 
-def _print_section(subject: Quantities) -> Section | None:
+def _print_section(quantities: Quantities) -> Section | None:
     """Map of each marker, and the table of its dots."""
-    found = subject.found
+    calibration = quantities.calibration
     section = Section()
-    if found.measured:
-        away = subject.displacement
+    if calibration.measured:
+        away = quantities.displacement
         plane, height = np.linalg.norm(away[:, :2], axis=1), away[:, 2]
-        sigma = np.sqrt(np.einsum("nii->ni", subject.covariance))
+        sigma = np.sqrt(np.einsum("nii->ni", quantities.covariance))
         section.sentences.append(
             f"In the print dots are {number(_rms(plane))} um RMS from where they were designed within the plane, at "
-            f"most {number(float(plane.max()))} um (dot {subject.dots[int(plane.argmax())]}); in height they spread by "
-            f"{number(float(np.ptp(height)))} um. The photographs tell this to {number(_rms(sigma[:, :2]))} um along x "
-            f"and y, and to {number(_rms(sigma[:, 2]))} um in height (1 sigma, RMS)."
+            f"most {number(float(plane.max()))} um (dot {quantities.dots[int(plane.argmax())]}); in height they "
+            f"spread by {number(float(np.ptp(height)))} um. The photographs tell this to "
+            f"{number(_rms(sigma[:, :2]))} um along x and y, and to {number(_rms(sigma[:, 2]))} um in height "
+            "(1 sigma, RMS)."
         )
-        section.plots += list(_maps(subject, away, subject.covariance, "map"))
-    section.tables.append(_dot_table(subject))
+        section.plots += list(_maps(quantities, away, quantities.covariance, "map"))
+    section.tables.append(_dot_table(quantities))
     return section
 
 
-def _relation_section(subject: Quantities) -> Section | None:
+def _relation_section(quantities: Quantities) -> Section | None:
     """Where the markers of a rig are, beside where they were designed."""
-    found = subject.found.relation
-    if found is None:
+    relation = quantities.calibration.relation
+    if relation is None:
         return None
-    section = Section(list(found.sentences))
+    section = Section(list(relation.sentences))
     rows = [
-        [each.name, *map(number, (turn, 1e3 * shift, by_turn, 1e3 * by_shift))]
-        for each, turn, shift, by_turn, by_shift in zip(
-            found.rig.plates, found.turned_deg, found.moved, *found.sigma, strict=True
+        [plate.name, *map(number, (angle, 1e3 * distance, by_turn, 1e3 * by_shift))]
+        for plate, angle, distance, by_turn, by_shift in zip(
+            relation.rig.plates, relation.turned_deg, relation.moved, *relation.sigma, strict=True
         )
     ]
     section.tables.append(
@@ -304,72 +309,72 @@ def _relation_section(subject: Quantities) -> Section | None:
     return section
 
 
-def _maps(subject: Quantities, away: np.ndarray, covariance: np.ndarray, name: str) -> Iterator[Plot]:
+def _maps(quantities: Quantities, away: np.ndarray, covariance: np.ndarray, name: str) -> Iterator[Plot]:
     """Map of the displacements (n, 3) of the dots of each marker; nan where there is none."""
-    network, designs = subject.found.adjustment.network, subject.found.designs
+    network, designs = quantities.calibration.adjustment.network, quantities.calibration.designs
     for k, marker in enumerate(designs):
-        own = np.flatnonzero((network.marker == k) & np.isfinite(away).all(axis=1))
-        if len(own) < 2:
+        dots = np.flatnonzero((network.marker == k) & np.isfinite(away).all(axis=1))
+        if len(dots) < 2:
             continue
-        points = 1e3 * network.design[own, :2]
+        points = 1e3 * network.design[dots, :2]
         size = 2e3 * marker.boundary.radius
-        factor = enlargement(points, 1e-3 * away[own, :2], 1e-6 * covariance[own, :2, :2], size)
-        ids = [subject.dots[i] for i in own]
+        factor = enlargement(points, 1e-3 * away[dots, :2], 1e-6 * covariance[dots, :2, :2], size)
+        ids = [quantities.dots[i] for i in dots]
         which = f" {k + 1}" if len(designs) > 1 else ""
         if name == "map":
-            alt = f"Map of marker{which} with its {len(own)} dots, each with an arrow to where it is in the print"
-            told = (
+            alt = f"Map of marker{which} with its {len(dots)} dots, each with an arrow to where it is in the print"
+            caption = (
                 "Each disk is a dot where it was designed, seen from the front; its color is by how much it stands "
                 f"higher (orange) or lower (blue). The arrow, {factor:g} times as long as it is, shows where it is in "
                 "the print, the ellipse at its tip the 2-sigma region."
             )
         else:
-            alt = f"Map of marker{which} with the difference between the two halves for {len(own)} dots"
-            told = (
+            alt = f"Map of marker{which} with the difference between the two halves for {len(dots)} dots"
+            caption = (
                 f"By how much the second half has each dot elsewhere than the first, {factor:g} times as long. If the "
                 "claimed errors are right, seven of eight ellipses contain their dot's center: they are the 2-sigma "
                 "regions of such a difference, twice as wide as those of all photographs together."
             )
-        alt += f"; {number(float(np.linalg.norm(away[own, :2], axis=1).max()))} um at most."
+        alt += f"; {number(float(np.linalg.norm(away[dots, :2], axis=1).max()))} um at most."
         yield plot(
-            partial(draw_print_map, marker, ids, points, away[own], covariance[own], factor),
+            partial(draw_print_map, marker, ids, points, away[dots], covariance[dots], factor),
             f"{name}-{k}",
             alt,
-            told,
+            caption,
             _HANG_UP,
         )
 
 
-def _dot_table(subject: Quantities) -> Table:
-    found = subject.found
-    taken, rejected, rms = subject.taken.sum(axis=0), found.dropped.sum(axis=0), subject.rms(axis=0)
-    header, cells = ["dot"], [[name] for name in subject.dots]
-    if found.measured:
+def _dot_table(quantities: Quantities) -> Table:
+    calibration = quantities.calibration
+    taken, rejected, rms = quantities.taken.sum(axis=0), calibration.dropped.sum(axis=0), quantities.rms(axis=0)
+    header, cells = ["dot"], [[name] for name in quantities.dots]
+    if calibration.measured:
         header += ["dx", "dy", "dz", "sigma x", "sigma y", "sigma z"]
-        sigma = np.sqrt(np.einsum("nii->ni", subject.covariance))
-        for row, moved, spread in zip(cells, subject.displacement, sigma, strict=True):
+        sigma = np.sqrt(np.einsum("nii->ni", quantities.covariance))
+        for row, moved, spread in zip(cells, quantities.displacement, sigma, strict=True):
             row += [f"{value:+.1f}" for value in moved] + [f"{value:.1f}" for value in spread]
     header += ["seen", "rejected", "RMS, px"]
     for row, *counts, residual in zip(cells, taken, rejected, rms, strict=True):
         row += [str(count) for count in counts] + [_px(residual)]
-    title = "Dots of the print less the design, um" if found.measured else "Dots"
+    title = "Dots of the print less the design, um" if calibration.measured else "Dots"
     return Table(
         title,
         header,
         cells,
         "Shift, turn and, unless a length was measured, mean size of the whole print are those of the design: "
         "photographs cannot tell them. Seen: photographs in which the dot took part."
-        if found.measured
+        if calibration.measured
         else "Seen: photographs in which the dot took part.",
     )
 
 
-def _photos_section(subject: Quantities) -> Section:
+def _photos_section(quantities: Quantities) -> Section:
     """Photographs with their residuals, rejected dots, unused photographs, and the residuals over the image."""
-    found, views = subject.found, subject.found.adjustment.views
-    camera, residual = found.camera, found.adjustment.residual
-    section = Section([photographs(found)[0]])
-    taken, rejected = subject.taken, subject.rejected
+    calibration, views = quantities.calibration, quantities.calibration.adjustment.views
+    camera, residual = calibration.camera, calibration.adjustment.residual
+    section = Section([photographs(calibration)[0]])
+    taken, rejected = quantities.taken, quantities.rejected
     if taken.any():
         factor = residual_factor(residual[taken], camera.width)
         crossed = (views.pixels[rejected], residual[rejected])
@@ -377,15 +382,15 @@ def _photos_section(subject: Quantities) -> Section:
             plot(
                 partial(draw_residual_vectors, views.pixels[taken], residual[taken], crossed, factor, camera),
                 "residuals",
-                f"Residuals of {int(taken.sum())} dots over the image, {number(found.adjustment.rms)} px RMS.",
+                f"Residuals of {int(taken.sum())} dots over the image, {number(calibration.adjustment.rms)} px RMS.",
                 f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
                 "lens that the model does not follow, or a marker that bends.",
-                _image_size(subject),
+                _image_size(quantities),
             )
         )
-    rms, factors, tilt = subject.rms(axis=1), subject.variance_factors, subject.coverage.tilt_deg
+    rms, factors, tilt = quantities.rms(axis=1), quantities.variance_factors, quantities.coverage.tilt_deg
     distance = np.linalg.norm(views.translation, axis=1)
-    numbers = found.sightings.photo[found.used] + 1
+    numbers = calibration.sightings.photo[calibration.used] + 1
     section.tables.append(
         Table(
             "Photographs",
@@ -401,35 +406,35 @@ def _photos_section(subject: Quantities) -> Section:
                     f"{tilt[row]:.0f}",
                     f"{distance[row]:.3f}",
                 ]
-                for row, name in enumerate(subject.rows)
+                for row, name in enumerate(quantities.rows)
             ],
             "RMS of the distance between a dot and its prediction. chi2/dof compares it with the image's noise: 1 is "
             "expected, much more is a poor fit.",
         )
     )
-    if subject.outliers:
+    if quantities.outliers:
         section.tables.append(
             Table(
                 "Rejected dots",
                 ["photograph", "dot", "off, px", "off, sigma"],
-                [[each.photo, each.dot, _px(each.off_px), f"{each.off_sigma:.1f}"] for each in subject.outliers],
+                [[dot.photo, dot.dot, _px(dot.off_px), f"{dot.off_sigma:.1f}"] for dot in quantities.outliers],
                 "Rejected because they are farther from where all other dots and photographs put them than chance and "
                 "noise allow.",
             )
         )
-    left = unused(found)
+    left = unused(calibration)
     if left:
-        names = dict(zip(found.sightings.photos, subject.photos, strict=True))
+        names = dict(zip(calibration.sightings.photos, quantities.photos, strict=True))
         section.tables.append(
             Table("Photographs not used", ["photograph", "reason"], [[names[name], reason] for name, reason in left])
         )
     return section
 
 
-def _coverage_section(subject: Quantities) -> Section:
+def _coverage_section(quantities: Quantities) -> Section:
     """Where in the image, from which sides, and with which turns the marker was seen."""
-    covered, views, camera = subject.coverage, subject.found.adjustment.views, subject.found.camera
-    pixels = [views.pixels[row][taken] for row, taken in enumerate(subject.taken)]
+    covered, views, camera = quantities.coverage, quantities.calibration.adjustment.views, quantities.calibration.camera
+    pixels = [views.pixels[row][taken] for row, taken in enumerate(quantities.taken)]
     distance = np.linalg.norm(views.translation, axis=1)
     section = Section(
         [covered.sentence, f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker."]
@@ -442,7 +447,7 @@ def _coverage_section(subject: Quantities) -> Section:
             "have a dot.",
             "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
             "where dots were.",
-            _image_size(subject),
+            _image_size(quantities),
         ),
         plot(
             partial(draw_directions, views.rotation, covered.tilt_deg),
@@ -458,15 +463,15 @@ def _coverage_section(subject: Quantities) -> Section:
     return section
 
 
-def _next_photos_section(subject: Quantities) -> Section | None:
+def _next_photos_section(quantities: Quantities) -> Section | None:
     """Which photographs to take next, in words and pictures; None if that was not asked."""
-    asked = subject.found.next_photos
+    asked = quantities.calibration.next_photos
     if asked is None:
         return None
     section = Section([asked.sentence])
     if not asked.helps:
         return section
-    network = subject.found.adjustment.network
+    network = quantities.calibration.adjustment.network
     for k, photo in enumerate(asked.photos):
         section.plots.append(
             plot(
@@ -474,7 +479,7 @@ def _next_photos_section(subject: Quantities) -> Section | None:
                 f"next-{k}",
                 f"Picture {k + 1} to take next: {photo.request}.",
                 f"{k + 1}. {sentence(photo.request)} Gray: the photographs taken.",
-                _image_size(subject),
+                _image_size(quantities),
             )
         )
     section.tables.append(
@@ -496,15 +501,15 @@ def _next_photos_section(subject: Quantities) -> Section | None:
     return section
 
 
-def _judgment_section(subject: Quantities) -> Section:
+def _judgment_section(quantities: Quantities) -> Section:
     """Left-out photographs, two halves, and bending."""
-    found = subject.found
-    section = Section(judged(found))
-    if isinstance(found.flex, Flex):
-        section.sentences.append(sentence(found.flex.verdict))
-    cross, halves = found.cross_validation, found.halves
+    calibration = quantities.calibration
+    section = Section(judged(calibration))
+    if isinstance(calibration.flex, Flex):
+        section.sentences.append(sentence(calibration.flex.verdict))
+    cross, halves = calibration.cross_validation, calibration.halves
     if isinstance(cross, CrossValidation):
-        measured = f"{number(cross.measured.rms)} px with the measured print, " if found.measured else ""
+        measured = f"{number(cross.measured.rms)} px with the measured print, " if calibration.measured else ""
         section.plots.append(
             plot(
                 partial(draw_left_out, cross),
@@ -516,22 +521,22 @@ def _judgment_section(subject: Quantities) -> Section:
             )
         )
         rows = [("as designed", cross.nominal)]
-        if found.measured:
+        if calibration.measured:
             rows.insert(0, ("as measured", cross.measured))
-        if found.measured and cross.refitted is not None:
+        if calibration.measured and cross.refitted is not None:
             rows.append(("as designed, and a camera that suits it", cross.refitted))
         section.tables.append(
             Table(
                 "Left-out photographs",
                 ["print", "RMS, px", "chi2/dof"],
-                [[name, _px(each.rms), f"{each.variance_factor:.2f}"] for name, each in rows],
+                [[name, _px(left_out.rms), f"{left_out.variance_factor:.2f}"] for name, left_out in rows],
             )
         )
     if isinstance(halves, Halves) and len(halves.dots):
-        away = np.full((len(found.chosen), 3), np.nan)
+        away = np.full((len(calibration.chosen), 3), np.nan)
         away[halves.dots] = UM * halves.difference
-        section.plots += list(_maps(subject, away, 4 * subject.covariance, "halves"))
-        sides = [len(each) for each in halves.photos]
+        section.plots += list(_maps(quantities, away, 4 * quantities.covariance, "halves"))
+        sides = [len(photos) for photos in halves.photos]
         section.tables.append(
             Table(
                 "Two halves",
@@ -552,72 +557,73 @@ def _judgment_section(subject: Quantities) -> Section:
     return section
 
 
-def _camera_section(subject: Quantities) -> Section | None:
+def _camera_section(quantities: Quantities) -> Section | None:
     """Parameters of the camera, how well it projects, and what was tried; None if it was given as exact."""
-    found, covariance = subject.found, subject.found.camera_covariance
+    calibration, covariance = quantities.calibration, quantities.calibration.camera_covariance
     if covariance is None:
         return None
-    names, values = found.camera.parameter_names, parameters_of(found.camera)
+    names, values = calibration.camera.parameter_names, parameters_of(calibration.camera)
     sigma = np.sqrt(np.diag(covariance))
-    center = projection_uncertainty(found.camera, covariance)
-    low, high = (number(float(each(center)), 2) for each in (np.nanmin, np.nanmax))
-    section = Section([far_points(found.camera, covariance)])
-    shape = _image_size(subject)
+    center = projection_uncertainty(calibration.camera, covariance)
+    low, high = (number(float(extreme(center)), 2) for extreme in (np.nanmin, np.nanmax))
+    section = Section([far_points(calibration.camera, covariance)])
+    shape = _image_size(quantities)
     section.plots.append(
         plot(
-            lambda ax: draw_uncertainty(center, found.camera, ax),
+            lambda ax: draw_uncertainty(center, calibration.camera, ax),
             "uncertainty",
             f"Standard deviation of the projection over the image, {low} to {high} px.",
             "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
             shape,
         )
     )
-    halves = found.halves
+    halves = calibration.halves
     if isinstance(halves, Halves) and halves.camera_chi2 is not None:
         difference = camera_difference(*halves.cameras)
         size = np.linalg.norm(difference, axis=-1)
-        said = f"{number(float(np.sqrt(np.nanmean(size**2))), 2)} px RMS"
+        difference_px = f"{number(float(np.sqrt(np.nanmean(size**2))), 2)} px RMS"
         section.plots.append(
             plot(
                 lambda ax: draw_difference(difference, halves.cameras[0], ax),
                 "cameras",
-                f"Difference between the cameras of the two halves over the image, {said}.",
-                f"Where the camera of the second half sees what that of the first sees at each pixel: {said}. About "
-                "twice the standard deviation beside it is expected.",
+                f"Difference between the cameras of the two halves over the image, {difference_px}.",
+                f"Where the camera of the second half sees what that of the first sees at each pixel: "
+                f"{difference_px}. About twice the standard deviation beside it is expected.",
                 shape,
             )
         )
         section.sentences.append(
-            f"The cameras of the two halves differ by {said}; their parameters have a chi2 of {halves.camera_chi2:.2f} "
-            "per degree of freedom, where 1 is expected."
+            f"The cameras of the two halves differ by {difference_px}; their parameters have a chi2 of "
+            f"{halves.camera_chi2:.2f} per degree of freedom, where 1 is expected."
         )
     section.tables.append(
         Table(
             "Camera",
             ["parameter", "value", "sigma"],
             [
-                [name, f"{value:.7g}", number(float(each)) if each else "held"]
-                for name, value, each in zip(names, values, sigma, strict=True)
+                [name, f"{value:.7g}", number(float(deviation)) if deviation else "held"]
+                for name, value, deviation in zip(names, values, sigma, strict=True)
             ],
-            f"{found.camera.width} x {found.camera.height} px, {found.camera.distortion.model} lens; f and c in px.",
+            f"{calibration.camera.width} x {calibration.camera.height} px, {calibration.camera.distortion.model} lens; "
+            "f and c in px.",
         )
     )
-    if isinstance(found.camera_choice, CameraChoice):
-        section.tables.append(_trials(found.camera_choice))
+    if isinstance(calibration.camera_choice, CameraChoice):
+        section.tables.append(_trials(calibration.camera_choice))
     return section
 
 
 def _trials(choice: CameraChoice) -> Table:
     rows = []
-    for each in choice.tried:
-        gain = each.gain
+    for trial in choice.tried:
+        gain = trial.gain
         rows.append(
             [
-                " ".join(each.names) or "none",
-                "not determined" if each.left_out is None else _px(each.left_out.rms),
+                " ".join(trial.names) or "none",
+                "not determined" if trial.left_out is None else _px(trial.left_out.rms),
                 "-" if gain is None else f"{gain.ratio:.3f}",
                 "-" if gain is None else f"{gain.low:.3f} to {gain.high:.3f}",
-                "yes" if each.taken else "no",
+                "yes" if trial.taken else "no",
             ]
         )
     return Table(
@@ -628,9 +634,9 @@ def _trials(choice: CameraChoice) -> Table:
     )
 
 
-def _image_size(subject: Quantities) -> tuple[float, float]:
+def _image_size(quantities: Quantities) -> tuple[float, float]:
     """Return width and height in inches of a plot over the image."""
-    width, height = subject.found.sightings.size
+    width, height = quantities.calibration.sightings.size
     return (4.9, float(np.clip(4.3 * height / width + 0.9, 2.6, 5.6)))
 
 
@@ -730,12 +736,12 @@ def draw_print_map(
     )  # fmt: skip
     margin = 0.04 * size
     # A length in the drawing to compare with.
-    told = round_factor(0.2 * size / (1e-3 * factor))
-    written = f"{told:g} um" if told < 1000 else f"{told / 1000:g} mm"
+    length_um = round_factor(0.2 * size / (1e-3 * factor))
+    written = f"{length_um:g} um" if length_um < 1000 else f"{length_um / 1000:g} mm"
     bar = np.array([low[0], low[1] - 2.2 * margin])
-    ax.plot([bar[0], bar[0] + 1e-3 * factor * told], [bar[1]] * 2, color=INK, linewidth=2.5, solid_capstyle="butt")
+    ax.plot([bar[0], bar[0] + 1e-3 * factor * length_um], [bar[1]] * 2, color=INK, linewidth=2.5, solid_capstyle="butt")
     ax.text(
-        bar[0] + 1e-3 * factor * told + margin / 2, bar[1], f"{written}, drawn {factor:g} times as long",
+        bar[0] + 1e-3 * factor * length_um + margin / 2, bar[1], f"{written}, drawn {factor:g} times as long",
         va="center_baseline", fontsize=9,
     )  # fmt: skip
     reached = np.concatenate([rim, ends, bar[None] - margin])
@@ -784,8 +790,8 @@ def draw_image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axe
     import cv2
     from matplotlib.patches import Polygon
 
-    for each in pixels:
-        hull = cv2.convexHull(each.astype(np.float32))[:, 0]
+    for dots in pixels:
+        hull = cv2.convexHull(dots.astype(np.float32))[:, 0]
         ax.add_patch(Polygon(hull, facecolor=SERIES[0]["color"], alpha=min(0.15, 2 / len(pixels)), linewidth=0))
         ax.add_patch(Polygon(hull, fill=False, edgecolor=SERIES[0]["color"], linewidth=0.6))
     return _image_axes(camera, ax)
@@ -804,7 +810,7 @@ def draw_directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
     """
     spots = tilt_deg[:, None] * _unit(-rotation[:, 2, :2])
     outermost = next((ring for ring in _RINGS if ring >= tilt_deg.max()), 90)
-    for ring in (*(each for each in _RINGS if each < outermost), outermost):
+    for ring in (*(tilt for tilt in _RINGS if tilt < outermost), outermost):
         ax.plot(ring * np.cos(_AROUND), ring * np.sin(_AROUND), color=FAINT, linewidth=0.8, zorder=1)
         ax.text(0, ring, f"{ring}°", ha="center", va="bottom", fontsize=8, color=MUTED, zorder=1)
     for angle in np.arange(4) * np.pi / 4:
@@ -830,12 +836,12 @@ def draw_left_out(cross: CrossValidation, ax: "Axes") -> "Axes":
     from matplotlib.ticker import MaxNLocator
 
     numbers = cross.photos + 1
-    shown = [("as designed", cross.best_nominal, SERIES[1]), ("as measured", cross.measured, SERIES[0])]
-    for name, each, look in shown[: 1 if cross.gain is None else 2]:
-        values = [positive(value) for value in each.rms_each]
+    prints = [("as designed", cross.best_nominal, SERIES[1]), ("as measured", cross.measured, SERIES[0])]
+    for name, left_out, look in prints[: 1 if cross.gain is None else 2]:
+        values = [positive(value) for value in left_out.rms_each]
         marks: dict[str, Any] = {**look, "linestyle": "none", "markersize": 6}
         ax.plot(numbers, values, label=f"print {name}", **marks)
-        ax.axhline(each.rms, color=look["color"], linestyle=look["linestyle"], linewidth=1.0, zorder=1)
+        ax.axhline(left_out.rms, color=look["color"], linestyle=look["linestyle"], linewidth=1.0, zorder=1)
     log_axis(ax, "y")
     ax.set(xlabel="number of the photograph", ylabel="RMS residual when left out, px")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -55,47 +55,49 @@ class ScaleErrors:
 
 def told_by_rulers(designs: Sequence[Marker], lengths: Sequence[Length], errors: ScaleErrors) -> tuple[Length, ...]:
     """Return what a print's rulers tell of distances along x and y, where lengths between dots are given as well."""
-    found, first = list[Length](), 0
+    lengths_by_rulers, first = list[Length](), 0
     for design in designs:
-        own = range(first, first + len(design))
+        dots = range(first, first + len(design))
         first += len(design)
-        if not any(each.first in own for each in lengths):
+        if not any(length_between.first in dots for length_between in lengths):
             continue
         for along, share in zip(design.xyz[:, :2].T, errors.by_rulers(design), strict=True):
             pair = int(np.argmin(along)), int(np.argmax(along))
             length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
-            found += [Length(own[pair[0]], own[pair[1]], length, share * length)] if share else []
-    return tuple(found)
+            lengths_by_rulers += [Length(dots[pair[0]], dots[pair[1]], length, share * length)] if share else []
+    return tuple(lengths_by_rulers)
 
 
-def contradictions(
+def ruler_contradictions(
     designs: Sequence[Marker], adjustment: Adjustment, errors: ScaleErrors, print_sigma: float
 ) -> tuple[float, ...]:
     """Return for each marker by how much x over y is larger than by its rulers, as a share; 0 within `DOUBTED` sigmas.
 
     Photographs tell the ratio to far less than the errors of the rulers and of the dots of a print, `print_sigma`.
     """
-    network, found = adjustment.network, []
+    network, offsets = adjustment.network, []
     for marker, design in enumerate(designs):
-        found.append(0.0)
-        shares, own = errors.by_rulers(design), network.marker == marker
-        if not (network.free and network.prior is None and all(shares) and own.sum() > 1):
+        offsets.append(0.0)
+        shares, is_on_marker = errors.by_rulers(design), network.marker == marker
+        if not (network.free and network.prior is None and all(shares) and is_on_marker.sum() > 1):
             continue
-        away, there = (each[own] - each[own].mean(axis=0) for each in (network.design, adjustment.places))
+        away, there = (
+            places[is_on_marker] - places[is_on_marker].mean(axis=0) for places in (network.design, adjustment.places)
+        )
         spread = np.linalg.norm(away[:, :2], axis=0)
         if spread.min() < 0.01 * spread.max():
             continue
         columns = np.linalg.lstsq(away[:, :2], there, rcond=None)[0]
         off = float(np.divide(*np.linalg.norm(columns, axis=1))) - 1
         if abs(off) > DOUBTED * np.hypot(np.hypot(*shares), print_sigma * np.hypot(*(1 / spread))):
-            found[-1] = off
-    return tuple(found)
+            offsets[-1] = off
+    return tuple(offsets)
 
 
 def widened(designs: Sequence[Marker], off: Sequence[float], errors: ScaleErrors) -> ScaleErrors:
     """Return errors with which rulers agree with the photographs: theirs times the root of chi2, the worst of all."""
     factors = [
-        abs(each) / np.hypot(*errors.by_rulers(design)) for design, each in zip(designs, off, strict=True) if each
+        abs(offset) / np.hypot(*errors.by_rulers(design)) for design, offset in zip(designs, off, strict=True) if offset
     ]
     return ScaleErrors(errors.unmeasured, errors.ruler * max(factors, default=1.0))
 
@@ -122,16 +124,20 @@ def scaled(design: Marker, network: Network, errors: ScaleErrors, places: Array,
 
 
 def source(design: Marker, network: Network, errors: ScaleErrors, off: float) -> str:
-    """Say what the scale of the first marker comes from and how well it is known; `off` as of `contradictions`."""
+    """Say where the first marker's scale comes from and how well it is known; `off` as of `ruler_contradictions`."""
     if not network.free:
         return "The scale is that of the design."
     left, ruled = errors.mean(design), any(errors.by_rulers(design))
     why = f" only, since {doubt(off)}" if off else ""
     if network.lengths:
-        share = sum((each.length / each.sigma) ** 2 for each in network.lengths) ** -0.5
-        said = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
-        said += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %{why}"
-        return f"{said}." if share < left else f"{said}: no better than a print is expected to be, {100 * left:.2g} %."
+        share = sum((ruler.length / ruler.sigma) ** 2 for ruler in network.lengths) ** -0.5
+        sentence = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
+        sentence += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %{why}"
+        return (
+            f"{sentence}."
+            if share < left
+            else f"{sentence}: no better than a print is expected to be, {100 * left:.2g} %."
+        )
     if network.scale_known(int(network.marker[0])):
         return "The scale is that of the dots measured by hand."
     if ruled or design.print_scale != (1.0, 1.0):

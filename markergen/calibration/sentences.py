@@ -28,33 +28,38 @@ _WORSE = 1.05
 """Ratio of translation errors from which on the measured print counts as worse."""
 
 
-def summary(found: "Calibration") -> list[str | Table]:
+def summary(calibration: "Calibration") -> list[str | Table]:
     """Return some ten lines: the error to expect, the scale, the residuals, how it was judged, and warnings."""
-    said: list[str | Table] = [headline(found), what_is_left(found), found.scale_source, *photographs(found)]
-    said += [] if found.relation is None else found.relation.sentences[:1]
-    said += judged(found)
-    if found.camera_covariance is not None:
-        said += [f"Camera: {found.camera}.", far_points(found.camera, found.camera_covariance)]
-    if found.next_photos is not None:
-        said.append(found.next_photos.sentence)
-    return [*said, *found.notes]
+    parts: list[str | Table] = [
+        verdict_sentence(calibration),
+        what_is_left(calibration),
+        calibration.scale_source,
+        *photographs(calibration),
+    ]
+    parts += [] if calibration.relation is None else calibration.relation.sentences[:1]
+    parts += judged(calibration)
+    if calibration.camera_covariance is not None:
+        parts += [f"Camera: {calibration.camera}.", far_points(calibration.camera, calibration.camera_covariance)]
+    if calibration.next_photos is not None:
+        parts.append(calibration.next_photos.sentence)
+    return [*parts, *calibration.notes]
 
 
-def headline(found: "Calibration") -> str:
+def verdict_sentence(calibration: "Calibration") -> str:
     """Return the verdict in a sentence: the pose error to expect, before and after, and whether it is confirmed."""
-    return verdict(found)[0]
+    return verdict(calibration)[0]
 
 
-def verdict(found: "Calibration") -> tuple[str, bool]:
+def verdict(calibration: "Calibration") -> tuple[str, bool]:
     """Return the headline, and whether what was measured is to be used."""
-    before, after = errors(found.before), errors(found.after)
+    before, after = errors(calibration.before), errors(calibration.after)
     where = "over the working volume"
-    if len(found.designs) > 1:
+    if len(calibration.designs) > 1:
         where = f"from the first marker {where}"
-    if not found.measured:
+    if not calibration.measured:
         return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed.", True
-    cross, halves = found.cross_validation, found.halves
-    if found.before.rotation_deg <= found.after.rotation_deg:
+    cross, halves = calibration.cross_validation, calibration.halves
+    if calibration.before.rotation_deg <= calibration.after.rotation_deg:
         if isinstance(cross, CrossValidation) and cross.better and cross.gain is not None:
             return (
                 f"Use the measured marker: it predicts left-out photographs {cross.gain.ratio:.3g} times better than "
@@ -68,8 +73,8 @@ def verdict(found: "Calibration") -> tuple[str, bool]:
             False,
         )
     expect = f"a pose error of {after} {where} instead of {before} with the print as designed"
-    scaled = found.adjustment.network.scale_known(int(found.adjustment.network.marker[0]))
-    worse_moves = found.after.translation > _WORSE * found.before.translation
+    scaled = calibration.adjustment.network.scale_known(int(calibration.adjustment.network.marker[0]))
+    worse_moves = calibration.after.translation > _WORSE * calibration.before.translation
     if worse_moves and not scaled:
         return (
             "Take more photographs before you use the measured marker, since rotations gain by it but translations "
@@ -107,17 +112,19 @@ def verdict(found: "Calibration") -> tuple[str, bool]:
     return f"Use the measured marker: expect {expect}; {confirmed}.", True
 
 
-def closing(found: "Calibration", shown: bool = False) -> str:
+def closing_sentence(calibration: "Calibration", shown: bool = False) -> str:
     """Return what is to be said of the files that were written: that they are not to be used, or that there are none.
 
     Empty if there is nothing to say; `shown` results may do without files.
     """
-    if not found.to_use:
+    if not calibration.to_use:
         files = (
-            f"{', '.join(str(each.path) for each in found.written)}: written, but" if found.written else "the result is"
+            f"{', '.join(str(written.path) for written in calibration.written)}: written, but"
+            if calibration.written
+            else "the result is"
         )
         return f"{files} not to be used yet: see the first line"
-    return "" if found.written or shown else "nothing was written: add -o measured.json"
+    return "" if calibration.written or shown else "nothing was written: add -o measured.json"
 
 
 def errors(error: ExpectedError) -> str:
@@ -125,47 +132,47 @@ def errors(error: ExpectedError) -> str:
     return f"{number(error.rotation_deg, 2)} deg and {number(1e3 * error.translation, 2)} mm"
 
 
-def shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
+def variance_shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
     """Return the share of each source in the sum of the variances of rotation and of translation."""
     parts = {name: getattr(error, name) for name in SOURCES}
     totals = [sum(part[k] ** 2 for part in parts.values()) or 1.0 for k in range(2)]
     return {name: (part[0] ** 2 / totals[0], part[1] ** 2 / totals[1]) for name, part in parts.items()}
 
 
-def what_is_left(found: "Calibration") -> str:
+def what_is_left(calibration: "Calibration") -> str:
     """Return what the error that is left comes from, the largest source first."""
-    parts = sorted(shares(found.after).items(), key=lambda part: -max(part[1]))
+    parts = sorted(variance_shares(calibration.after).items(), key=lambda part: -max(part[1]))
     listed = [
-        f"{_WORDS[name]} (rotation {100 * turn:.0f} %, translation {100 * move:.0f} %)"
-        for name, (turn, move) in parts
-        if max(turn, move) >= 0.005
+        f"{_WORDS[name]} (rotation {100 * rotation:.0f} %, translation {100 * move:.0f} %)"
+        for name, (rotation, move) in parts
+        if max(rotation, move) >= 0.005
     ]
     return f"The variance that is left comes from {', '.join(listed)}."
 
 
-def photographs(found: "Calibration") -> list[str]:
+def photographs(calibration: "Calibration") -> list[str]:
     """Return how many photographs and dots took part and how well they fit, and which ones did not."""
-    sightings, adjustment = found.sightings, found.adjustment
-    used = len({int(k) for k in sightings.photo[found.used]})
-    rejected = int(found.dropped.sum())
-    said = [
-        f"{len(found.chosen)} dots in {used} of {len(sightings.photos)} photographs; residuals {adjustment.rms:.3f} px "
-        f"RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {rejected or 'no'} "
+    sightings, adjustment = calibration.sightings, calibration.adjustment
+    used = len({int(k) for k in sightings.photo[calibration.used]})
+    rejected = int(calibration.dropped.sum())
+    sentences = [
+        f"{len(calibration.chosen)} dots in {used} of {len(sightings.photos)} photographs; residuals "
+        f"{adjustment.rms:.3f} px RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {rejected or 'no'} "
         f"dot{'s' * (rejected != 1)} rejected."
     ]
-    left = unused(found)
+    left = unused(calibration)
     if left:
         named = "; ".join(f"{name}: {reason}" for name, reason in left[:_MOST_NAMED])
         more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
-        said.append(f"Not used: {named}{more}.")
-    return said
+        sentences.append(f"Not used: {named}{more}.")
+    return sentences
 
 
-def unused(found: "Calibration") -> list[tuple[str, str]]:
+def unused(calibration: "Calibration") -> list[tuple[str, str]]:
     """Return the photographs that took no part, with the reason of each, in the order of the photographs."""
-    sightings = found.sightings
+    sightings = calibration.sightings
     reasons = dict(sightings.unused)
-    taken = {int(k) for k in sightings.photo[found.used]}
+    taken = {int(k) for k in sightings.photo[calibration.used]}
     for k in sightings.photo.tolist():
         if k not in taken:
             reasons[k] = "too few dots that agree with the other photographs"
@@ -176,15 +183,15 @@ def far_points(camera: Camera, covariance: Array) -> str:
     """Return how well the camera is known over the image, and what helps where that is badly."""
     sigma = projection_uncertainty(camera, covariance)
     low, high = float(np.nanmin(sigma)), float(np.nanmax(sigma))
-    said = f"Where the camera sees a far point is known to {number(low, 2)} to {number(high, 2)} px over the image"
-    return f"{said}{': bring the marker into the corners, too' if high > _BADLY_PX else ''}."
+    accuracy = f"Where the camera sees a far point is known to {number(low, 2)} to {number(high, 2)} px over the image"
+    return f"{accuracy}{': bring the marker into the corners, too' if high > _BADLY_PX else ''}."
 
 
-def judged(found: "Calibration") -> list[str]:
+def judged(calibration: "Calibration") -> list[str]:
     """Return what left-out photographs and two halves say, or why they could not be asked."""
     return [
-        sentence(each.reason if isinstance(each, NotJudged) else each.verdict)
-        for each in (found.cross_validation, found.halves)
+        sentence(judgment.reason if isinstance(judgment, NotJudged) else judgment.verdict)
+        for judgment in (calibration.cross_validation, calibration.halves)
     ]
 
 

@@ -52,7 +52,7 @@ _REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class Weakness:
     """Something that the photographs leave open.
 
     Attributes
@@ -81,7 +81,7 @@ def findings(
     print_sigma: float = PRINT_SIGMA,
     poses: tuple[Array, Array] | None = None,
     names: Sequence[str] | None = None,
-) -> tuple[Finding, ...]:
+) -> tuple[Weakness, ...]:
     """Return what the photographs of a calibration leave open, the worst first.
 
     Parameters
@@ -100,7 +100,7 @@ def findings(
     try:
         covariance = adjustment.scale * bounded_covariance(adjustment)
     except np.linalg.LinAlgError:
-        return (Finding("poses", "a photograph does not determine its pose", "leave it out, or show more dots", True),)
+        return (Weakness("poses", "a photograph does not determine its pose", "leave it out, or show more dots", True),)
     size, n = adjustment.normal.dots, len(network.design)
     matrix, design = _worth(adjustment, print_sigma, poses)
     measured = float(np.trace(matrix[:size, :size] @ covariance[:size, :size]))
@@ -112,8 +112,14 @@ def findings(
     values, vectors = np.linalg.eigh(covariance / units / units[:, None])
     patterns = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] * units
     # What the direction costs: where the dots are refused, by the dots alone.
-    told = size if worse else len(units)
-    costs = np.einsum("kp,pq,kq->k", patterns[:, :told], matrix[:told, :told], patterns[:, :told], optimize=True)
+    size_that_counts = size if worse else len(units)
+    costs = np.einsum(
+        "kp,pq,kq->k",
+        patterns[:, :size_that_counts],
+        matrix[:size_that_counts, :size_that_counts],
+        patterns[:, :size_that_counts],
+        optimize=True,
+    )
     squares = (patterns[:, :size].reshape(len(patterns), -1, 3) ** 2).sum(axis=2) if size else np.zeros((len(units), n))
     chosen = (costs > design) | (squares.max(axis=1) > print_sigma**2)
     if worse and not chosen.any():
@@ -135,19 +141,19 @@ def findings(
         cost = sum(opened[name][0] for name in single)
         square = np.asarray([opened.pop(name)[1] for name in single]).sum(axis=0)
         opened[f"{', '.join(single[:SINGLES])} and {len(single) - SINGLES} more"] = (cost, square)
-    found = []
-    for name, (cost, square) in sorted(opened.items(), key=lambda each: -each[1][0]):
+    weaknesses = []
+    for name, (cost, square) in sorted(opened.items(), key=lambda opening: -opening[1][0]):
         sentence, guessed = _extent(adjustment, name, covariance, float(np.sqrt(square.max())), np.sqrt(cost / design))
         remedy = _REMEDIES.get(name, f"take photographs that show {name}, from several sides")
-        found.append(Finding(name, sentence, remedy, refused or guessed))
+        weaknesses.append(Weakness(name, sentence, remedy, refused or guessed))
     if worse:
         times = f"{_short(np.sqrt(measured / design))} times as much as by a print with errors of"
         lost = f"poses by the measured dots would err {times} {_short(1e3 * print_sigma)} mm"
-        found[0] = replace(found[0], sentence=f"{found[0].sentence}, and {lost}")
-    return tuple(found)
+        weaknesses[0] = replace(weaknesses[0], sentence=f"{weaknesses[0].sentence}, and {lost}")
+    return tuple(weaknesses)
 
 
-def explain(network: Network, views: Views, names: Sequence[str] | None = None) -> tuple[Finding, ...]:
+def explain(network: Network, views: Views, names: Sequence[str] | None = None) -> tuple[Weakness, ...]:
     """Return what photographs leave open that do not determine a network, judged at the start of its adjustment.
 
     At least one finding, and all of them refuse.
@@ -159,7 +165,7 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
     network, views = network.of_dots(often), views.of_dots(often)
     views = views.take(views.seen.sum(axis=1) >= 3)
     if not len(views):
-        return (Finding("poses", "no photograph shows three dots or more", "show the whole marker", True),)
+        return (Weakness("poses", "no photograph shows three dots or more", "show the whole marker", True),)
     seen = views.seen.astype(float)
     unknown = len(network.freedom) + (3 * len(network.design) - network.gauge(network.design).shape[1]) * network.free
     freedom = (
@@ -167,46 +173,50 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
     )
     residual = np.zeros(views.pixels.shape)
     start = Adjustment(network, views, network.design, network.camera, seen, residual, float(max(freedom, 0)), freedom)
-    found = (*rare, *findings(start, names=names))
-    if not found:
+    weaknesses = (*rare, *findings(start, names=names))
+    if not weaknesses:
         sentence = "no geometry of the marker explains all photographs"
-        found = (
-            Finding("agreement", sentence, "check that all show the same marker, taken with the same camera", True),
+        weaknesses = (
+            Weakness("agreement", sentence, "check that all show the same marker, taken with the same camera", True),
         )
-    return tuple(replace(each, refuses=True) for each in found)
+    return tuple(replace(weakness, refuses=True) for weakness in weaknesses)
 
 
-def refusal(found: Sequence[Finding]) -> InputError | None:
+def refusal(weaknesses: Sequence[Weakness]) -> InputError | None:
     """Return the error for findings of which one or more refuse the calibration; None if none does."""
-    bad = [each for each in found if each.refuses]
+    bad = [weakness for weakness in weaknesses if weakness.refuses]
     if not bad:
         return None
     what = bad[0].what if bad[0].what.startswith("dot ") else f"the {bad[0].what}"
     return InputError(f"photographs that determine {what}", f"that {bad[0].sentence}", bad[0].remedy)
 
 
-def rarely_seen(views: NDArray[np.intp], names: Sequence[str]) -> tuple[Finding, ...]:
+def rarely_seen(views: NDArray[np.intp], names: Sequence[str]) -> tuple[Weakness, ...]:
     """Return a finding for dots seen in fewer than two views (n,), which stay where they were designed."""
     rare = [name for name, count in zip(names, views, strict=True) if count < 2]
     if not rare:
         return ()
-    told = ", ".join(rare[:5]) + (f" and {len(rare) - 5} more" if len(rare) > 5 else "")
-    sentence = f"{told} {'is' if len(rare) == 1 else 'are'} in fewer than two photographs, and not measured"
-    return (Finding(told, sentence, "take photographs that show the whole marker", False),)
+    listed = ", ".join(rare[:5]) + (f" and {len(rare) - 5} more" if len(rare) > 5 else "")
+    sentence = f"{listed} {'is' if len(rare) == 1 else 'are'} in fewer than two photographs, and not measured"
+    return (Weakness(listed, sentence, "take photographs that show the whole marker", False),)
 
 
-def _too_few(adjustment: Adjustment) -> Finding:
+def _too_few(adjustment: Adjustment) -> Weakness:
     """Finding about a set with no more measurements than unknowns."""
     network, views = adjustment.network, adjustment.views
-    each = 2 * adjustment.weights.astype(bool).sum() / len(views) - 6
+    measured_per_view = 2 * adjustment.weights.astype(bool).sum() / len(views) - 6
     missing = 1 - adjustment.degrees_of_freedom
     dots, camera = len(network.design), " with an unknown camera" if len(network.freedom) else ""
     count = f"{len(views)} photograph{'s' * (len(views) != 1)}"
     sentence = (
         f"{count} of {dots} dots{camera} {'have' if len(views) != 1 else 'has'} no more measurements than unknowns"
     )
-    remedy = f"take {int(np.ceil(missing / each))} more at least" if each > 0 else "use a marker with more dots"
-    return Finding("dots and the camera" if camera else "dots", sentence, remedy, True)
+    remedy = (
+        f"take {int(np.ceil(missing / measured_per_view))} more at least"
+        if measured_per_view > 0
+        else "use a marker with more dots"
+    )
+    return Weakness("dots and the camera" if camera else "dots", sentence, remedy, True)
 
 
 def bounded_covariance(adjustment: Adjustment, dot: float = FREE_M, pixels: float = FREE_PX) -> Array:
@@ -232,10 +242,10 @@ def bounded_covariance(adjustment: Adjustment, dot: float = FREE_M, pixels: floa
 def _units(adjustment: Adjustment) -> Array:
     """Changes (3 n + r,) of dots, m, and of u that move the images of the dots by 1 px RMS."""
     parts, views = adjustment.normal, adjustment.views
-    each = float(np.median(views.translation[:, 2])) / adjustment.camera.fx
+    meters_per_px = float(np.median(views.translation[:, 2])) / adjustment.camera.fx
     taken = adjustment.weights > 0
     moved = np.sqrt((parts.rows_camera[taken] ** 2).sum(axis=1).mean(axis=0))
-    return np.concatenate([np.full(parts.dots, each), 1 / np.maximum(moved, 1e-12)])
+    return np.concatenate([np.full(parts.dots, meters_per_px), 1 / np.maximum(moved, 1e-12)])
 
 
 def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array] | None) -> tuple[Array, float]:
@@ -246,33 +256,33 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
     noise = float(np.sqrt(np.median(np.trace(views.covariance, axis1=2, axis2=3)[adjustment.weights > 0]) / 2))
     markers = np.unique(network.marker)
     for marker in markers:
-        own = np.flatnonzero(network.marker == marker)
-        points = network.design[own]
+        dots = np.flatnonzero(network.marker == marker)
+        points = network.design[dots]
         rotation, translation = _working(views, points) if poses is None else poses
-        flat = np.broadcast_to(np.diag([print_sigma**2, print_sigma**2, 0.0]), (len(own), 3, 3))
+        flat = np.broadcast_to(np.diag([print_sigma**2, print_sigma**2, 0.0]), (len(dots), 3, 3))
         # The camera in the middle of its own estimate: its derivatives are all that counts.
-        told = sensitivity(points, adjustment.camera, rotation, translation, noise, flat)
-        turns = told.matrices()[0] / len(markers)
+        working = sensitivity(points, adjustment.camera, rotation, translation, noise, flat)
+        turns = working.matrices()[0] / len(markers)
         design += float(
             np.einsum(
                 "kii,i->",
-                turns[: told.dots, : told.dots].reshape(len(own), 3, len(own), 3)[
-                    np.arange(len(own)), :, np.arange(len(own)), :
+                turns[: working.dots, : working.dots].reshape(len(dots), 3, len(dots), 3)[
+                    np.arange(len(dots)), :, np.arange(len(dots)), :
                 ],
                 [print_sigma**2, print_sigma**2, 0.0],
             )
         )
-        columns = (3 * own[:, None] + np.arange(3)).ravel()[: told.dots if size else 0]
+        columns = (3 * dots[:, None] + np.arange(3)).ravel()[: working.dots if size else 0]
         lift = np.zeros((turns.shape[0], size + r))
         lift[np.arange(len(columns)), columns] = 1
-        lift[told.dots :, size:] = network.freedom.directions
+        lift[working.dots :, size:] = network.freedom.directions
         matrix += lift.T @ turns @ lift
     return matrix, design
 
 
 def _working(views: Views, points: Array) -> tuple[Array, Array]:
     """Views from all sides, tilted by 0 to 60 deg, at the median distance of the photographs."""
-    tilt, azimuth = (each.ravel() for each in np.meshgrid(np.deg2rad([10.0, 35.0, 60.0]), np.arange(8) * np.pi / 4))
+    tilt, azimuth = (grid.ravel() for grid in np.meshgrid(np.deg2rad([10.0, 35.0, 60.0]), np.arange(8) * np.pi / 4))
     axis = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
     rotation = exponential(tilt[:, None] * axis) @ np.diag([1.0, -1.0, -1.0])
     distance = np.array([0, 0, float(np.median(views.translation[:, 2]))])
@@ -297,17 +307,17 @@ def _name(adjustment: Adjustment, pattern: Array, units: Array, names: Sequence[
     if parts[size:].sum() > (1 - MOSTLY) * total:
         return _camera_name(adjustment, pattern[size:])
     dots = pattern[:size].reshape(-1, 3)
-    each = (dots**2).sum(axis=1)
-    if each.max() > MOSTLY * each.sum():
-        return names[int(np.argmax(each))]
+    share = (dots**2).sum(axis=1)
+    if share.max() > MOSTLY * share.sum():
+        return names[int(np.argmax(share))]
     grown, network = 0.0, adjustment.network
     for marker in np.unique(network.marker):
-        own = network.marker == marker
-        centered = adjustment.places[own] - adjustment.places[own].mean(axis=0)
-        grown += float((dots[own] * centered).sum()) ** 2 / max(float((centered**2).sum()), 1e-300)
-    if grown > MOSTLY * each.sum():
+        is_on_marker = network.marker == marker
+        centered = adjustment.places[is_on_marker] - adjustment.places[is_on_marker].mean(axis=0)
+        grown += float((dots[is_on_marker] * centered).sum()) ** 2 / max(float((centered**2).sum()), 1e-300)
+    if grown > MOSTLY * share.sum():
         return "scale of the print"
-    if (dots[:, 2] ** 2).sum() > MOSTLY * each.sum():
+    if (dots[:, 2] ** 2).sum() > MOSTLY * share.sum():
         return "heights of the dots"
     views = adjustment.views
     sight = np.einsum("vij,vi->vj", views.rotation, views.translation)
@@ -338,8 +348,8 @@ def _extent(adjustment: Adjustment, name: str, covariance: Array, length: float,
     sigma = np.sqrt(np.maximum(np.diag(directions @ covariance[size:, size:] @ directions.T), 0))
     if name not in _CAMERA:
         several = name.endswith(("dots", "more"))
-        told = f"known to {_short(1e3 * length)} mm only" if length < LOST_M else "open"
-        return f"{'the ' * name.endswith('dots')}{name} {'are' if several else 'is'} {told}", False
+        extent = f"known to {_short(1e3 * length)} mm only" if length < LOST_M else "open"
+        return f"{'the ' * name.endswith('dots')}{name} {'are' if several else 'is'} {extent}", False
     worse = f"which alone turns poses by {_short(times)} times as much as the errors of a print"
     if name == "lens distortion":
         return f"{name} is open, {worse}", False
@@ -349,8 +359,8 @@ def _extent(adjustment: Adjustment, name: str, covariance: Array, length: float,
     if name == "fx against fy":
         ratio = _ratio(adjustment)
         share = float(np.sqrt(ratio @ covariance[size:, size:] @ ratio))
-    told = f"known to {_short(100 * share)} % only" if share < LOST_FOCAL else "open"
-    return f"{name} is {told}, {worse}", share >= LOST_FOCAL
+    extent = f"known to {_short(100 * share)} % only" if share < LOST_FOCAL else "open"
+    return f"{name} is {extent}, {worse}", share >= LOST_FOCAL
 
 
 def _short(number: float) -> str:

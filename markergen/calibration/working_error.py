@@ -59,7 +59,9 @@ class Sensitivity:
 
     @cached_property
     def _matrices(self) -> tuple[Array, Array]:
-        turns, moves = (each.reshape(-1, each.shape[-1]) for each in (self.transfer[:, :3], self.transfer[:, 3:]))
+        turns, moves = (
+            transfer.reshape(-1, transfer.shape[-1]) for transfer in (self.transfer[:, :3], self.transfer[:, 3:])
+        )
         return turns.T @ turns / len(self.transfer), moves.T @ moves / len(self.transfer)
 
     def matrices(self) -> tuple[Array, Array]:
@@ -70,16 +72,16 @@ class Sensitivity:
         """Error for a covariance (3 n + k, 3 n + k) of dots and camera."""
         diagonal = np.einsum("pii->i", self.image) / len(self.image)
         image = np.array([diagonal[:3].sum(), diagonal[3:].sum()])
-        products = [each * covariance for each in self.matrices()]
+        products = [matrix * covariance for matrix in self.matrices()]
         size = self.dots
-        printed = np.array([each[:size, :size].sum() for each in products])
-        camera = np.array([each[size:, size:].sum() for each in products])
-        total = image + [each.sum() for each in products]
+        printed = np.array([product[:size, :size].sum() for product in products])
+        camera = np.array([product[size:, size:].sum() for product in products])
+        total = image + [product.sum() for product in products]
         # Rounding may leave a sum of nothing below 0.
-        (turn, shift), *parts = (
+        (rotation, translation), *parts = (
             (float(np.rad2deg(a)), float(b)) for a, b in np.sqrt(np.maximum([total, image, printed, camera], 0.0))
         )
-        return ExpectedError(turn, shift, *parts)
+        return ExpectedError(rotation, translation, *parts)
 
 
 def sensitivity(

@@ -38,12 +38,12 @@ class Cell:
 
     def __post_init__(self) -> None:
         # A copy through JSON, so that tuples are lists both before and after transfer to a worker.
-        object.__setattr__(self, "settings", json.loads(canonical(self.settings)))
+        object.__setattr__(self, "settings", json.loads(canonical_text(self.settings)))
 
     @cached_property
     def key(self) -> str:
         """Canonical JSON of kind and settings."""
-        return canonical({"kind": self.kind, "settings": self.settings})
+        return canonical_text({"kind": self.kind, "settings": self.settings})
 
     @cached_property
     def name(self) -> str:
@@ -75,7 +75,7 @@ Work: TypeAlias = Callable[[Cell], Result]
 """Computes the arrays of a cell from the cell alone; a module-level function, so that other processes can import it."""
 
 
-def canonical(value: Any) -> str:
+def canonical_text(value: Any) -> str:
     """JSON of plain values, with equal text for equal values.
 
     Raises

@@ -15,7 +15,7 @@ import numpy as np
 
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.files import make_folder, write_atomic
-from markergen.studies.cells import Cell, Result, Work, canonical, versions
+from markergen.studies.cells import Cell, Result, Work, canonical_text, versions
 from markergen.studies.engines import Engine
 
 IDENTITY, CELLS = "study.json", "cells"
@@ -125,7 +125,7 @@ def open_store(folder: Path, identity: Mapping[str, Any], resume: bool) -> Itera
     OutputError
         If the folder cannot be created or written to.
     """
-    text = canonical({**identity, **versions()})
+    text = canonical_text({**identity, **versions()})
     _check_identity(folder, text, resume)
     make_folder(folder / CELLS)
     with _alone(folder):
@@ -288,12 +288,12 @@ def _check_identity(folder: Path, text: str, resume: bool) -> None:
 
 def _difference(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
     keys = [key for key in {**here, **there} if there.get(key) != here.get(key)]
-    words = [f"{key} {_short(there.get(key))} there, {_short(here.get(key))} here" for key in keys[:3]]
-    return f"another study in {folder}: " + "; ".join(words) + (" and more" if len(keys) > 3 else "")
+    differences = [f"{key} {_short(there.get(key))} there, {_short(here.get(key))} here" for key in keys[:3]]
+    return f"another study in {folder}: " + "; ".join(differences) + (" and more" if len(keys) > 3 else "")
 
 
 def _short(value: Any) -> str:
-    text = "none" if value is None else canonical(value)
+    text = "none" if value is None else canonical_text(value)
     return text if len(text) <= 40 else text[:37] + "..."
 
 

@@ -6,7 +6,7 @@ from markergen.errors import MissingLibraryError
 
 
 def serve(file: Path | None = None, port: int | None = None, browser: bool = True) -> None:
-    """Serve the studio; see `markergen.studio.server.serve`.
+    """Serve the studio; see `markergen.studio.server.run_server`.
 
     Raises
     ------
@@ -22,4 +22,4 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
             f"expected starlette and uvicorn for the studio, found no {error.name}; "
             "install them with: pip install 'markergen[studio]'"
         ) from None
-    server.serve(file, port, browser)
+    server.run_server(file, port, browser)

@@ -28,7 +28,7 @@ from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
 from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
-from markergen.studio.state import KEPT, Options, design_of, plain, points_as_text, spec_of_options
+from markergen.studio.state import KEPT, Options, design_of, plain_options, points_as_text, spec_of_options
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.expectation import expect
@@ -100,8 +100,8 @@ class Sketch:
     @property
     def sources(self) -> ErrorSources:
         """Print and calibration of the spec; the usual print where it has an exact one."""
-        found = sources_of(self.spec)
-        return found if found.print_sigma else replace(found, print_sigma=PRINT_SIGMA)
+        sources = sources_of(self.spec)
+        return sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
 
     @property
     def series(self) -> SyntheticViews:
@@ -117,20 +117,20 @@ class Sketch:
         return pose_budget(self.points, poses.rotation, poses.translation, self.setting.camera, image, self.sources)
 
 
-def _image_covariance(found: Sketch) -> Array:
+def _image_covariance(layout: Sketch) -> Array:
     """Least covariances (P, n, 2, 2) in px^2 of the dots' centers; those of dots that have not moved are kept."""
-    diameter, image = found.marker.dot_diameter, found.spec.image_noise
-    room = replace(found.spec, points=()), diameter
-    known = _SEEN.get(room, {})
-    moved = [point for point in dict.fromkeys(found.spec.points) if point not in known]
+    diameter, image = layout.marker.dot_diameter, layout.spec.image_noise
+    room = replace(layout.spec, points=()), diameter
+    covariances = _SEEN.get(room, {})
+    moved = [point for point in dict.fromkeys(layout.spec.points) if point not in covariances]
     if moved:
-        camera, poses = found.setting.camera, found.setting.poses
+        camera, poses = layout.setting.camera, layout.setting.poses
         slopes = image_slopes(image_jacobian(np.array(moved), camera, poses), poses)
         fresh = dot_covariances(slopes, diameter, image)
-        known = known | {point: fresh[:, k] for k, point in enumerate(moved)}
+        covariances = covariances | {point: fresh[:, k] for k, point in enumerate(moved)}
     _SEEN.clear()
-    _SEEN[room] = {point: known[point] for point in found.spec.points}
-    return np.stack([known[point] for point in found.spec.points], axis=1)
+    _SEEN[room] = {point: covariances[point] for point in layout.spec.points}
+    return np.stack([covariances[point] for point in layout.spec.points], axis=1)
 
 
 def sketch(options: Options) -> Sketch:
@@ -171,8 +171,8 @@ def _begun(spec: Spec) -> tuple[Spec, str]:
         raise InputError(f"{spec.n} dots that fit", "no room found at once", "optimize, or use fewer or smaller dots")
     # Whole hundredths of a mm, as long as all dots still fit.
     exact = layouts[name][0]
-    near = np.round(exact, 5)
-    points = exact if faults(near, region) else near
+    rounded = np.round(exact, 5)
+    points = exact if faults(rounded, region) else rounded
     rows = np.column_stack([points, np.zeros(spec.n)]) if spec.relief else points
     return replace(spec, points=tuple(map(tuple, rows.tolist()))), STARTS[name]
 
@@ -182,19 +182,19 @@ def look(options: Any) -> dict[str, Any]:
 
     Lengths are in m, angles in degrees, translation errors in mm; values that are not finite are None.
     """
-    state = plain(options)
-    found = sketch(state)
-    spec, poses, budget = found.spec, found.setting.poses, found.budget
+    state = plain_options(options)
+    layout = sketch(state)
+    spec, poses, budget = layout.spec, layout.setting.poses, layout.budget
     rotation, translation = budget.rotation_deg, budget.translation
     centers = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
     variance = np.maximum(rotation["total"] ** 2, np.finfo(float).tiny)
     shares = {"image": "image", "print": "print", "calibration": "camera"}
-    return {"options": _with_points(state, spec), "dots": _dots(found.marker)} | clean(
+    return {"options": _with_points(state, spec), "dots": _dots(layout.marker)} | clean(
         {
-            "start": found.start,
+            "start": layout.start,
             "room": _room(spec),
-            "clearance": found.region.clearance,
-            "problems": [{"dots": list(each.dots), "line": each.words} for each in found.faults],
+            "clearance": layout.region.clearance,
+            "problems": [{"dots": list(fault.dots), "line": fault.words} for fault in layout.faults],
             "camera": spec.camera.as_dict(),
             "poses": {
                 **dict(zip("xyz", centers.T, strict=True)),
@@ -205,9 +205,9 @@ def look(options: Any) -> dict[str, Any]:
                 "translation": 1e3 * translation["total"],
                 **{name: rotation[source] ** 2 / variance for name, source in shares.items()},
             },
-            "expected": _expected(found, budget),
-            "limits": _limits(found, budget),
-            "objective": _objective(found),
+            "expected": _expected(layout, budget),
+            "limits": _limits(layout, budget),
+            "objective": _objective(layout),
         }
     )
 
@@ -223,8 +223,8 @@ def _room(spec: Spec) -> dict[str, Any]:
     tag = spec.placed_tag
     return {
         "outlines": _outlines(spec.boundary),
-        "keep_outs": [{"outlines": _outlines(each), "words": _placed(each)} for each in spec.keep_outs],
-        "holes": [_outlines(each) for each in spec.substrate.rims],
+        "keep_outs": [{"outlines": _outlines(region), "words": _placed(region)} for region in spec.keep_outs],
+        "holes": [_outlines(region) for region in spec.substrate.rims],
         "tag": {"name": str(tag), "side": tag.side, "center": tag.center} if tag else None,
         "radius": spec.boundary.radius,
     }
@@ -252,16 +252,16 @@ def _dots(marker: Marker) -> list[dict[str, Any]]:
     ]
 
 
-def _expected(found: Sketch, budget: PoseBudget) -> dict[str, Any]:
+def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     """RMS errors over all poses, and where they are largest, to first order."""
-    poses, rotation = found.setting.poses, budget.rotation_deg["total"]
+    poses, rotation = layout.setting.poses, budget.rotation_deg["total"]
     translation = 1e3 * budget.translation["total"]
     cells = headline.cells_of(poses)
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
     turned, moved = rms(rotation), rms(translation)
-    source = headline.source_of(1e3 * found.sources.print_sigma, found.sources.camera_covariance is not None)
+    source = headline.source_of(1e3 * layout.sources.print_sigma, layout.sources.camera_covariance is not None)
     sentence = (
         f"{headline.amount(turned)} deg and {headline.amount(moved)} mm RMS over {len(poses)} poses, to first order, "
         f"with {source}; where it is hardest, at a tilt of {tilt} deg and {distance} m, "
@@ -270,38 +270,38 @@ def _expected(found: Sketch, budget: PoseBudget) -> dict[str, Any]:
     return {"rotation_deg": turned, "translation_mm": moved, "hardest": hardest, "sentence": sentence}
 
 
-def _limits(found: Sketch, budget: PoseBudget) -> list[str]:
+def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:
     parts = {
         "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
         "translation_pct": {
-            name: rms(part) for name, part in budget.translation_pct(found.setting.poses.translation).items()
+            name: rms(part) for name, part in budget.translation_pct(layout.setting.poses.translation).items()
         },
-        "camera_exact": found.sources.camera_covariance is None,
+        "camera_exact": layout.sources.camera_covariance is None,
     }
     return limit_sentences({"budget": parts})
 
 
-def _objective(found: Sketch) -> dict[str, Any]:
+def _objective(layout: Sketch) -> dict[str, Any]:
     """Value of the objective, of the regular polygon beside it, and the best of both and all looked at in this room."""
-    spec, region = found.spec, found.region
+    spec, region = layout.spec, layout.region
     goal = parse_goal(spec.objective)
     unit, factor = "", 1.0
     if len(goal.terms) == 1 and (criterion := OBJECTIVES[goal.lead].criterion):
         unit, factor = criterion.title.rpartition(" ")[2], criterion.factor
     room = replace(spec, points=())
-    objective = objective_of(spec, found.setting, reference(room, region, found.setting))
-    value = float(objective(found.points[None])[0])
+    objective = objective_of(spec, layout.setting, reference(room, region, layout.setting))
+    value = float(objective(layout.points[None])[0])
     key = room, region.diameter
     if key not in _KNOWN:
-        layouts = comparison_layouts(region, room.n, room.seed, found.setting).get("ngon", np.zeros((0, room.n, 2)))
+        layouts = comparison_layouts(region, room.n, room.seed, layout.setting).get("ngon", np.zeros((0, room.n, 2)))
         polygon = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf
         _KNOWN[key] = polygon, polygon
         for old in list(_KNOWN)[:-ROOMS]:
             del _KNOWN[old]
     ngon, best = _KNOWN[key]
-    _KNOWN[key] = ngon, min(best, np.inf if found.faults else value)
+    _KNOWN[key] = ngon, min(best, np.inf if layout.faults else value)
     every = {"value": value, "ngon": ngon, "best_known": _KNOWN[key][1]}
-    return {"name": spec.objective, "unit": unit, **{name: factor * each for name, each in every.items()}}
+    return {"name": spec.objective, "unit": unit, **{name: factor * number for name, number in every.items()}}
 
 
 def _raised(layouts: Array, spec: Spec) -> Array:
@@ -317,10 +317,10 @@ def more(options: Any) -> dict[str, Any]:
     InputError
         As `markergen.design`, which refuses a layout with faults.
     """
-    state = plain(options)
+    state = plain_options(options)
     state = _with_points(state, sketch(state).spec)
-    design, found = design_of(state), sketch(state)
-    series, seed = found.series, found.spec.seed
+    design, layout = design_of(state), sketch(state)
+    series, seed = layout.series, layout.spec.seed
     claim = headline.of(expect(series, seed=seed), series, 0.0, seed)
     return clean(
         {
@@ -328,35 +328,35 @@ def more(options: Any) -> dict[str, Any]:
             "labels": {"sentence": design.labels.sentence, "least_px": design.labels.least} if design.labels else None,
             "bound": design.certificate.sentence,
             "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),
-            "more_dots": _more_dots(found),
-            "beside": _beside(found, design),
+            "more_dots": _more_dots(layout),
+            "beside": _beside(layout, design),
             "advice": [*design.outlook.splitlines(), *design.warnings],
         }
     )
 
 
-def _more_dots(found: Sketch) -> list[dict[str, Any]]:
+def _more_dots(layout: Sketch) -> list[dict[str, Any]]:
     """Errors of other numbers of dots, of the best size for each, in the order of their number."""
-    if found.spec.relief:
+    if layout.spec.relief:
         return []
     try:
-        known = at_a_glance(found.spec, found.setting.poses, found.sources).by_count(most=1)
+        glances = at_a_glance(layout.spec, layout.setting.poses, layout.sources).by_count(most=1)
     except InputError:
         return []
     rows = []
-    for n in sorted({*COUNTS} & known.keys()):
-        each = known[n]
-        budget = marker_budget(each.points, each.diameter, found.setting, found.spec.image_noise, found.sources)
+    for n in sorted({*COUNTS} & glances.keys()):
+        glance = glances[n]
+        budget = marker_budget(glance.points, glance.diameter, layout.setting, layout.spec.image_noise, layout.sources)
         turned, moved = rms(budget.rotation_deg["total"]), 1e3 * rms(budget.translation["total"])
-        rows.append({"n": n, "diameter": each.diameter, "rotation_deg": turned, "translation_mm": moved})
+        rows.append({"n": n, "diameter": glance.diameter, "rotation_deg": turned, "translation_mm": moved})
     return rows
 
 
-def _beside(found: Sketch, design: Design) -> list[dict[str, Any]]:
+def _beside(layout: Sketch, design: Design) -> list[dict[str, Any]]:
     """Photometric bounds of this marker and of common patterns of its size, exactly printed, RMS over some poses."""
-    if found.spec.relief:
+    if layout.spec.relief:
         return []
-    spec, poses = found.spec, found.setting.poses
+    spec, poses = layout.spec, layout.setting.poses
     key = replace(spec, points=(), n=USUAL_COUNT).hash
     if key not in _RIVALS:
         _RIVALS[key] = _bounds(RIVALS, design.marker, poses)
@@ -367,26 +367,27 @@ def _beside(found: Sketch, design: Design) -> list[dict[str, Any]]:
 
 def _bounds(rivals: tuple[str, ...], marker: Marker, poses: PoseDistribution) -> list[dict[str, Any]]:
     """Bounds of a marker, or of rivals of its size."""
-    own = "this marker"
-    contestants, setting = line_up([own, *(rivals or RIVALS[:1])], poses, given={own: marker})
+    name_here = "this marker"
+    contestants, setting = line_up([name_here, *(rivals or RIVALS[:1])], poses, given={name_here: marker})
     chosen = contestants[1:] if rivals else contestants[:1]
     every = np.linspace(0, len(setting.poses) - 1, BOUND_POSES).round().astype(int)
     rows = []
-    for each in chosen:
+    for contestant in chosen:
         bounds = [
-            each.bound(setting.camera, setting.poses.taken(every[[k]], 0), DEFAULT_OPTICS) for k in range(len(every))
+            contestant.bound(setting.camera, setting.poses.taken(every[[k]], 0), DEFAULT_OPTICS)
+            for k in range(len(every))
         ]
         turned, moved = (rms(np.array(part)) for part in zip(*bounds, strict=True))
-        rows.append({"name": each.name, "rotation_deg": turned, "translation_pct": moved})
+        rows.append({"name": contestant.name, "rotation_deg": turned, "translation_pct": moved})
     return rows
 
 
 def clean(value: Any) -> Any:
     """Return plain JSON values: six digits, and None for what is not finite."""
     if isinstance(value, dict):
-        return {key: clean(each) for key, each in value.items()}
+        return {key: clean(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [clean(each) for each in value]
+        return [clean(part) for part in value]
     if isinstance(value, np.ndarray | np.generic | float):
         return _rounded(np.asarray(value)) if np.asarray(value).dtype.kind == "f" else np.asarray(value).tolist()
     return value

@@ -51,7 +51,7 @@ def uploaded(name: str, data: bytes) -> Iterator[Path]:
             raise InputError(*(part.replace(f"{folder}/", "") for part in error.args)) from None
 
 
-def opened(
+def opened_file(
     name: str,
     data: bytes,
     unit: str | None = None,
@@ -99,8 +99,8 @@ def opened(
 def _drawn(path: Path, unit: str | None, layer: str | None, origin: Sequence[float]) -> dict[str, Any]:
     there = parse_boundary(path, unit, layer, "file")
     room = polygon_from(there.contours())
-    found = {"boundary": room, "keep_out": moved(there, origin)}
-    return {name: each.as_dict() for name, each in found.items()} | {"center": there.center, "words": str(room)}
+    regions = {"boundary": room, "keep_out": moved(there, origin)}
+    return {name: region.as_dict() for name, region in regions.items()} | {"center": there.center, "words": str(room)}
 
 
 def _opened(path: Path) -> dict[str, Any]:
@@ -128,8 +128,8 @@ def _camera(path: Path) -> dict[str, Any]:
 
 
 def _unknown(path: Path) -> InputError:
-    known = "a marker.json, rig.json, spec .toml, drawing .svg, .dxf or .geojson, camera file, poses or points .csv"
-    return InputError(known, brief(path.name), "open one of these")
+    kinds = "a marker.json, rig.json, spec .toml, drawing .svg, .dxf or .geojson, camera file, poses or points .csv"
+    return InputError(kinds, brief(path.name), "open one of these")
 
 
 def _json(path: Path, content: object) -> dict[str, Any]:
@@ -137,10 +137,10 @@ def _json(path: Path, content: object) -> dict[str, Any]:
         refuse_named_plates(content)
         return {"rig": json.loads(rig_to_json(load_marker_or_rig(path)))}  # type: ignore[arg-type]
     if isinstance(content, Mapping) and "control_points" in content:
-        found = load_marker_or_rig(path)
-        assert isinstance(found, Marker)
-        measured = {"note": MEASURED} if found.as_designed is not found else {}
-        return {"options": options_of(found), "marker": json.loads(to_json(found)), **measured}
+        marker = load_marker_or_rig(path)
+        assert isinstance(marker, Marker)
+        measured = {"note": MEASURED} if marker.as_designed is not marker else {}
+        return {"options": options_of(marker), "marker": json.loads(to_json(marker)), **measured}
     if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
         return _camera(path)
     if isinstance(content, list):
@@ -150,8 +150,8 @@ def _json(path: Path, content: object) -> dict[str, Any]:
 
 def _is_layout(data: bytes) -> bool:
     """Whether a table has the places of dots: poses have rotations as well."""
-    words = data.partition(b"\n")[0].decode("latin-1").lower().split(",")
-    names = {re.split(r"[\s_\[(/]", word.strip())[0] for word in words}
+    headings = data.partition(b"\n")[0].decode("latin-1").lower().split(",")
+    names = {re.split(r"[\s_\[(/]", word.strip())[0] for word in headings}
     return {"x", "y"} <= names and not names & {"qw", "rx", "r11", "tilt"}
 
 
@@ -163,7 +163,7 @@ def options_of(marker: Marker) -> dict[str, Any] | None:
     if spec is not None:
         values = {key: value for key, value in spec.as_dict().items() if key == "boundary" or value != usual.get(key)}
     else:
-        values = {"boundary": marker.boundary.as_dict(), "keep_outs": [each.as_dict() for each in marker.keep_outs]}
+        values = {"boundary": marker.boundary.as_dict(), "keep_outs": [region.as_dict() for region in marker.keep_outs]}
         values |= {"tag": str(marker.tag), "tag_side": marker.tag.side} if marker.tag else {}
         values |= {"substrate": marker.substrate.as_dict(), "relief": marker.as_designed.height}
     options = {

@@ -37,9 +37,9 @@ from markergen.optimize.design import Design
 from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json
 from markergen.studio.look import look, more
-from markergen.studio.opening import opened
+from markergen.studio.opening import opened_file
 from markergen.studio.showing import detected, exported, parsed_request, scene, view
-from markergen.studio.state import declared_options, place_in, plain, rig_of, table_in, with_region, words
+from markergen.studio.state import declared_options, place_in, plain_options, rig_of, table_in, with_region, words
 
 HOST = "127.0.0.1"
 
@@ -194,8 +194,8 @@ _OLDER = ("the newest request", "an older one", "wait for the newer answer")
 def failure(error: Exception) -> dict[str, str]:
     """Return what a page shows of an error: what was expected and found, the remedy, and the line of the command."""
     if isinstance(error, InputError):
-        expected, found, remedy = error.args
-        return {"expected": expected, "found": found, "remedy": remedy, "line": str(error)}
+        expected, value, remedy = error.args
+        return {"expected": expected, "found": value, "remedy": remedy, "line": str(error)}
     if isinstance(error, MarkergenError):
         return {"expected": "", "found": "", "remedy": "", "line": str(error)}
     log.error("in the studio", exc_info=error)
@@ -212,26 +212,26 @@ def optimize(options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:
         ``options`` that give the same marker without a search, or None and ``marker``, a marker.json, if the dots have
         several sizes; ``summary``, ``warnings``, ``outlook``, and ``certificate``: ``sentence`` and ``gap``.
     """
-    asked = {name: value for name, value in plain(options).items() if name != "points"}
-    found = design(progress=tell.progress, watch=tell.watch, **asked)
-    certificate = found.certify(tell.progress)
-    one_size = len({point.feature.diameter for point in found.marker.control_points}) == 1
+    asked = {name: value for name, value in plain_options(options).items() if name != "points"}
+    finished = design(progress=tell.progress, watch=tell.watch, **asked)
+    certificate = finished.certify(tell.progress)
+    one_size = len({point.feature.diameter for point in finished.marker.control_points}) == 1
     return {
-        "options": settled(asked, found) if one_size else None,
-        **({} if one_size else {"marker": json.loads(to_json(found.marker))}),
-        "summary": found.summary,
-        "warnings": found.warnings,
-        "outlook": found.outlook,
+        "options": settled_options(asked, finished) if one_size else None,
+        **({} if one_size else {"marker": json.loads(to_json(finished.marker))}),
+        "summary": finished.summary,
+        "warnings": finished.warnings,
+        "outlook": finished.outlook,
         "certificate": {"sentence": certificate.sentence, "gap": None if certificate.reason else certificate.gap},
     }
 
 
-def settled(options: Mapping[str, Any], found: Design) -> dict[str, Any]:
+def settled_options(options: Mapping[str, Any], finished: Design) -> dict[str, Any]:
     """Return the options that give a design again without a search: its points, and what was left open."""
-    spec, marker = found.spec, found.marker
+    spec, marker = finished.spec, finished.marker
     kept = {name: value for name, value in options.items() if name not in ("n", "target")}
     kept["points"] = (marker.xyz if spec.relief else marker.xyz[:, :2]).tolist()
-    kept["dot"] = found.dots.diameter
+    kept["dot"] = finished.dots.diameter
     if options.get("target"):
         kept["objective"] = spec.objective
     if (options.get("radius") == "fit" or options.get("target")) and isinstance(spec.boundary, Circle):
@@ -242,7 +242,7 @@ def settled(options: Mapping[str, Any], found: Design) -> dict[str, Any]:
     return kept | {name: stored[name] for name in ("noise_model", "print_sigma") if name in stored}
 
 
-def design_rig(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:
+def rig_result(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:
     """Design a rig from a shape and its options.
 
     Returns
@@ -251,8 +251,8 @@ def design_rig(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[
         ``rig``, a rig.json, ``summary`` and ``warnings``.
     """
     shape, asked = rig_of(shape, options)
-    found = rig(shape, progress=tell.progress, **asked)
-    return {"rig": json.loads(rig_to_json(found.rig)), "summary": found.summary, "warnings": found.warnings}
+    finished = rig(shape, progress=tell.progress, **asked)
+    return {"rig": json.loads(rig_to_json(finished.rig)), "summary": finished.summary, "warnings": finished.warnings}
 
 
 MORE = Latest(more)
@@ -279,9 +279,9 @@ class Gate:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-                kept = [each for each in message["headers"] if each[0].decode().lower() not in HEADERS]
-                message = {**message, "headers": [*kept, *own]}
+                fixed = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                kept = [header for header in message["headers"] if header[0].decode().lower() not in HEADERS]
+                message = {**message, "headers": [*kept, *fixed]}
             await send(message)
 
         status = self._refused(scope)
@@ -290,14 +290,14 @@ class Gate:
 
     def _refused(self, scope: Scope) -> int | None:
         """Return the status of a refusal."""
-        given = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]]
-        host = [value for name, value in given if name == "host"]
-        origins = [value for name, value in given if name == "origin"]
-        if len(host) != 1 or host[0] not in self._hosts or any(each != f"http://{host[0]}" for each in origins):
+        headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]]
+        host = [value for name, value in headers if name == "host"]
+        origins = [value for name, value in headers if name == "origin"]
+        if len(host) != 1 or host[0] not in self._hosts or any(origin != f"http://{host[0]}" for origin in origins):
             return 403
         token = scope["path"].split("/")[1:2]
-        known = bool(token) and secrets.compare_digest(token[0].encode(), self._token.encode())
-        return None if known else 404
+        is_ours = bool(token) and secrets.compare_digest(token[0].encode(), self._token.encode())
+        return None if is_ours else 404
 
 
 def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
@@ -317,12 +317,12 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     mimetypes.add_type("text/javascript", ".js")
     begin = None if file is None else read(file, "upload").data
     if file is not None and begin is not None:
-        opened(file.name, begin)
+        opened_file(file.name, begin)
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
-    known: Mapping[str, Answer] = {
+    answers: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
         # What cannot be used is refused here, at once.
-        "more": lambda asked: MORE(plain(asked.get("options")), str(asked.get("page", ""))),
+        "more": lambda asked: MORE(plain_options(asked.get("options")), str(asked.get("page", ""))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
         "region": with_region,
@@ -348,7 +348,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
         Route("/", page),
         Route("/options", options),
         Route("/file", first),
-        *(Route(f"/{name}", _answering(answer), methods=["POST"]) for name, answer in known.items()),
+        *(Route(f"/{name}", _answering(answer), methods=["POST"]) for name, answer in answers.items()),
         Route("/view", _refusing(_view), methods=["POST"]),
         Route("/export", _refusing(_export), methods=["POST"]),
         Route("/open", _refusing(_open), methods=["POST"]),
@@ -371,9 +371,9 @@ async def body(request: Request, kind: str) -> bytes:
     return bytes(data)
 
 
-async def aside(function: Callable[..., Any], *given: Any) -> Any:
+async def aside(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return what a function returns, computed in a thread; whoever ends the server does not wait for it."""
-    return await to_thread.run_sync(partial(function, *given), abandon_on_cancel=True)
+    return await to_thread.run_sync(partial(function, *arguments), abandon_on_cancel=True)
 
 
 Handler = Callable[[Request], Awaitable[Response]]
@@ -428,7 +428,7 @@ async def _export(request: Request) -> Response:
 async def _open(request: Request) -> Response:
     unit, layer = (unquote(request.headers.get(name, "")) or None for name in ("x-unit", "x-layer"))
     origin = place_in(request.headers.get("x-origin", "0,0").split(","))
-    return _json(await aside(opened, _name(request), await body(request, "upload"), unit, layer, origin))
+    return _json(await aside(opened_file, _name(request), await body(request, "upload"), unit, layer, origin))
 
 
 async def _detect(request: Request) -> Response:
@@ -438,21 +438,21 @@ async def _detect(request: Request) -> Response:
 
 
 async def _optimize(request: Request) -> Response:
-    options = plain(parsed_request(await body(request, "request")).get("options"))
+    options = plain_options(parsed_request(await body(request, "request")).get("options"))
     return _streaming(lambda tell: optimize(options, tell))
 
 
 async def _rig(request: Request) -> Response:
     asked = parsed_request(await body(request, "request"))
     options = table_in(asked, "options")
-    return _streaming(lambda tell: design_rig(asked.get("shape"), options, tell))
+    return _streaming(lambda tell: rig_result(asked.get("shape"), options, tell))
 
 
 def _streaming(job: Job) -> Response:
     return StreamingResponse(streamed(job), media_type="application/x-ndjson")
 
 
-def serve(file: Path | None = None, port: int | None = None, browser: bool = True) -> None:
+def run_server(file: Path | None = None, port: int | None = None, browser: bool = True) -> None:
     """Serve the studio until Ctrl-C, and say where.
 
     Parameters

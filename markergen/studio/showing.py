@@ -35,7 +35,7 @@ from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
 from markergen.studio.opening import uploaded
-from markergen.studio.state import SPEC, plain, refuse_files, refuse_named_plates, table_in, words
+from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_named_plates, table_in, words
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
@@ -58,7 +58,7 @@ class File(NamedTuple):
     data: bytes
 
 
-class Subject(NamedTuple):
+class Exhibit(NamedTuple):
     """Marker or rig that a request is about, with the camera and poses that it is shown in."""
 
     what: Marker | Rig
@@ -66,7 +66,7 @@ class Subject(NamedTuple):
     poses: PoseDistribution
 
 
-def subject(request: Mapping[str, Any]) -> Subject:
+def subject(request: Mapping[str, Any]) -> Exhibit:
     """Return what a request is about: its ``rig``, ``marker`` or ``options``, whose layout is not judged.
 
     Raises
@@ -78,13 +78,13 @@ def subject(request: Mapping[str, Any]) -> Subject:
         content = table_in(request, "rig")
         refuse_named_plates(content)
         rig = load_rig(content)
-        return Subject(rig, *rig_setting(rig))
+        return Exhibit(rig, *rig_setting(rig))
     if "marker" in request:
         marker = load_marker(table_in(request, "marker"))
         setting = setting_of(marker)
-        return Subject(marker, setting.camera, setting.poses)
-    found = sketch(table_in(request, "options"))
-    return Subject(found.marker, found.setting.camera, found.setting.poses)
+        return Exhibit(marker, setting.camera, setting.poses)
+    layout = sketch(table_in(request, "options"))
+    return Exhibit(layout.marker, layout.setting.camera, layout.setting.poses)
 
 
 def view(request: Mapping[str, Any]) -> tuple[bytes, Array]:
@@ -135,14 +135,14 @@ def exported(request: Mapping[str, Any]) -> File:
             target = Path(folder) / f"{'rig' if isinstance(what, Rig) else 'marker'}{suffix}"
             written = export(what, target)
         else:
-            state = plain(request.get("options"))
+            state = plain_options(request.get("options"))
             if "points" not in state:
                 raise InputError("dots to export", "none", "optimize first, or place them")
             target = Path(folder) / f"marker{suffix}"
             written = list(design(**state, output=target).written)
         # A design comes with its record, which is a download of its own.
-        named = [each for each in written if suffix == RECORD or not _is_record(each)]
-        files = [File(each.path.relative_to(folder).as_posix(), each.path.read_bytes()) for each in named]
+        named = [file for file in written if suffix == RECORD or not _is_record(file)]
+        files = [File(file.path.relative_to(folder).as_posix(), file.path.read_bytes()) for file in named]
     return files[0] if len(files) == 1 else _zipped(f"{target.name}.zip", files)
 
 
@@ -163,19 +163,19 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
     import base64
 
     what, camera, poses = subject(request)
-    errors, said = _errors(what, camera, poses)
-    choices = choices_of(given(plain(request.get("options") or {}), DesignKeywords))
-    made = EXPORTERS[".glb"](what, choices)
+    errors, sentence = _errors(what, camera, poses)
+    choices = choices_of(given(plain_options(request.get("options") or {}), DesignKeywords))
+    glb = EXPORTERS[".glb"](what, choices)
     x, y, z = np.einsum("pji,pj->ip", poses.rotation, -poses.translation)
     return {
-        "glb": base64.b64encode(made.data).decode(),
+        "glb": base64.b64encode(glb.data).decode(),
         "poses": {
             "x": x.tolist(), "y": y.tolist(), "z": z.tolist(),
             "tilt": poses.polar_angle_deg.tolist(), "azimuth": np.rad2deg(np.arctan2(y, x)).tolist(),
             "distance": poses.distance.tolist(),
             **errors,
         },
-        "expected": said,
+        "expected": sentence,
     }  # fmt: skip
 
 
@@ -183,21 +183,21 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
     """Errors to expect at every pose, of the print that was planned and to first order, and a sentence on them."""
     usual = ErrorSources(planned_print(what))
     if isinstance(what, Rig):
-        shown = rigs.visibility(RigViews(what, camera, poses, 0, errors=usual))
-        served, budget = shown.served, rigs.budget_of(shown)
+        visibility = rigs.visibility(RigViews(what, camera, poses, 0, errors=usual))
+        served, budget = visibility.served, rigs.budget_of(visibility)
     else:
         series = SyntheticViews(what, camera, poses, 0, errors=usual)
         served, budget = coverage(what, camera, poses).served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
-    turned, moved = (headline.amount(rms(each[served])) for each in total.values())
-    found = {name: np.where(served, each, np.inf) for name, each in total.items()}
+    turned, moved = (headline.amount(rms(error[served])) for error in total.values())
+    at_poses = {name: np.where(served, error, np.inf) for name, error in total.items()}
     source = headline.source_of(1e3 * usual.print_sigma, False)
     where = (
         f"the {np.count_nonzero(served)} of {len(poses)} poses that show enough dots"
         if not served.all()
         else f"all {len(poses)} poses"
     )
-    return clean(found), f"Expect {turned} deg and {moved} mm RMS over {where}, to first order, with {source}."
+    return clean(at_poses), f"Expect {turned} deg and {moved} mm RMS over {where}, to first order, with {source}."
 
 
 def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, Any]:
@@ -214,9 +214,9 @@ def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, A
     detector = Detector(what, None if camera is None else table_in(request, "camera"), camera_covariance=covariance)
     with uploaded(name, photo) as path:
         image = read_image(path)
-    found = detector(image.grey)
-    first = found[0]
-    picture = overlay(image.grey, [what], detector.camera, [each.detection for each in found])
+    detections = detector(image.grey)
+    first = detections[0]
+    picture = overlay(image.grey, [what], detector.camera, [detection.detection for detection in detections])
     ids = first.ids.tolist() or [None] * len(first.pixels)
     return {
         "found": first.ok,

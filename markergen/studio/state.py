@@ -56,7 +56,7 @@ def declared_options() -> dict[str, Any]:
         "forms": {"marker": _form(DesignKeywords), "rig": _form(RigKeywords)},
         "units": names_of("boundary_unit"),
         "formats": [
-            *({"suffix": suffix, "words": words} for suffixes, words in catalog() for suffix in suffixes),
+            *({"suffix": suffix, "words": title} for suffixes, title in catalog() for suffix in suffixes),
             {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
         ],
         "templates": list(map(_template, templates())),
@@ -66,8 +66,10 @@ def declared_options() -> dict[str, Any]:
 def _form(table: type) -> list[dict[str, Any]]:
     """Groups of the options of a table that a state can have."""
     # Drawings are asked for theirs when they are opened.
-    known = [each for each in declared(table).values() if each.name not in (*ELSEWHERE, *DRAWING)]
-    groups = ({"name": group, "options": [_field(each) for each in known if each.group == group]} for group in GROUPS)
+    fields = [option for option in declared(table).values() if option.name not in (*ELSEWHERE, *DRAWING)]
+    groups = (
+        {"name": group, "options": [_field(option) for option in fields if option.group == group]} for group in GROUPS
+    )
     return [group for group in groups if group["options"]]
 
 
@@ -93,7 +95,7 @@ def _template(name: str) -> dict[str, Any]:
     return {"name": name, "title": title, "shape": shape, "options": options}
 
 
-def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
+def plain_options(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
     """Return a state without empty values, numbers written as text turned into numbers; or options of another table.
 
     Raises
@@ -103,19 +105,19 @@ def plain(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
     """
     if not isinstance(options, Mapping):
         raise InputError("the options of a design", brief(options), "send a table of names and values")
-    known, found = declared(table), {}
+    options_of_table, state = declared(table), {}
     for name, value in options.items():
         if name in ELSEWHERE:
             raise InputError("options of a layout", f"{name}={brief(value)}", "leave it out")
         if name in NOTES or value is None or value in ("", [], {}):
             continue
-        kind = known[name].kind if name in known else ""
+        kind = options_of_table[name].kind if name in options_of_table else ""
         if name == "points" and isinstance(value, list):
             with suppress(ValueError):  # What is wrong with it is told with all else.
                 value = points_as_text(layout_of(value))
-        found[name] = _number(value, kind) if isinstance(value, str) else value
-    refuse_files(found, table)
-    return found
+        state[name] = _number(value, kind) if isinstance(value, str) else value
+    refuse_files(state, table)
+    return state
 
 
 def points_as_text(rows: Sequence[Sequence[float]]) -> str:
@@ -133,7 +135,7 @@ def _number(text: str, kind: str) -> Any:
 
 def spec_of_options(options: Any) -> Spec:
     """Return the spec of a state; raises InputError as `markergen.design`, also for what only some files need."""
-    request = request_of(plain(options))
+    request = request_of(plain_options(options))
     sheet = request.choices.sheet
     if sheet.paper is not None:
         find_paper(sheet.paper, sheet.orientation)
@@ -149,7 +151,7 @@ def design_of(options: Any) -> Design:
     InputError
         As `markergen.design`, or if the state has no points, which would take a search.
     """
-    state = plain(options)
+    state = plain_options(options)
     if "points" not in state:
         raise InputError("the points of a layout", "none", "optimize first, or place the dots")
     return _designed(json.dumps(state, sort_keys=True))
@@ -169,7 +171,7 @@ def rig_of(shape: object, options: Any) -> tuple[str, dict[str, Any]]:
     """Return the shape and the options of a rig; raises InputError as `plain`, or if the shape is none or a file."""
     if not isinstance(shape, str) or shape.strip().lower().endswith(SUFFIXES):
         raise InputError("the shape of a rig", brief(shape), "write cube, prism:6, wall 3x2 or pair")
-    return shape, plain(options, RigKeywords)
+    return shape, plain_options(options, RigKeywords)
 
 
 def words(options: Any) -> dict[str, str]:
@@ -183,7 +185,7 @@ def words(options: Any) -> dict[str, str]:
     shape = options.get("shape") if isinstance(options, Mapping) else None
     table: type
     if shape is None:
-        state, table, verb, noun, file = plain(options), DesignKeywords, "design", "marker", "marker.pdf"
+        state, table, verb, noun, file = plain_options(options), DesignKeywords, "design", "marker", "marker.pdf"
         spec, first = tomli_w.dumps(state), []
     else:
         shape, state = rig_of(shape, {name: value for name, value in options.items() if name != "shape"})
@@ -193,23 +195,25 @@ def words(options: Any) -> dict[str, str]:
         # In a spec no line is EOF.
         command = f"cat > {noun}.toml <<'EOF'\n{spec}EOF\nmarkergen {verb} --template {noun}.toml -o {file}"
     else:
-        known = declared(table)
-        typed = [word for name, value in state.items() for word in _typed(known[name].flag, value)]
+        options_of_table = declared(table)
+        typed = [word for name, value in state.items() for word in _typed(options_of_table[name].flag, value)]
         command = shlex.join(["markergen", verb, *first, *typed, "-o", file])
-    given = "".join(f"\n    {each}," for each in [*map(repr, first), *(f"{k}={v!r}" for k, v in state.items())])
-    python = f'import markergen as mg\n\ndesign = mg.{verb}({given}\n)\ndesign.{noun}.save("{file}")\n'
+    arguments = "".join(
+        f"\n    {argument}," for argument in [*map(repr, first), *(f"{k}={v!r}" for k, v in state.items())]
+    )
+    python = f'import markergen as mg\n\ndesign = mg.{verb}({arguments}\n)\ndesign.{noun}.save("{file}")\n'
     return {"command": command, "python": python, "spec": spec}
 
 
 def _nested(value: Any) -> bool:
-    return isinstance(value, Mapping) or (isinstance(value, list) and any(not isinstance(each, str) for each in value))
+    return isinstance(value, Mapping) or (isinstance(value, list) and any(not isinstance(item, str) for item in value))
 
 
 def _typed(flag: str, value: Any) -> list[str]:
     """Words of the command line for an option; a flag that is switched off is named --no-..."""
     if isinstance(value, bool):
         return [flag if value else flag.replace("--", "--no-", 1)]
-    return [word for each in (value if isinstance(value, list) else [value]) for word in (flag, str(each))]
+    return [word for item in (value if isinstance(value, list) else [value]) for word in (flag, str(item))]
 
 
 def table_in(request: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -244,17 +248,17 @@ def refuse_files(options: Mapping[str, Any], table: type) -> None:
 def refuse_named_plates(content: Mapping[str, Any]) -> None:
     """Refuse a rig.json whose markers are other files; raises InputError."""
     markers = content.get("markers")
-    for each in markers if isinstance(markers, list) else ():
-        if isinstance(each, Mapping) and each.get("file"):
+    for plate in markers if isinstance(markers, list) else ():
+        if isinstance(plate, Mapping) and plate.get("file"):
             remedy = "write all into one with: markergen export rig.json -o whole.json"
-            raise InputError("a rig.json with its markers inside", f"the file {brief(each['file'])}", remedy)
+            raise InputError("a rig.json with its markers inside", f"the file {brief(plate['file'])}", remedy)
 
 
 def _names_one(value: object, kind: str) -> bool:
     if kind in ("camera", "covariance"):
         return isinstance(value, str)
     if kind in ("shape", "shapes"):
-        return any(isinstance(each, str) and each.strip() and is_drawing(each) for each in as_list(value))
+        return any(isinstance(text, str) and text.strip() and is_drawing(text) for text in as_list(value))
     if kind == "poses":
         return isinstance(value, str) and not is_named(value)
     return kind == "files" or (kind == "layout" and is_table(value))
@@ -286,15 +290,15 @@ def with_region(request: Mapping[str, Any]) -> dict[str, Any]:
         If an outline crosses itself or has no area, keep-outs leave nothing of the room, or `spec_of_options`.
     """
     options = dict(table_in(request, "options"))
-    plain(options)  # Raises, before any of them is read.
+    plain_options(options)  # Raises, before any of them is read.
     if "room" in request:
-        found = _with_room(options, _drawn(request["room"]))
+        changed = _with_room(options, _drawn(request["room"]))
     elif "keep_out" in request:
-        found = {**options, "keep_out": [*_keep_outs(options), _drawn(request["keep_out"]).as_dict()]}
+        changed = {**options, "keep_out": [*_keep_outs(options), _drawn(request["keep_out"]).as_dict()]}
     else:
-        found = {**options, "keep_out": _with_moved(_keep_outs(options), table_in(request, "move"))}
-    room_of(spec_of_options(found))
-    return {"options": found}
+        changed = {**options, "keep_out": _with_moved(_keep_outs(options), table_in(request, "move"))}
+    room_of(spec_of_options(changed))
+    return {"options": changed}
 
 
 def place_in(value: object) -> Place:
@@ -325,26 +329,28 @@ def _keep_outs(options: Mapping[str, Any]) -> list[Any]:
 def _with_room(options: dict[str, Any], room: Boundary) -> dict[str, Any]:
     """The marker's origin is the center of its room, so that all that is there already moves the other way."""
     x, y = np.round(room.center, DIGITS).tolist()
-    found = {name: value for name, value in options.items() if name not in ("radius", "boundary")}
+    changed = {name: value for name, value in options.items() if name not in ("radius", "boundary")}
     if isinstance(room, Circle):
-        found["radius"] = f"{round(1e3 * room.size, DIGITS - 3)!r}mm"
+        changed["radius"] = f"{round(1e3 * room.size, DIGITS - 3)!r}mm"
     else:
-        found["boundary"] = moved(room, (x, y)).as_dict()
+        changed["boundary"] = moved(room, (x, y)).as_dict()
     if keep_outs := _keep_outs(options):
-        found["keep_out"] = [_shifted(each, (x, y)) for each in keep_outs]
+        changed["keep_out"] = [_shifted(region, (x, y)) for region in keep_outs]
     if options.get("points"):
-        found["points"] = points_as_text([(u - x, v - y, *z) for u, v, *z in layout_of(plain(options)["points"])])
+        changed["points"] = points_as_text(
+            [(u - x, v - y, *z) for u, v, *z in layout_of(plain_options(options)["points"])]
+        )
     if "drawing_center" in options:
         u, v = place_in(options["drawing_center"])
-        found["drawing_center"] = [round(u + x, 12), round(v + y, 12)]
-    return found
+        changed["drawing_center"] = [round(u + x, 12), round(v + y, 12)]
+    return changed
 
 
 def _with_moved(keep_outs: list[Any], move: Mapping[str, Any]) -> list[Any]:
     index, (x, y) = move.get("index"), place_in(move.get("by"))
     if not isinstance(index, int) or not 0 <= index < len(keep_outs):
         raise InputError("the index of a keep-out", brief(index), "reload the page")
-    return [_shifted(each, (-x, -y)) if k == index else each for k, each in enumerate(keep_outs)]
+    return [_shifted(region, (-x, -y)) if k == index else region for k, region in enumerate(keep_outs)]
 
 
 def _shifted(keep_out: Any, origin: Place) -> Any:
@@ -352,5 +358,5 @@ def _shifted(keep_out: Any, origin: Place) -> Any:
     if not isinstance(keep_out, str):
         return moved(spec_of_options({"keep_out": [keep_out]}).keep_outs[0], origin).as_dict()
     shape, _, place = keep_out.partition("@")
-    at = [parse_length(each) for each in place.split(",")] if place else [0.0, 0.0]
+    at = [parse_length(coordinate) for coordinate in place.split(",")] if place else [0.0, 0.0]
     return f"{shape}@{points_as_text([[value - start for value, start in zip(at, origin, strict=True)]])}"

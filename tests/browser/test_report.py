@@ -8,8 +8,7 @@ import markergen as mg
 from markergen.maths.rotation import exponential, turn_z
 from markergen.render import Optics, render_view
 from markergen.studies.sweep.grid import sweep_from_mapping
-from markergen.studies.sweep.run import page as study_page
-from markergen.studies.sweep.run import plots
+from markergen.studies.sweep.run import plots, sweep_page
 from tests.support.rigs import cube
 
 pytestmark = pytest.mark.browser
@@ -53,7 +52,7 @@ def study(folder):
         | dict.fromkeys(errors, 1.0 + index)
         for index, point in enumerate(sweep.points)
     ]
-    (folder / "study.html").write_bytes(study_page(sweep, table, plots(sweep, table)))
+    (folder / "study.html").write_bytes(sweep_page(sweep, table, plots(sweep, table)))
 
 
 @pytest.fixture(scope="session")

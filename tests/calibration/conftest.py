@@ -56,7 +56,7 @@ def calibrated() -> Callable[..., Calibration]:
         sightings = photographed(made or markers, photos, **drawn)
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(calibration, "find_dots", lambda *_, **__: (sightings, known.camera or start))
-            return calibration.calibrate(markers, None, known)
+            return calibration.calibrate_bodies(markers, None, known)
 
     return calibrated
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.calibration_sets import CAMERA, hand_held, layout, photographed
 from markergen.calibration.adjustment import adjust
-from markergen.calibration.coverage import SIDES, coverage, posed, view_angles
+from markergen.calibration.coverage import SIDES, coverage_of, posed, view_angles
 
 
 @pytest.mark.parametrize("side", range(8))
@@ -43,7 +43,7 @@ def test_every_dot_and_view_is_counted():
     design, rng = layout(24), np.random.default_rng(1)
     rotation = posed(np.array([0.0, 30, 30, 5]), np.array([0.0, 180, 270, 90]), np.array([0.0, 90, 0, 2]))
     made = photographed(design, design, rotation, np.array([[0, 0, 0.6]] * 4), rng)
-    found = coverage(adjust(made.network(), made.views))
+    found = coverage_of(adjust(made.network(), made.views))
     assert found.cells.sum() == 4 * 24
     assert found.cells.shape == (6, 8)
     x, y = np.floor((made.views.pixels + 0.5) / 80).astype(int).reshape(-1, 2).T
@@ -60,4 +60,4 @@ def test_dots_left_out_are_not_counted():
     made = photographed(design, design, *hand_held(8, rng, design), rng)
     weights = np.ones((8, 6))
     weights[0, 0] = 0
-    assert coverage(adjust(made.network(), made.views, weights)).cells.sum() == 47
+    assert coverage_of(adjust(made.network(), made.views, weights)).cells.sum() == 47

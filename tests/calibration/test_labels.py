@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held
 
-from markergen.calibration.photos import Guess, relabelings, settle, turned_to_design
+from markergen.calibration.photos import Guess, relabelings, settle_labels, turned_to_design
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
@@ -51,7 +51,7 @@ def test_a_grid_is_itself_when_turned(columns, rows, turns):
     assert len(whole) == turns
     np.testing.assert_array_equal(group[0].image, np.arange(len(design)))
     for each in whole:
-        moved = design[:, :2] @ each.rotation.T + each.shift
+        moved = design[:, :2] @ each.rotation.T + each.translation
         np.testing.assert_allclose(moved, design[each.image, :2], rtol=0, atol=1e-12)
     # A ring at one corner leaves no turn.
     rings = np.arange(len(design)) == 0
@@ -75,7 +75,7 @@ def test_photographs_tell_the_labels_of_a_symmetric_grid(columns, rows, camera):
     group = [each for each in relabelings(design, np.zeros(len(design), bool)) if (each.image >= 0).all()]
     pixels, poses = photographs(printed(design, rng), 5, rng)
     choices, right = options(design, group, pixels, poses, rng)
-    settled = settle(choices, design, np.zeros(len(design)), camera)
+    settled = settle_labels(choices, design, np.zeros(len(design)), camera)
     assert settled.sure
     # Up to one turn of all photographs together.
     turns = set()
@@ -89,7 +89,7 @@ def test_an_exact_print_leaves_the_labels_in_doubt():
     design = grid(6, 5)
     group = [each for each in relabelings(design, np.zeros(30, bool)) if (each.image >= 0).all()]
     choices, _ = options(design, group, *photographs(design, 4, rng), rng)
-    assert not settle(choices, design, np.zeros(30), CAMERA).sure
+    assert not settle_labels(choices, design, np.zeros(30), CAMERA).sure
 
 
 @pytest.mark.parametrize("larger", [False, True])
@@ -105,7 +105,7 @@ def test_the_turn_of_all_together_is_told_by_a_dot_of_another_size_or_not_at_all
     wrong = [own[1 - k] for own, k in zip(choices, right, strict=True)]
     area = 2 * np.log(radii) + rng.normal(0, 0.03, 30)
     wrong = [replace(each, area=area) for each in wrong]
-    settled = settle([[each] for each in wrong], design, radii, CAMERA)
+    settled = settle_labels([[each] for each in wrong], design, radii, CAMERA)
     turned, told = turned_to_design(settled, group, design, radii, CAMERA)
     assert told == larger
     if larger:

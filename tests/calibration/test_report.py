@@ -13,8 +13,23 @@ from matplotlib.quiver import Quiver
 from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.network import Length
-from markergen.calibration.report import Quantities, draw_directions, draw_print_map, enlargement, page, round_factor
-from markergen.calibration.sentences import closing, errors, headline, shares, summary, unused, what_is_left
+from markergen.calibration.report import (
+    Quantities,
+    calibration_page,
+    draw_directions,
+    draw_print_map,
+    enlargement,
+    round_factor,
+)
+from markergen.calibration.sentences import (
+    closing_sentence,
+    errors,
+    summary,
+    unused,
+    variance_shares,
+    verdict_sentence,
+    what_is_left,
+)
 from markergen.files import Written
 from markergen.maths.rotation import exponential
 from markergen.presentation.tables import number
@@ -24,7 +39,7 @@ SECTIONS = ("answer", "print", "judged", "camera", "photos", "coverage", "next",
 
 @pytest.fixture(scope="module")
 def made(both):
-    return page(both)
+    return calibration_page(both)
 
 
 def test_is_one_whole_page_that_loads_nothing_and_says_in_words_what_it_shows(both, made):
@@ -47,10 +62,10 @@ def test_is_written_with_the_calibration_the_same_each_time(both, made, tmp_path
 def test_has_a_section_for_everything_that_was_found(made, two_markers, nominal):
     assert Page(made).sections == SECTIONS
     unjudged = NotJudged("too few photographs")
-    exact = Page(page(replace(two_markers, cross_validation=unjudged)))
+    exact = Page(calibration_page(replace(two_markers, cross_validation=unjudged)))
     assert exact.sections == tuple(each for each in SECTIONS if each != "camera")
     assert not [title for title in exact.titles if title.startswith(("Left-out", "Two halves", "Rejected"))]
-    held = Page(page(nominal))
+    held = Page(calibration_page(nominal))
     assert held.sections == tuple(each for each in SECTIONS if each != "next")
     assert len(held.table("Dots")[0]) == 4
     assert not [a for tag, a in held.elements if tag == "svg" and a["aria-label"].startswith("Map")]
@@ -58,9 +73,9 @@ def test_has_a_section_for_everything_that_was_found(made, two_markers, nominal)
 
 def test_verdict_is_first_and_is_that_of_the_object(both, made):
     text = markup.unescape(made.decode())
-    assert text.index(headline(both)) < text.index(both.scale_source) < text.index("<table")
-    assert errors(both.after) in headline(both)
-    assert errors(both.before) in headline(both)
+    assert text.index(verdict_sentence(both)) < text.index(both.scale_source) < text.index("<table")
+    assert errors(both.after) in verdict_sentence(both)
+    assert errors(both.before) in verdict_sentence(both)
     rows = Page(made).table("Expected pose error")
     assert rows[1][2:] == [
         number(both.after.rotation_deg),
@@ -105,7 +120,7 @@ def test_tells_what_was_rejected_and_by_how_much(both, made):
 def test_asks_for_the_next_photographs(two_markers):
     asked = two_markers.next_photos
     assert asked.helps
-    found, text = Page(page(two_markers)), markup.unescape(page(two_markers).decode())
+    found, text = Page(calibration_page(two_markers)), markup.unescape(calibration_page(two_markers).decode())
     assert text.count(asked.sentence) == 2
     assert asked.sentence in summary(two_markers)
     rows = found.table("Expected pose error after the next")
@@ -128,7 +143,7 @@ def test_chi2_of_the_photographs_adds_up_to_that_of_the_adjustment(both):
 
 
 def test_dots_of_two_markers_are_told_apart(two_markers):
-    found = Page(page(two_markers))
+    found = Page(calibration_page(two_markers))
     assert [row[0] for row in found.table("Dots")] == [*(f"1:{k}" for k in range(5)), *(f"2:{k}" for k in range(6))]
     assert len(found.table("Photographs")) == 8
     maps = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "in the print" in a["aria-label"]]
@@ -137,9 +152,9 @@ def test_dots_of_two_markers_are_told_apart(two_markers):
 
 def test_summary_is_some_ten_lines(both, two_markers, nominal):
     for found in (both, two_markers, nominal):
-        assert ". " not in headline(found)
+        assert ". " not in verdict_sentence(found)
         lines = summary(found)
-        assert lines[0] == headline(found)
+        assert lines[0] == verdict_sentence(found)
         assert found.scale_source in lines
         assert 5 <= len(lines) - len(found.notes) <= 10
         assert all("  " not in line and "nan" not in line for line in lines)
@@ -150,50 +165,54 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert isinstance(cross, CrossValidation)
     assert isinstance(halves, Halves)
     agreeing = replace(both, halves=replace(halves, chance=0.5))
-    assert headline(agreeing).startswith("Use the measured marker: expect")
-    assert headline(agreeing).endswith("confirm it.")
-    assert "with care" in headline(replace(both, halves=replace(halves, chance=1e-4)))
+    assert verdict_sentence(agreeing).startswith("Use the measured marker: expect")
+    assert verdict_sentence(agreeing).endswith("confirm it.")
+    assert "with care" in verdict_sentence(replace(both, halves=replace(halves, chance=1e-4)))
     gain = replace(cross.gain, low=0.9, high=1.2)
     doubtful = replace(agreeing, cross_validation=replace(cross, gain=gain))
-    assert headline(doubtful).startswith(
+    assert verdict_sentence(doubtful).startswith(
         "Do not use the measured marker yet: it does not predict left-out photographs significantly better than"
     )
     worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
-    assert "worse than the design" in headline(worse)
+    assert "worse than the design" in verdict_sentence(worse)
     unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
-    assert "too few photographs to confirm" in headline(unjudged)
-    assert headline(replace(both, after=both.before)).startswith("Use the measured marker: it predicts left-out")
-    assert headline(replace(doubtful, after=both.before)).startswith("Keep the marker as designed")
-    assert headline(nominal).startswith("The camera is calibrated")
+    assert "too few photographs to confirm" in verdict_sentence(unjudged)
+    assert verdict_sentence(replace(both, after=both.before)).startswith(
+        "Use the measured marker: it predicts left-out"
+    )
+    assert verdict_sentence(replace(doubtful, after=both.before)).startswith("Keep the marker as designed")
+    assert verdict_sentence(nominal).startswith("The camera is calibrated")
     adjustment = both.adjustment
     far = replace(agreeing, after=replace(both.after, translation=1.1 * both.before.translation))
-    assert headline(far).startswith("Take more photographs before")
+    assert verdict_sentence(far).startswith("Take more photographs before")
     ruled = replace(adjustment, network=replace(adjustment.network, lengths=(Length(0, 1, 0.07, 1e-4),)))
-    assert headline(replace(far, adjustment=ruled)).startswith("Use the measured marker")
-    assert headline(replace(far, adjustment=ruled)).endswith("how well the scale of the print is known.")
-    assert "of the first marker" not in headline(both)
-    assert "from the first marker" in headline(two_markers)
+    assert verdict_sentence(replace(far, adjustment=ruled)).startswith("Use the measured marker")
+    assert verdict_sentence(replace(far, adjustment=ruled)).endswith("how well the scale of the print is known.")
+    assert "of the first marker" not in verdict_sentence(both)
+    assert "from the first marker" in verdict_sentence(two_markers)
     exact = replace(cross.best_nominal, chi2=1.5 * cross.best_nominal.degrees_of_freedom)
     as_designed = replace(agreeing, cross_validation=replace(cross, gain=gain, nominal=exact, refitted=None))
-    assert headline(as_designed).startswith("Use the measured marker or the design, since the print is as designed")
+    assert verdict_sentence(as_designed).startswith(
+        "Use the measured marker or the design, since the print is as designed"
+    )
     assert as_designed.to_use
     kept = replace(doubtful, after=both.before)
     assert [each.to_use for each in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
         False
     ]
     assert (agreeing.as_dict()["use"], worse.as_dict()["use"]) == (True, False)
-    assert worse.as_dict()["verdict"] == headline(worse)
+    assert worse.as_dict()["verdict"] == verdict_sentence(worse)
 
 
 def test_files_that_are_not_to_be_used_are_told_last(both):
     cross = both.cross_validation
     doubtful = replace(both, cross_validation=replace(cross, gain=replace(cross.gain, low=0.9)))
-    assert closing(doubtful) == "the result is not to be used yet: see the first line"
+    assert closing_sentence(doubtful) == "the result is not to be used yet: see the first line"
     files = Written(Path("measured.json")), Written(Path("camera.yaml"))
-    said = closing(replace(doubtful, written=files))
+    said = closing_sentence(replace(doubtful, written=files))
     assert said == "measured.json, camera.yaml: written, but not to be used yet: see the first line"
-    assert closing(both) == "nothing was written: add -o measured.json"
-    assert closing(both, shown=True) == closing(replace(both, written=files)) == ""
+    assert closing_sentence(both) == "nothing was written: add -o measured.json"
+    assert closing_sentence(both, shown=True) == closing_sentence(replace(both, written=files)) == ""
 
 
 def test_only_the_print_differs_before_and_after(both, nominal):
@@ -207,8 +226,8 @@ def test_only_the_print_differs_before_and_after(both, nominal):
 
 def test_what_is_left_names_the_largest_source_first(both):
     error = replace(both.after, image=(0.01, 0.03), print=(0.03, 0.01), camera=(0.0, 0.0))
-    assert shares(error)["print"] == pytest.approx((0.9, 0.1))
-    assert shares(error)["camera"] == (0.0, 0.0)
+    assert variance_shares(error)["print"] == pytest.approx((0.9, 0.1))
+    assert variance_shares(error)["camera"] == (0.0, 0.0)
     said = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
     assert said == (
         "The variance that is left comes from image noise (rotation 6 %, translation 100 %), the print (rotation 94 %, "

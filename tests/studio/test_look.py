@@ -12,7 +12,7 @@ from markergen.cli import main
 from markergen.errors import InputError
 from markergen.options.rig import RigKeywords
 from markergen.studio.look import _SEEN, clean, look, more, sketch
-from markergen.studio.state import declared_options, design_of, marker_of_options, plain, spec_of_options, words
+from markergen.studio.state import declared_options, design_of, marker_of_options, plain_options, spec_of_options, words
 from markergen.validation.bounds import error_budget
 
 POINTS = "0mm,120mm; -110mm,-20mm; 10mm,-100mm; 90mm,30mm; 0mm,0mm"
@@ -120,7 +120,7 @@ def test_command_python_and_spec_make_the_marker_of_the_state(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     state = {**MOVED, "keep_out": ["circle:5mm@0,0.05"], "n": "", "tile": False}
     found, marker = words(state), marker_of_options(state)
-    assert tomllib.loads(found["spec"]) == plain(state)
+    assert tomllib.loads(found["spec"]) == plain_options(state)
     made: dict[str, Any] = {}
     exec(found["python"].replace("design.marker.save", "str"), made)
     assert made["design"].marker == marker
@@ -143,7 +143,7 @@ def test_the_command_of_a_drawn_boundary_writes_its_spec() -> None:
 
 
 def test_what_a_page_notes_beside_the_options_is_no_option() -> None:
-    assert plain({"n": "4", "drawing_center": [0.1, 0.2]}) == {"n": 4}
+    assert plain_options({"n": "4", "drawing_center": [0.1, 0.2]}) == {"n": 4}
 
 
 def test_a_page_can_show_all_options() -> None:
@@ -186,7 +186,7 @@ def test_every_template_that_is_listed_is_a_state() -> None:
     assert {each["name"]: each["shape"] for each in listed if each["shape"]} == {"cube": "cube", "wall": "wall 3x2"}
     for each in listed:
         if each["shape"]:
-            assert request_of(each["shape"], plain(each["options"], RigKeywords)).spec.camera.width
+            assert request_of(each["shape"], plain_options(each["options"], RigKeywords)).spec.camera.width
         else:
             assert spec_of_options(each["options"]).camera.width
 

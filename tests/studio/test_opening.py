@@ -12,7 +12,7 @@ from markergen.model.marker_json import to_json
 from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_to_json
 from markergen.read.spec_file import spec_from_mapping, spec_of
-from markergen.studio.opening import opened, options_of
+from markergen.studio.opening import opened_file, options_of
 
 SQUARE = (
     b'<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="100mm"><rect width="200mm" height="100mm"/></svg>'
@@ -39,7 +39,7 @@ def test_a_marker_gives_the_options_that_make_it_again(more):
     marker = mg.design(
         **{"n": 4, "radius": "120mm", "dot": "15mm", "restarts": 1, "poses": "cone:count=3", **more}
     ).marker
-    options = opened("marker.json", to_json(marker))["options"]
+    options = opened_file("marker.json", to_json(marker))["options"]
     assert "n" not in options
     again = mg.design(**options).marker
     for name in ("image_noise", "camera_covariance", "scale_sigma"):
@@ -51,44 +51,44 @@ def test_a_marker_gives_the_options_that_make_it_again(more):
 
 
 def test_a_marker_of_unknown_origin_is_opened_too(pentagon):
-    options = opened("any.json", to_json(pentagon))["options"]
+    options = opened_file("any.json", to_json(pentagon))["options"]
     assert options["points"] == pentagon.xyz[:, :2].tolist()
     assert (options["radius"], options["dot"]) == (pentagon.boundary.radius, pentagon.dot_diameter)
 
 
 def test_a_marker_that_was_measured_is_opened_as_designed_and_says_so(pentagon):
     printed = mg.rescale(pentagon, measured_x="198mm", measured_y="198mm").marker
-    found = opened("measured.json", to_json(printed))
+    found = opened_file("measured.json", to_json(printed))
     assert np.allclose(found["options"]["points"], pentagon.xyz[:, :2], atol=1e-12)
     assert "measured on a print" in found["note"]
-    assert "note" not in opened("marker.json", to_json(pentagon))
+    assert "note" not in opened_file("marker.json", to_json(pentagon))
 
 
 def test_every_kind_of_file_is_known():
-    assert opened("spec.toml", b'title = "Mine"\nn = 6\nkeep_outs = ["circle:3mm@40mm,0mm"]\n') == {
+    assert opened_file("spec.toml", b'title = "Mine"\nn = 6\nkeep_outs = ["circle:3mm@40mm,0mm"]\n') == {
         "title": "Mine",
         "options": {"n": 6, "keep_out": ["circle:3mm@40mm,0mm"]},
     }
     for name, data in (("plate.svg", SQUARE), ("plate.geojson", GEO), ("plate.json", GEO)):
-        drawn = opened(name, data, "mm" if data == GEO else None)
+        drawn = opened_file(name, data, "mm" if data == GEO else None)
         boundary = drawn["boundary"]
         assert np.abs(drawn["center"]) == pytest.approx([0.1, 0.05])
         room = spec_from_mapping({"boundary": boundary}).boundary
         assert isinstance(room, Boundary)
         assert room.area == pytest.approx(0.02)
-    camera = opened("camera.yaml", CAMERA)["camera"]
+    camera = opened_file("camera.yaml", CAMERA)["camera"]
     assert spec_from_mapping({"camera": camera}).camera.fy == 810
-    assert opened("camera.yaml", CAMERA)["camera_covariance"] is None
+    assert opened_file("camera.yaml", CAMERA)["camera_covariance"] is None
     known = CAMERA + b"camera_parameters: [fx, fy, cx, cy]\ncamera_covariance: " + str(COVARIANCE).encode()
-    taken = opened("camera.yaml", known)
+    taken = opened_file("camera.yaml", known)
     assert (taken["camera"], taken["camera_covariance"]) == (camera, COVARIANCE)
-    assert opened("dots.csv", b"x_mm,y_mm\n0,50\n50,0\n-50,0\n0,-50\n")["points"][0] == [0, 0.05]
-    poses = opened("p.csv", b"tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n")["poses"]
+    assert opened_file("dots.csv", b"x_mm,y_mm\n0,50\n50,0\n-50,0\n0,-50\n")["points"][0] == [0, 0.05]
+    poses = opened_file("p.csv", b"tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n")["poses"]
     assert len(spec_from_mapping({"poses": poses}).poses) == 1
 
 
 def test_a_drawing_is_a_room_about_its_center_and_a_keep_out_about_another():
-    drawn = opened("plate.svg", SQUARE, origin=(0.01, -0.02))
+    drawn = opened_file("plate.svg", SQUARE, origin=(0.01, -0.02))
     room, keep_out = (spec_from_mapping({"boundary": drawn[name]}).boundary for name in ("boundary", "keep_out"))
     assert room.center == pytest.approx((0, 0))
     assert np.subtract(keep_out.center, (-0.01, 0.02)) == pytest.approx(drawn["center"])
@@ -96,21 +96,21 @@ def test_a_drawing_is_a_room_about_its_center_and_a_keep_out_about_another():
 
 
 def test_a_drawing_is_asked_for_what_it_does_not_say():
-    assert opened("plate.geojson", GEO)["asked"]["expected"] == "a unit of length in plate.geojson"
-    assert opened("plate.json", GEO)["asked"]["found"].startswith("none: the drawing is 223.6")
-    assert opened("plate.geojson", GEO, "mm")["words"] == "polygon of 200 mm x 100 mm"
-    assert "m" in opened("plate.geojson", GEO, "parsec")["asked"]["remedy"]
-    assert opened("plate.svg", SQUARE, None, "HOLES")["asked"]["expected"] == "a known layer in plate.svg"
+    assert opened_file("plate.geojson", GEO)["asked"]["expected"] == "a unit of length in plate.geojson"
+    assert opened_file("plate.json", GEO)["asked"]["found"].startswith("none: the drawing is 223.6")
+    assert opened_file("plate.geojson", GEO, "mm")["words"] == "polygon of 200 mm x 100 mm"
+    assert "m" in opened_file("plate.geojson", GEO, "parsec")["asked"]["remedy"]
+    assert opened_file("plate.svg", SQUARE, None, "HOLES")["asked"]["expected"] == "a known layer in plate.svg"
 
 
 def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
     identity = tuple(map(tuple, np.eye(3).tolist()))
     rig = Rig((Plate("one", pentagon, identity, (0.0, 0.0, 0.0)),))
     content = json.loads(rig_to_json(rig))
-    assert opened("rig.json", json.dumps(content).encode())["rig"] == content
+    assert opened_file("rig.json", json.dumps(content).encode())["rig"] == content
     content["markers"][0] = {**content["markers"][0], "marker": None, "file": "/etc/passwd"}
     with pytest.raises(mg.InputError, match="its markers inside"):
-        opened("rig.json", json.dumps(content).encode())
+        opened_file("rig.json", json.dumps(content).encode())
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
 )
 def test_what_cannot_be_used_is_told_by_the_name_it_was_given(name, data, said, tmp_path):
     with pytest.raises(mg.InputError) as caught:
-        opened(name, data)
+        opened_file(name, data)
     line = str(caught.value)
     assert said in line
     assert "tmp" not in line

@@ -5,7 +5,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.studio.look import look
-from markergen.studio.opening import opened
+from markergen.studio.opening import opened_file
 from markergen.studio.state import spec_of_options, with_region
 
 CROSSED = [[[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]]
@@ -84,8 +84,8 @@ def test_what_is_no_region_is_refused(change, said):
 
 def test_a_keep_out_of_the_sheet_of_a_room_is_that_of_the_command():
     sheet = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">{}</svg>'
-    room = opened("plate.svg", sheet.format('<path d="M20,20 h200 v160 h-200 z"/>').encode())
+    room = opened_file("plate.svg", sheet.format('<path d="M20,20 h200 v160 h-200 z"/>').encode())
     hole = sheet.format('<circle cx="50" cy="50" r="10"/>').encode()
-    keep_out = opened("holes.svg", hole, origin=room["center"])["keep_out"]
+    keep_out = opened_file("holes.svg", hole, origin=room["center"])["keep_out"]
     [found] = spec_of_options({"boundary": room["boundary"], "keep_out": [keep_out]}).keep_outs
     assert found.center == pytest.approx((-0.07, 0.05))

@@ -12,7 +12,7 @@ import pytest
 import markergen as mg
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
-from markergen.studio.server import Latest, Teller, settled, streamed
+from markergen.studio.server import Latest, Teller, settled_options, streamed
 
 from .conftest import TOKEN
 
@@ -55,7 +55,7 @@ LONG = [
 def test_the_state_after_a_search_gives_the_same_dots(more):
     options = {name: value for name, value in {**QUICK, **more}.items() if value is not None}
     found = mg.design(**options)
-    again = mg.design(**json.loads(json.dumps(settled(options, found))))
+    again = mg.design(**json.loads(json.dumps(settled_options(options, found))))
     assert again.marker.control_points == found.marker.control_points
     assert again.marker.boundary == found.marker.boundary
     assert again.value == pytest.approx(found.value, rel=1e-9)

@@ -34,12 +34,14 @@ def _errors() -> list[tuple[str, str]]:
     return [(estimator, measure) for measure, estimators in MEASURES.items() for estimator in estimators]
 
 
-def _ratio(table: PoseLayouts, one: str, other: str, measure: str, kind: str, alike: Mask | None = None) -> Array:
+def _ratio(
+    table: PoseLayouts, numerator: str, denominator: str, measure: str, kind: str, alike: Mask | None = None
+) -> Array:
     """Logarithm (P,) of one estimator's error over another's, for a kind of layouts."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.log(
-            table.level(f"{kind}.{one}.{measure}.mean", chosen=alike)
-            / table.level(f"{kind}.{other}.{measure}.mean", chosen=alike)
+            table.level(f"{kind}.{numerator}.{measure}.mean", chosen=alike)
+            / table.level(f"{kind}.{denominator}.{measure}.mean", chosen=alike)
         )
 
 
@@ -69,8 +71,8 @@ def better_than_more(study: PaperResults) -> Iterator[ClaimTest]:
                 key = f"{estimator}.{measure}.mean"
                 ratio = np.log(more.level(f"ill.{key}") / four.of(more.poses).level(f"{name}.{key}"))
                 share = float(np.mean(ratio[np.isfinite(ratio)] > 0))
-                words = f"{estimator} {measure}, random {n} over optimized 4"
-                yield ClaimTest(name, noise_px, words, as_factor(above(ratio)), f"in {share:.0%} of poses")
+                label = f"{estimator} {measure}, random {n} over optimized 4"
+                yield ClaimTest(name, noise_px, label, as_factor(above(ratio)), f"in {share:.0%} of poses")
 
 
 def fewer_gain_more(study: PaperResults) -> Iterator[ClaimTest]:
@@ -78,8 +80,8 @@ def fewer_gain_more(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in study.everywhere():
         for estimator, measure in _errors():
             gains = np.stack([_gain(table(n), name, f"{estimator}.{measure}.mean") for n in NUMBERS], axis=1)
-            words = f"{estimator} {measure}, gain with n = {NUMBERS[0]} over that with n = {NUMBERS[-1]}"
-            yield ClaimTest(name, noise_px, words, as_factor(falling(gains)))
+            label = f"{estimator} {measure}, gain with n = {NUMBERS[0]} over that with n = {NUMBERS[-1]}"
+            yield ClaimTest(name, noise_px, label, as_factor(falling(gains)))
 
 
 def others_gain_more(study: PaperResults) -> Iterator[ClaimTest]:
@@ -88,9 +90,11 @@ def others_gain_more(study: PaperResults) -> Iterator[ClaimTest]:
         for n in NUMBERS:
             for estimator in ("epnp", "ippe"):
                 for measure in ("rotation_deg", "translation_pct"):
-                    one, other = (_gain(table(n), name, f"{each}.{measure}.mean") for each in (estimator, "lm"))
-                    words = f"{measure}, gain of {estimator} over that of lm, n = {n}"
-                    yield ClaimTest(name, noise_px, words, as_factor(above(one - other)))
+                    gain, gain_of_lm = (
+                        _gain(table(n), name, f"{solver}.{measure}.mean") for solver in (estimator, "lm")
+                    )
+                    label = f"{measure}, gain of {estimator} over that of lm, n = {n}"
+                    yield ClaimTest(name, noise_px, label, as_factor(above(gain - gain_of_lm)))
 
 
 def steadier(study: PaperResults) -> Iterator[ClaimTest]:
@@ -100,8 +104,8 @@ def steadier(study: PaperResults) -> Iterator[ClaimTest]:
             for estimator, measure in _errors():
                 for statistic in ("mean", "std"):
                     gain = _gain(table(n), name, f"{estimator}.{measure}.{statistic}")
-                    words = f"{estimator} {measure}, {statistic} before over after, n = {n}"
-                    yield ClaimTest(name, noise_px, words, as_factor(above(gain)))
+                    label = f"{estimator} {measure}, {statistic} before over after, n = {n}"
+                    yield ClaimTest(name, noise_px, label, as_factor(above(gain)))
 
 
 def equal(study: PaperResults) -> Iterator[ClaimTest]:
@@ -117,12 +121,12 @@ def equal(study: PaperResults) -> Iterator[ClaimTest]:
             table_of = study.full[n] if noise_px == NOISE_PX else study.methods[noise_px, n]
             for measure in POSE:
                 ratio = _ratio(table_of, "ippe", "lm", measure, METRIC)
-                words = f"{measure}, ippe over lm, n = {n}"
+                label = f"{measure}, ippe over lm, n = {n}"
                 if noise_px == LEAST_PX:
-                    yield ClaimTest(METRIC, noise_px, words, as_factor(within(ratio, margin)))
+                    yield ClaimTest(METRIC, noise_px, label, as_factor(within(ratio, margin)))
                 for angle in np.unique(table_of.polar_deg):
                     at = as_factor(within(ratio[table_of.polar_deg == angle], margin))
-                    yield ClaimTest(METRIC, noise_px, f"{words}, at {angle:g} deg", at)
+                    yield ClaimTest(METRIC, noise_px, f"{label}, at {angle:g} deg", at)
         table_of = study.full[4] if noise_px == NOISE_PX else study.methods[noise_px, 4]
         alike = square_misfit(table_of[f"{METRIC}.layouts"].astype(float)) < SQUARE_LIKE
         for measure in POSE:
@@ -137,13 +141,13 @@ def most_accurate(study: PaperResults) -> Iterator[ClaimTest]:
     for estimator in ("epnp", "ippe"):
         for measure in POSE:
             for noise_px, n, table in _of_random(study):
-                words = f"{measure}, {estimator} over lm, random layouts, n = {n}"
-                yield ClaimTest(NO_A, noise_px, words, as_factor(above(_ratio(table, estimator, "lm", measure, "ill"))))
+                label = f"{measure}, {estimator} over lm, random layouts, n = {n}"
+                yield ClaimTest(NO_A, noise_px, label, as_factor(above(_ratio(table, estimator, "lm", measure, "ill"))))
             for name, noise_px, table_of in study.everywhere():
                 for n in NUMBERS:
-                    words = f"{measure}, {estimator} over lm, optimized layouts, n = {n}"
+                    label = f"{measure}, {estimator} over lm, optimized layouts, n = {n}"
                     ratio = _ratio(table_of(n), estimator, "lm", measure, name)
-                    yield ClaimTest(name, noise_px, words, as_factor(above(ratio)))
+                    yield ClaimTest(name, noise_px, label, as_factor(above(ratio)))
 
 
 def converge(study: PaperResults) -> Iterator[ClaimTest]:
@@ -153,24 +157,24 @@ def converge(study: PaperResults) -> Iterator[ClaimTest]:
             for estimator in ("epnp", "ippe"):
                 for measure in POSE:
                     ratio = _ratio(table(n), estimator, "lm", measure, name)
-                    words = f"{measure}, {estimator} over lm, n = {n}"
-                    yield ClaimTest(name, noise_px, words, as_factor(within(ratio, np.log1p(SIMILAR))))
+                    label = f"{measure}, {estimator} over lm, n = {n}"
+                    yield ClaimTest(name, noise_px, label, as_factor(within(ratio, np.log1p(SIMILAR))))
 
 
 def square_like(study: PaperResults) -> Iterator[ClaimTest]:
     """Square-like layouts err far less than random ones."""
-    for name, noise_px, table, words, level, alike in _square_like(study):
-        ill = np.log(table.level(f"ill.{words.replace(' ', '.')}.mean", alike.shape[1]))
+    for name, noise_px, table, label, level, alike in _square_like(study):
+        ill = np.log(table.level(f"ill.{label.replace(' ', '.')}.mean", alike.shape[1]))
         radical = as_factor(above(ill - level, np.log(RADICAL)))
-        yield ClaimTest(name, noise_px, f"{words}, random layouts over square-like ones", radical)
+        yield ClaimTest(name, noise_px, f"{label}, random layouts over square-like ones", radical)
 
 
 def perfect_square(study: PaperResults) -> Iterator[ClaimTest]:
     """Square-like layouts err as the perfect square does."""
-    for name, noise_px, table, words, level, _ in _square_like(study):
-        perfect = level - np.log(table.level(f"ngon.{words.replace(' ', '.')}.mean"))
+    for name, noise_px, table, label, level, _ in _square_like(study):
+        perfect = level - np.log(table.level(f"ngon.{label.replace(' ', '.')}.mean"))
         same = as_factor(within(perfect, np.log1p(MARGIN)))
-        yield ClaimTest(name, noise_px, f"{words}, square-like layouts over the square", same)
+        yield ClaimTest(name, noise_px, f"{label}, square-like layouts over the square", same)
 
 
 def _square_like(study: PaperResults) -> Iterator[tuple[str, float, PoseLayouts, str, Array, Mask]]:
@@ -187,17 +191,17 @@ def other_dlts(study: PaperResults) -> Iterator[ClaimTest]:
     """The homographies of Harker & O'Leary and of OpenCV err as the DLT's do."""
     for kind, estimator, noise_px, n, table in _methods(study, ("harker", "opencv")):
         ratio = _ratio(table, estimator, "dlt", "he_px2", kind)
-        words = f"he_px2, {estimator} over dlt, {_layouts(kind)}, n = {n}"
-        yield ClaimTest(_a(kind), noise_px, words, as_factor(within(ratio, np.log1p(MARGIN))))
+        label = f"he_px2, {estimator} over dlt, {_layouts(kind)}, n = {n}"
+        yield ClaimTest(_a(kind), noise_px, label, as_factor(within(ratio, np.log1p(MARGIN))))
 
 
 def normalized_dlt(study: PaperResults) -> Iterator[ClaimTest]:
     """The DLT errs more without normalization; four points give the same homography either way."""
     for kind, estimator, noise_px, n, table in _methods(study, ("plain",)):
         if n > 4:
-            words = f"he_px2, not normalized over normalized, {_layouts(kind)}, n = {n}"
+            label = f"he_px2, not normalized over normalized, {_layouts(kind)}, n = {n}"
             ratio = _ratio(table, estimator, "dlt", "he_px2", kind)
-            yield ClaimTest(_a(kind), noise_px, words, as_factor(above(ratio)))
+            yield ClaimTest(_a(kind), noise_px, label, as_factor(above(ratio)))
 
 
 def decomposed(study: PaperResults) -> Iterator[ClaimTest]:
@@ -205,8 +209,8 @@ def decomposed(study: PaperResults) -> Iterator[ClaimTest]:
     for kind, estimator, noise_px, n, table in _methods(study, ("ippe", "lm")):
         for measure in POSE:
             ratio = _ratio(table, "decomposition", estimator, measure, kind)
-            words = f"{measure}, decomposition over {estimator}, {_layouts(kind)}, n = {n}"
-            yield ClaimTest(_a(kind), noise_px, words, as_factor(above(ratio)))
+            label = f"{measure}, decomposition over {estimator}, {_layouts(kind)}, n = {n}"
+            yield ClaimTest(_a(kind), noise_px, label, as_factor(above(ratio)))
 
 
 def initial_guess(study: PaperResults) -> Iterator[ClaimTest]:
@@ -215,25 +219,27 @@ def initial_guess(study: PaperResults) -> Iterator[ClaimTest]:
         for n in NUMBERS:
             table = study.methods[noise_px, n]
             for measure in POSE:
-                guess, truth = (_gain(table, METRIC, f"{each}.{measure}.mean") for each in ("lm", "lm from the truth"))
-                words = f"{measure}, share of lm's gain that is left if it starts from the true pose, n = {n}"
+                guess, truth = (
+                    _gain(table, METRIC, f"{start}.{measure}.mean") for start in ("lm", "lm from the truth")
+                )
+                label = f"{measure}, share of lm's gain that is left if it starts from the true pose, n = {n}"
                 with np.errstate(divide="ignore", invalid="ignore"):
                     share = np.where(guess > 0, truth / guess, np.nan)
-                yield ClaimTest(METRIC, noise_px, words, below(share, 0.5))
+                yield ClaimTest(METRIC, noise_px, label, below(share, 0.5))
 
 
 def more_points(study: PaperResults) -> Iterator[ClaimTest]:
     """Errors fall with the number of points, of random and of optimized layouts."""
     for estimator, measure in _errors():
         key = f"{estimator}.{measure}.mean"
-        words = f"{estimator} {measure}, n = {NUMBERS[0]} over n = {NUMBERS[-1]}"
+        label = f"{estimator} {measure}, n = {NUMBERS[0]} over n = {NUMBERS[-1]}"
         for noise_px in (NOISE_PX, QUIET_PX):
             tables = [study.full[n] if noise_px == NOISE_PX else study.beside[noise_px, n] for n in NUMBERS]
             rows = np.log(np.stack([table.level(f"ill.{key}") for table in tables], axis=1))
-            yield ClaimTest(NO_A, noise_px, f"{words}, random layouts", as_factor(falling(rows)))
+            yield ClaimTest(NO_A, noise_px, f"{label}, random layouts", as_factor(falling(rows)))
         for name, noise_px, table in study.everywhere():
             rows = np.log(np.stack([table(n).level(f"{name}.{key}") for n in NUMBERS], axis=1))
-            yield ClaimTest(name, noise_px, f"{words}, optimized layouts", as_factor(falling(rows)))
+            yield ClaimTest(name, noise_px, f"{label}, optimized layouts", as_factor(falling(rows)))
 
 
 def views(study: PaperResults) -> Iterator[ClaimTest]:
@@ -244,8 +250,8 @@ def views(study: PaperResults) -> Iterator[ClaimTest]:
             level = np.log(table.level(f"{METRIC}.lm.rotation_deg.mean"))
             # In either, distances and azimuths are in the same order.
             frontal, tilted = (level[table.polar_deg == angle] for angle in (FRONTAL_DEG, TILTED_DEG))
-            words = f"lm rotation_deg, frontal over tilted by {TILTED_DEG:g} deg, n = {n}"
-            yield ClaimTest(METRIC, noise_px, words, as_factor(above(frontal - tilted)))
+            label = f"lm rotation_deg, frontal over tilted by {TILTED_DEG:g} deg, n = {n}"
+            yield ClaimTest(METRIC, noise_px, label, as_factor(above(frontal - tilted)))
 
 
 def criterion(study: PaperResults) -> Iterator[ClaimTest]:
@@ -254,11 +260,11 @@ def criterion(study: PaperResults) -> Iterator[ClaimTest]:
         for n in NUMBERS:
             table = study.beside[noise_px, n]
             for name in COORDINATES:
-                for key, other in (("dlt.he_px2", "homography"), ("lm.rotation_deg", "pose")):
+                for key, error in (("dlt.he_px2", "homography"), ("lm.rotation_deg", "pose")):
                     with np.errstate(divide="ignore", invalid="ignore"):
-                        ratio = np.log(table.level(f"{name}.{key}.mean") / table.level(f"{other}.{key}.mean"))
-                    words = f"{key.replace('.', ' ')}, least c(A) over least first-order {other} error, n = {n}"
-                    yield ClaimTest(name, noise_px, words, as_factor(within(ratio, np.log1p(MARGIN))))
+                        ratio = np.log(table.level(f"{name}.{key}.mean") / table.level(f"{error}.{key}.mean"))
+                    label = f"{key.replace('.', ' ')}, least c(A) over least first-order {error} error, n = {n}"
+                    yield ClaimTest(name, noise_px, label, as_factor(within(ratio, np.log1p(MARGIN))))
 
 
 def _methods(study: PaperResults, names: tuple[str, ...]) -> Iterator[tuple[str, str, float, int, PoseLayouts]]:

@@ -36,7 +36,7 @@ def verdict(findings: list[ClaimTest]) -> str:
     if not held + refuted:
         return "open"
     parts = {"holds": held, "does not": refuted, "open": len(findings) - held - refuted}
-    return ", ".join(f"{words} in {count}" for words, count in parts.items() if count)
+    return ", ".join(f"{outcome} in {count}" for outcome, count in parts.items() if count)
 
 
 _POSES = f"Wilcoxon's signed-rank test over poses, p < {LEVEL:g}"

@@ -190,9 +190,9 @@ def limits(cell: Cell) -> Result:
         objective = objective_for("metric", poses.taken(np.array([i]), 0))
         for name, region in (("disk", REGION), ("rectangle", RECTANGLE)):
             starts = region.sample(settings["starts"], settings["n"], rng)
-            found = descend(objective, region, starts)
-            result[f"{name}.c"].append(found.values)
-            result[f"{name}.moved"].append(np.linalg.norm(found.points - starts, axis=-1).mean(axis=-1))
+            descents = descend(objective, region, starts)
+            result[f"{name}.c"].append(descents.values)
+            result[f"{name}.moved"].append(np.linalg.norm(descents.points - starts, axis=-1).mean(axis=-1))
     return {key: np.stack(rows) for key, rows in result.items()}
 
 
@@ -211,12 +211,12 @@ def descent(cell: Cell) -> Result:
     pose, camera, rng = poses_of([FRONTAL]), CAMERAS[settings["camera"]], cell.rng
     recorder = Recorder()
     starts = REGION.sample(STARTED_FROM, POINTS, rng)
-    found = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
+    descents = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
     # A start that ends in the best optimum, like the paper's, and is neither near it nor degenerate.
-    good = np.flatnonzero(found.values <= found.values.min() * (1 + NEAR_BEST))
+    good = np.flatnonzero(descents.values <= descents.values.min() * (1 + NEAR_BEST))
     begun = conditions("metric", starts[good], pose, camera)
     chosen = good[np.argsort(begun, kind="stable")[len(good) // 2]]
-    layouts = np.stack([layout for _, layout in recorder.way(found.points[chosen])])
+    layouts = np.stack([layout for _, layout in recorder.way(descents.points[chosen])])
     square = regular_polygon(POINTS, BOUNDARY.radius)[None] @ np.array([[1, 1], [-1, 1]]) / np.sqrt(2)
     result: Result = {"layouts": layouts}
     for before, batch in (("", layouts), ("square.", square)):
@@ -252,9 +252,9 @@ def _shares(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.
         "rotation_deg": OBJECTIVES["rotation"](setting),
     }
     recorder = Recorder()
-    found = descend(objective, REGION, REGION.sample(settings["starts"], settings["n"], rng), record=recorder)
+    descents = descend(objective, REGION, REGION.sample(settings["starts"], settings["n"], rng), record=recorder)
     shares: dict[str, list[float]] = {key: [] for key in ("steps", *GAINED)}
-    for points in found.points:
+    for points in descents.points:
         way = np.stack([layout for _, layout in recorder.way(points)])
         shares["steps"].append(len(way) - 1)
         taken = round(FIRST_STEPS * (len(way) - 1))

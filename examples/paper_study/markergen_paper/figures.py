@@ -57,7 +57,7 @@ def descent_condition(result: Mapping[str, NDArray[Any]]) -> Draw:
     def draw(figure: "Figure") -> None:
         top, bottom = figure.subplots(2, 1, sharex=True)
         _steps(top, result["c.metric"], None, result["square.c.metric"][0], WELL)
-        mean, std = (np.asarray(result[f"dlt.he_px2.{each}"], dtype=float) for each in ("mean", "std"))
+        mean, std = (np.asarray(result[f"dlt.he_px2.{statistic}"], dtype=float) for statistic in ("mean", "std"))
         _steps(bottom, mean, std, result["square.dlt.he_px2.mean"][0], WELL)
         top.set_ylabel("c(A), metric")
         bottom.set(ylabel="HE, px²", xlabel="step")
@@ -73,7 +73,9 @@ def descent_pose(result: Mapping[str, NDArray[Any]]) -> Draw:
         axes = figure.subplots(2, 3, sharex=True, sharey="row")
         for row, measure in zip(axes, AXES, strict=True):
             for ax, (method, title) in zip(row, METHODS.items(), strict=True):
-                mean, std = (np.asarray(result[f"{method}.{measure}.{each}"], dtype=float) for each in ("mean", "std"))
+                mean, std = (
+                    np.asarray(result[f"{method}.{measure}.{statistic}"], dtype=float) for statistic in ("mean", "std")
+                )
                 _steps(ax, mean, std, result[f"square.{method}.{measure}.mean"][0], WELL)
                 if measure == "rotation_deg":
                     ax.set_title(title)
@@ -130,8 +132,8 @@ def by_angle(study: PaperResults, n: int = 4) -> Draw:
                 for name, line in (("ill", ":"), (COORDINATES[0], "-")):
                     level = table.level(f"{name}.{method}.{measure}.mean")
                     values = [_middle(level[table.polar_deg == angle]) for angle in angles]
-                    words = f"{METHODS[method]}, {'random' if name == 'ill' else 'optimized'}"
-                    ax.plot(angles, values, line, color=look["color"], marker=look["marker"], label=words)
+                    label = f"{METHODS[method]}, {'random' if name == 'ill' else 'optimized'}"
+                    ax.plot(angles, values, line, color=look["color"], marker=look["marker"], label=label)
             ax.set(ylabel=AXES[measure], xlabel="polar angle, deg", xticks=angles)
             _log(ax)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
@@ -144,13 +146,13 @@ def final_layouts(study: PaperResults, n: int) -> Draw:
 
     def draw(figure: "Figure") -> None:
         counts, edges = histogram(study, n)
-        shown = typical_of(study, n)
-        axes = figure.subplots(1, 2 + len(shown), sharey=True)
+        typical_layouts = typical_of(study, n)
+        axes = figure.subplots(1, 2 + len(typical_layouts), sharey=True)
         for ax, part, title in zip(axes, counts, ("all", "all, turned"), strict=False):
             # Rows of an image correspond to y.
             ax.pcolormesh(1e3 * edges, 1e3 * edges, np.sqrt(part.T), cmap="Greys", rasterized=True)
             ax.set_title(title)
-        for ax, (layout, share) in zip(axes[2:], shown, strict=True):
+        for ax, (layout, share) in zip(axes[2:], typical_layouts, strict=True):
             ax.plot(*(1e3 * layout).T, **FINAL)
             ax.set_title(f"typical of {share:.0%}")
         rim = 1e3 * BOUNDARY.rim(200)
@@ -174,10 +176,10 @@ def objectives(study: PaperResults, noise_px: float) -> Draw:
             axes, {"dlt.he_px2.mean": "HE, px²", "lm.rotation_deg.mean": "RE of LM, deg"}.items(), strict=True
         ):
             looks = [{"color": INK, "linestyle": ":"}, {"color": INK, "linestyle": "-."}, *SERIES]
-            for (name, words), look in zip(names.items(), looks, strict=True):
+            for (name, description), look in zip(names.items(), looks, strict=True):
                 tables = [study.beside[noise_px, n] for n in numbers]
                 values = [_middle(table.level(f"{name}.{key}")) for table in tables]
-                ax.plot(numbers, values, label=words, **look)
+                ax.plot(numbers, values, label=description, **look)
             ax.set(ylabel=label, xlabel="points", xticks=numbers)
             _log(ax)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -216,25 +218,26 @@ def one_for_all(study: PaperResults) -> Draw:
 
 def figures_of(study: PaperResults) -> dict[str, tuple[Draw, tuple[float, float], str]]:
     """All figures by file name: how to draw each, its size in inches, and its caption."""
-    found: dict[str, tuple[Draw, tuple[float, float], str]] = {}
+    figures: dict[str, tuple[Draw, tuple[float, float], str]] = {}
     for camera, result in study.descents.items():
-        words = "the paper's camera" if camera == "paper" else "the camera of the paper's experiment, 1288 x 964"
+        camera_name = "the paper's camera" if camera == "paper" else "the camera of the paper's experiment, 1288 x 964"
         runs = f"noise of {NOISE_PX:g} px, {study.options.step_runs} runs per step"
-        found |= {
+        figures |= {
             f"descent-{camera}-paths": (
                 descent_paths(result, camera), (8, 4.6),
-                f"Fronto-parallel descent of four points, {words}: from the large marks to the red dots.",
+                f"Fronto-parallel descent of four points, {camera_name}: from the large marks to the red dots.",
             ),
             f"descent-{camera}-condition": (
                 descent_condition(result), (6, 5),
-                f"c(A) and the homography's error on the way, mean and deviation; {words}, {runs}.",
+                f"c(A) and the homography's error on the way, mean and deviation; {camera_name}, {runs}.",
             ),
             f"descent-{camera}-pose": (
-                descent_pose(result), (9, 5.6), f"Errors of the pose on the way, mean and deviation; {words}, {runs}.",
+                descent_pose(result), (9, 5.6),
+                f"Errors of the pose on the way, mean and deviation; {camera_name}, {runs}.",
             ),
         }  # fmt: skip
     spread = f"Medians over poses and bars from quartile to quartile; noise of {NOISE_PX:g} px"
-    found |= {
+    figures |= {
         "conditioned-homography": (
             conditioned_homography(study), (8, 4.4), f"Random against optimized layouts: c(A) and HE. {spread}.",
         ),
@@ -260,11 +263,11 @@ def figures_of(study: PaperResults) -> dict[str, tuple[Draw, tuple[float, float]
         ),
     }  # fmt: skip
     for noise_px in sorted({noise for noise, _ in study.beside}):
-        found[f"objectives-{noise_px:g}px"] = (
+        figures[f"objectives-{noise_px:g}px"] = (
             objectives(study, noise_px), (9, 5),
             f"Layouts optimized for each pose in other coordinates of A or by other objectives; noise {noise_px:g} px.",
         )  # fmt: skip
-    return found
+    return figures
 
 
 def _steps(ax: "Axes", mean: Array, std: Array | None, square: float, look: Mapping[str, Any]) -> None:
@@ -281,12 +284,12 @@ def _steps(ax: "Axes", mean: Array, std: Array | None, square: float, look: Mapp
 def _against(ax: "Axes", study: PaperResults, key: str) -> None:
     """Random versus optimized layouts over n, and the square."""
     metric = COORDINATES[0]
-    for name, look, label, shift in (("ill", ILL, "random", -0.08), (metric, WELL, "optimized", 0.08)):
+    for name, look, label, offset in (("ill", ILL, "random", -0.08), (metric, WELL, "optimized", 0.08)):
         tables = {n: table for n, table in study.full.items() if f"{name}.{key}" in table.arrays}
         levels = {n: _kept(table.level(f"{name}.{key}")) for n, table in tables.items()}
         levels = {n: level for n, level in levels.items() if len(level)}
         low, middle, high = np.array([np.quantile(level, [0.25, 0.5, 0.75]) for level in levels.values()]).T
-        x = np.array(list(levels)) + shift
+        x = np.array(list(levels)) + offset
         ax.errorbar(x, middle, [middle - low, high - middle], capsize=3, label=label, **look)
     ax.axhline(_middle(study.full[4].level(f"ngon.{key}")), **SQUARE_LINE)
     ax.set_xticks(sorted(study.full))

@@ -57,9 +57,9 @@ def early(study: PaperResults) -> Iterator[ClaimTest]:
     """Most of the gain comes in the first fifth of the steps."""
     for (name, n), result in study.early.items():
         for measure in ("c", "homography_px", "rotation_deg"):
-            words = f"share of the gain in {measure} after a fifth of the steps, n = {n}"
+            label = f"share of the gain in {measure} after a fifth of the steps, n = {n}"
             # Descents under the same pose are not independent, so there is one value per pose.
-            yield ClaimTest(name, None, words, above(row_means(result[measure]), 0.5))
+            yield ClaimTest(name, None, label, above(row_means(result[measure]), 0.5))
 
 
 def any_pose(study: PaperResults) -> Iterator[ClaimTest]:
@@ -76,8 +76,8 @@ def any_pose(study: PaperResults) -> Iterator[ClaimTest]:
                 # Row: the pose it was optimized for; column: the pose under which it is judged.
                 with np.errstate(invalid="ignore"):
                     loss = np.mean(np.log(values / np.diag(values)), axis=1)
-                words = f"{measure} under all poses, of the layout of one pose over the pose's own, n = {n}"
-                yield ClaimTest(name, None, words, as_factor(below(loss, np.log1p(ANYWHERE))))
+                label = f"{measure} under all poses, of the layout of one pose over the pose's own, n = {n}"
+                yield ClaimTest(name, None, label, as_factor(below(loss, np.log1p(ANYWHERE))))
 
 
 def bounded(study: PaperResults) -> Iterator[ClaimTest]:
@@ -87,10 +87,10 @@ def bounded(study: PaperResults) -> Iterator[ClaimTest]:
             for kind in ("ill", name):
                 ratios = np.concatenate([table(n)[f"{kind}.{side}.{name}"].ravel() for n in NUMBERS])
                 ratios = ratios[np.isfinite(ratios)]
-                words = f"share of errors beyond the {side} bound, {'random' if kind == 'ill' else 'optimized'} layouts"
+                label = f"share of errors beyond the {side} bound, {'random' if kind == 'ill' else 'optimized'} layouts"
                 # Tolerance of 1e-6 for single precision.
                 judged = never(int(np.sum(ratios > 1 + 1e-6)), len(ratios))
-                yield ClaimTest(name, noise_px, words, judged, f"median ratio {np.median(ratios):.2g}")
+                yield ClaimTest(name, noise_px, label, judged, f"median ratio {np.median(ratios):.2g}")
 
 
 def subset(study: PaperResults) -> Iterator[ClaimTest]:
@@ -105,8 +105,8 @@ def subset(study: PaperResults) -> Iterator[ClaimTest]:
                 for kind in (name, "ill")
             )
             more = end.mean(axis=1) - begin[:, : end.shape[1]].mean(axis=1)
-            words = f"share of layouts of {n} with a square-like 4 in them, less that of random layouts"
-            yield ClaimTest(name, None, words, above(more), f"{end.mean():.0%} of optimized ones")
+            label = f"share of layouts of {n} with a square-like 4 in them, less that of random layouts"
+            yield ClaimTest(name, None, label, above(more), f"{end.mean():.0%} of optimized ones")
 
 
 def ranks(study: PaperResults) -> Iterator[ClaimTest]:
@@ -118,8 +118,8 @@ def ranks(study: PaperResults) -> Iterator[ClaimTest]:
                 c = tables[n][f"ill.c.{name}"]
                 for estimator, measure in (("dlt", "he_px2"), ("lm", "rotation_deg")):
                     rho = rank_correlation(c, tables[n][f"ill.{estimator}.{measure}.mean"])
-                    words = f"rank correlation of c(A) with {estimator} {measure} among random layouts, n = {n}"
-                    yield ClaimTest(name, noise_px, words, above(rho, MODERATE))
+                    label = f"rank correlation of c(A) with {estimator} {measure} among random layouts, n = {n}"
+                    yield ClaimTest(name, noise_px, label, above(rho, MODERATE))
 
 
 def apart(study: PaperResults) -> Iterator[ClaimTest]:
@@ -146,8 +146,8 @@ def symmetric(study: PaperResults) -> Iterator[ClaimTest]:
             yield ClaimTest(name, None, f"share of symmetric layouts among all descents, n = {n}", above(share, 0.5))
             with np.errstate(divide="ignore", invalid="ignore"):
                 nearer = row_means(np.log(begin[:, : end.shape[1]] / end))
-            words = f"distance from symmetry before over after, n = {n}"
-            yield ClaimTest(name, None, words, as_factor(above(nearer)))
+            label = f"distance from symmetry before over after, n = {n}"
+            yield ClaimTest(name, None, label, as_factor(above(nearer)))
 
 
 def settled(study: PaperResults) -> Iterator[ClaimTest]:
@@ -156,9 +156,9 @@ def settled(study: PaperResults) -> Iterator[ClaimTest]:
         for n in NUMBERS:
             c = np.asarray(study.table(name, NOISE_PX, n)[f"{name}.c.{name}"], dtype=float)
             with np.errstate(invalid="ignore"):
-                near = c <= np.min(c, axis=1, keepdims=True) * (1 + SETTLED)
-            words = f"share of descents that end within {SETTLED:.0%} of the best of their pose, n = {n}"
-            yield ClaimTest(name, None, words, above(near.mean(axis=1), 0.5))
+                is_near = c <= np.min(c, axis=1, keepdims=True) * (1 + SETTLED)
+            label = f"share of descents that end within {SETTLED:.0%} of the best of their pose, n = {n}"
+            yield ClaimTest(name, None, label, above(is_near.mean(axis=1), 0.5))
 
 
 def rectangle(study: PaperResults) -> Iterator[ClaimTest]:
@@ -169,11 +169,11 @@ def rectangle(study: PaperResults) -> Iterator[ClaimTest]:
             region: row_means(np.log(result[f"{region}.c"] / result[f"{region}.c"].min(axis=1, keepdims=True)))
             for region in ("disk", "rectangle")
         }
-        words = f"c(A) at the end over the best of the pose, in the rectangle over in the disk, n = {n}"
-        yield ClaimTest(metric, None, words, as_factor(above(excess["rectangle"] - excess["disk"])))
+        label = f"c(A) at the end over the best of the pose, in the rectangle over in the disk, n = {n}"
+        yield ClaimTest(metric, None, label, as_factor(above(excess["rectangle"] - excess["disk"])))
         moved = np.log(row_means(result["disk.moved"]) / row_means(result["rectangle.moved"]))
-        words = f"distance of the points from their starts, in the disk over in the rectangle, n = {n}"
-        yield ClaimTest(metric, None, words, as_factor(above(moved)))
+        label = f"distance of the points from their starts, in the disk over in the rectangle, n = {n}"
+        yield ClaimTest(metric, None, label, as_factor(above(moved)))
 
 
 def normalized_condition(study: PaperResults) -> Iterator[ClaimTest]:

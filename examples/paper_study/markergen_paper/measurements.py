@@ -72,7 +72,7 @@ def layout_trials(
         ``dlt.he_px2.mean``, ``lm.rotation_deg.std``, ``lm.failed`` (share of the runs), ``lm.flipped`` and so on; nan
         if no run succeeded.
     """
-    solvers = [ESTIMATORS[each] if isinstance(each, str) else each for each in estimators]
+    solvers = [ESTIMATORS[name] if isinstance(name, str) else name for name in estimators]
     exact = camera.project(layouts, pose.rotation, pose.translation)[:, 0]
     covariance = PoseObjective(Setting(BOUNDARY, camera, pose)).covariance(layouts)
     with np.errstate(invalid="ignore"):
@@ -82,8 +82,8 @@ def layout_trials(
     for start in range(0, len(layouts), at_once):
         block = slice(start, start + at_once)
         images = exact[block, None] + noise_px * rng.standard_normal((len(exact[block]), runs, *exact.shape[1:]))
-        own = np.repeat(layouts[block], runs, axis=0)
-        batch = Correspondences(own, images.reshape(own.shape[0], *exact.shape[1:]), camera)
+        repeated = np.repeat(layouts[block], runs, axis=0)
+        batch = Correspondences(repeated, images.reshape(repeated.shape[0], *exact.shape[1:]), camera)
         flips = np.repeat(can_flip[block], runs)
         parts.append(
             {

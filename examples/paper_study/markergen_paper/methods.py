@@ -60,9 +60,9 @@ class OpenCv(HomographyEstimator):
         objects = np.broadcast_to(batch.xyz[..., :2], batch.image_points.shape)
         homography = np.full((len(objects), 3, 3), np.nan)
         for trial in np.flatnonzero(batch.solvable):
-            found: Any = cv2.findHomography(objects[trial], batch.image_points[trial], 0)[0]
-            if found is not None:
-                homography[trial] = found
+            solution: Any = cv2.findHomography(objects[trial], batch.image_points[trial], 0)[0]
+            if solution is not None:
+                homography[trial] = solution
         return homography
 
 
@@ -106,7 +106,7 @@ class FromTruth(PoseEstimator):
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, one solution each."""
         trials = len(batch.image_points)
-        start = (np.broadcast_to(each, (trials, *each.shape)) for each in self._pose)
+        start = (np.broadcast_to(part, (trials, *part.shape)) for part in self._pose)
         rotation, translation = refine(batch, *start)
         return PoseEstimates(rotation[:, None], translation[:, None])
 

@@ -167,12 +167,12 @@ def rms_of(result: Mapping[str, NDArray[Any]], key: str) -> float:
     """RMS over poses and trials of a measure for the median layout; nan if it was not measured."""
     if f"{key}.mean" not in result:
         return np.nan
-    mean, std = (np.asarray(result[f"{key}.{each}"], dtype=float) for each in ("mean", "std"))
+    mean, std = (np.asarray(result[f"{key}.{statistic}"], dtype=float) for statistic in ("mean", "std"))
     with np.errstate(invalid="ignore"):
         square = np.where(np.isfinite(mean), mean**2 + std**2, np.nan)
     counts = np.isfinite(square).sum(axis=0)
-    each = np.sqrt(np.nansum(square, axis=0) / np.maximum(counts, 1))
-    return float(np.median(each[counts > 0])) if counts.any() else np.nan
+    errors = np.sqrt(np.nansum(square, axis=0) / np.maximum(counts, 1))
+    return float(np.median(errors[counts > 0])) if counts.any() else np.nan
 
 
 def _joint_layouts(study: PaperResults) -> Iterator[Row]:
@@ -224,20 +224,23 @@ def summary_table(findings: Findings) -> list[str]:
     """Lines of a table of all claims: the verdict in the paper's own setting and in all, and the range measured."""
     lines = ["| claim | paper's setting | measured there | all settings |", "|---|---|---|---|"]
     for claim, group in findings:
-        own = _own(group)
+        groups = _own(group)
         # Bars of absolute values would divide cells.
-        words = claim.words.replace("|", "\\|")
-        lines.append(f"| {words} | **{verdict(own)}** | {_measured(own)} | {verdict(group)} |")
+        text = claim.words.replace("|", "\\|")
+        lines.append(f"| {text} | **{verdict(groups)}** | {_measured(groups)} | {verdict(group)} |")
     return lines
 
 
 def sentence_table(findings: Findings) -> list[str]:
     """Lines of a table of the paper's sentences, with the verdicts on them in the paper's own setting."""
-    own = {claim.name: verdict(_own(group)) for claim, group in findings}
+    verdicts_by_claim = {claim.name: verdict(_own(group)) for claim, group in findings}
     lines = ["| | section | the paper | here |", "|---|---|---|---|"]
-    for number, each in enumerate(SENTENCES, start=1):
-        here = "; ".join(f"*{name}*: **{own[name]}**" for name in each.claims) or f"not tested, because {each.reason}"
-        lines.append(f'| {number} | {each.section} | "{each.words}" | {here} |')
+    for number, sentence in enumerate(SENTENCES, start=1):
+        here = (
+            "; ".join(f"*{name}*: **{verdicts_by_claim[name]}**" for name in sentence.claims)
+            or f"not tested, because {sentence.reason}"
+        )
+        lines.append(f'| {number} | {sentence.section} | "{sentence.words}" | {here} |')
     return lines
 
 
@@ -256,7 +259,10 @@ def index_page(
     """The page, with the same bytes for the same results; of each figure its name, its file, and its caption."""
     verdicts = [verdict(_own(group)) for _, group in findings]
     held, refuted = verdicts.count("holds"), verdicts.count("does not hold")
-    rows = [[claim.words, words, verdict(group)] for words, (claim, group) in zip(verdicts, findings, strict=True)]
+    rows = [
+        [claim.words, verdict_text, verdict(group)]
+        for verdict_text, (claim, group) in zip(verdicts, findings, strict=True)
+    ]
     each_of = [
         (
             claim.words,

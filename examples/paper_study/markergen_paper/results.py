@@ -247,14 +247,14 @@ def typical(layouts: Array, groups: int) -> list[tuple[Array, float]]:
     radius = np.linalg.norm(layouts, axis=-1)
     inner = np.sum(radius < _INNER * radius.max(axis=-1, keepdims=True), axis=-1)
     kinds, counts = np.unique(inner, return_counts=True)
-    found = []
+    typical_layouts = []
     for kind in kinds[np.argsort(-counts, kind="stable")][:groups]:
         group = layouts[inner == kind]
         group = group[:: max(1, len(group) // TYPICAL)]
         distances = np.sort(_pairs(group), axis=-1)
         nearest = np.argmin(np.sum((distances - np.median(distances, axis=0)) ** 2, axis=-1))
-        found.append((group[nearest], float(np.mean(inner == kind))))
-    return found
+        typical_layouts.append((group[nearest], float(np.mean(inner == kind))))
+    return typical_layouts
 
 
 def least_gap(layouts: Array) -> Array:

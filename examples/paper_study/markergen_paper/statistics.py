@@ -95,8 +95,8 @@ def above(values: Array, threshold: float = 0.0) -> Judged:
 
 def below(values: Array, threshold: float = 0.0) -> Judged:
     """Median of values (k,) and Wilcoxon signed-rank test that they lie below a threshold; nan is ignored."""
-    found = above(values, threshold)
-    return replace(found, p=found.p_against, p_against=found.p)
+    exceeding = above(values, threshold)
+    return replace(exceeding, p=exceeding.p_against, p_against=exceeding.p)
 
 
 def as_factor(judged: Judged) -> Judged:

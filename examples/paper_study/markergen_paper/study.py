@@ -190,8 +190,8 @@ def _random_only(options: PaperOptions) -> list[Cell]:
 
 def _in_blocks(options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
     """Cells of neighboring poses, at most those of one distance and polar angle."""
-    each = seconds_of(_cell(CONDITIONED, options, poses=[0], **settings))
-    size = min(max(1, int(CELL_S / each)), -(-len(poses) // GROUPS))
+    seconds = seconds_of(_cell(CONDITIONED, options, poses=[0], **settings))
+    size = min(max(1, int(CELL_S / seconds)), -(-len(poses) // GROUPS))
     return [
         _cell(CONDITIONED, options, poses=list(poses[start : start + size]), **settings)
         for start in range(0, len(poses), size)

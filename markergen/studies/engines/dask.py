@@ -116,9 +116,9 @@ class Dask(Engine):
                     return identity
                 await asyncio.sleep(0.2)
 
-    def _unreached(self, found: str) -> InputError:
+    def _unreached(self, reason: str) -> InputError:
         where = f"a Dask scheduler at {self.options.scheduler}"
-        return InputError(where, found, "start one with: dask scheduler; give tcp://HOST:PORT")
+        return InputError(where, reason, "start one with: dask scheduler; give tcp://HOST:PORT")
 
     def _failure(self, future: "Future") -> Exception:  # type: ignore[name-defined]  # noqa: F821
         from distributed import KilledWorker
@@ -137,9 +137,9 @@ class Dask(Engine):
             )
         return error
 
-    def _lost(self, found: str) -> MarkergenError:
+    def _lost(self, reason: str) -> MarkergenError:
         return MarkergenError(
-            f"expected a Dask cluster at {self.options.scheduler} to the end, found: {found}; "
+            f"expected a Dask cluster at {self.options.scheduler} to the end, found: {reason}; "
             "finished cells remain: fix it, and use --resume"
         )
 
@@ -149,11 +149,9 @@ def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -
     import cv2
     from threadpoolctl import threadpool_limits
 
-    found = versions()
-    if found != wanted:
-        differing = [
-            f"{name} {found[name]} in place of {wanted[name]}" for name in wanted if found[name] != wanted[name]
-        ]
+    here = versions()
+    if here != wanted:
+        differing = [f"{name} {here[name]} in place of {wanted[name]}" for name in wanted if here[name] != wanted[name]]
         raise InputError("the same versions on the Dask workers", ", ".join(differing), "install the same there")
     receive(luggage)
     cv2.setNumThreads(1)

@@ -24,7 +24,7 @@ from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates
-from markergen.studies.cells import canonical
+from markergen.studies.cells import canonical_text
 from markergen.studies.named import STUDIES
 
 LAYOUTS = ("designed", "ngon", "square", "random")
@@ -106,7 +106,7 @@ class Sweep:
             "axes": {name: list(map(_plain, values)) for name, values in self.axes.items()},
             "runs": self.runs,
             # Includes the content of files at the time of reading, and defaults.
-            "points": hashlib.sha256(canonical(points).encode()).hexdigest(),
+            "points": hashlib.sha256(canonical_text(points).encode()).hexdigest(),
         }
 
 
@@ -128,10 +128,10 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
         If there is no such file, or it is not a valid sweep; all unknown keys, invalid values and impossible
         combinations are listed.
     """
-    known = studies()
-    if not name.endswith(".toml") and name not in known:
-        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *known])}")
-    path = known.get(name, Path(name))
+    names = studies()
+    if not name.endswith(".toml") and name not in names:
+        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *names])}")
+    path = names.get(name, Path(name))
     return sweep_from_mapping(read_template(str(path)), path.stem, runs)
 
 
@@ -147,7 +147,7 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
         findings.append("seed: given twice, in [study] and outside")
     if "seed" in study:
         fixed["seed"] = study["seed"]
-    fixed = {key: value for key, given in fixed.items() if (value := _fit(key, given, "", findings)) is not None}
+    fixed = {key: value for key, text in fixed.items() if (value := _fit(key, text, "", findings)) is not None}
     fixed |= {key: study[key] for key in _OWN if key in study}
     axes = _axes(values.get("grid", {}), findings)
     rooms = {"boundary", "radius"}
@@ -161,7 +161,7 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
     points = [] if count > MOST_POINTS_OF_GRID else list(_combinations(axes, fixed, estimators, findings))
     if findings:
         raise InputError(f"a study that can be run in {name}", listed(findings, SHOWN), "correct these places")
-    written = {key: tuple(given for given, _ in pairs) for key, pairs in axes.items()}
+    written = {key: tuple(text for text, _ in pairs) for key, pairs in axes.items()}
     return Sweep(study.get("name", name), _plain(fixed), written, study.get("runs", RUNS), tuple(points))
 
 
@@ -173,15 +173,15 @@ def _study(table: Any, findings: list[str]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         findings.append(f"study: not a table (got {brief(table)})")
         return {}
-    found = {}
+    study = {}
     for key, value in table.items():
         if key not in _STUDY:
             findings.append(f"study.{brief(key)[1:-1]}: unknown key (known: {', '.join(_STUDY)})")
-        elif words := _wrong(key, value):
-            findings.append(f"study.{key}: {words} (got {brief(value)})")
+        elif problem := _wrong(key, value):
+            findings.append(f"study.{key}: {problem} (got {brief(value)})")
         else:
-            found[key] = value
-    return found
+            study[key] = value
+    return study
 
 
 def _wrong(key: str, value: Any) -> str:
@@ -198,8 +198,8 @@ def _wrong(key: str, value: Any) -> str:
         return "" if fits else f"a number of px above 0, at most {MOST_NOISE_PX:g}"
     if key == "layout":
         return "" if value in LAYOUTS else f"one of {', '.join(LAYOUTS)}"
-    known = isinstance(value, list) and all(isinstance(name, str) and name in ESTIMATORS.names() for name in value)
-    return "" if known and value else f"a list of {', '.join(ESTIMATORS)}"
+    is_valid = isinstance(value, list) and all(isinstance(name, str) and name in ESTIMATORS.names() for name in value)
+    return "" if is_valid and value else f"a list of {', '.join(ESTIMATORS)}"
 
 
 def _is_whole(value: Any, most: int) -> bool:
@@ -212,15 +212,15 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
         findings.append("grid: missing; give at least one list, such as n = [4, 5, 6]")
         return {}
     axes = {}
-    for key, given in table.items():
+    for key, values in table.items():
         if key not in KEYS:
             findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(KEYS))})")
             continue
-        if not isinstance(given, list) or not given:
-            findings.append(f"grid.{key}: not a list of values (got {brief(given)})")
+        if not isinstance(values, list) or not values:
+            findings.append(f"grid.{key}: not a list of values (got {brief(values)})")
             continue
         pairs, seen = [], set()
-        for value in given:
+        for value in values:
             text = json.dumps(_plain(value), sort_keys=True)
             if text in seen:
                 findings.append(f"grid.{key}: {brief(value)} twice")
@@ -235,10 +235,10 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
 def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
     """Value as passed to a spec; None, and a finding, if it is invalid for this key."""
     if key in _OWN and where:
-        words = _wrong(key, value)
-        if words:
-            findings.append(f"{where}{key}: {words} (got {brief(value)})")
-        return None if words else value
+        problem = _wrong(key, value)
+        if problem:
+            findings.append(f"{where}{key}: {problem} (got {brief(value)})")
+        return None if problem else value
     try:
         value = _read(key, value)
     except InputError as error:
@@ -305,19 +305,19 @@ def _combinations(
     impossible: dict[str, list[str]] = {}
     feasible = _Feasible()
     for pairs in itertools.product(*axes.values()):
-        written = {key: given for key, (given, _) in zip(axes, pairs, strict=True)}
+        written = {key: text for key, (text, _) in zip(axes, pairs, strict=True)}
         values = {**fixed, **{key: fit for key, (_, fit) in zip(axes, pairs, strict=True)}}
         layout, noise = values.pop("layout", LAYOUTS[0]), values.pop("noise", NOISE_PX)
         try:
             spec = spec_from_mapping(values, _TEXT)
             yield GridPoint(written, spec, layout, float(noise), feasible.check(spec, layout, estimators))
         except InputError as error:
-            expected, found, _ = error.args
-            words = found if expected == _INVALID else f"expected {expected}, found {found}"
-            impossible.setdefault(words, []).append(_where(written))
-    for words, places in impossible.items():
+            expected, value, _ = error.args
+            problem = value if expected == _INVALID else f"expected {expected}, found {value}"
+            impossible.setdefault(problem, []).append(_where(written))
+    for problem, places in impossible.items():
         more = f" and {len(places) - 1} more combinations" if len(places) > 2 else ""
-        findings.append(f"{places[0]}{more or ''.join(f' and {place}' for place in places[1:])}: {words}")
+        findings.append(f"{places[0]}{more or ''.join(f' and {place}' for place in places[1:])}: {problem}")
 
 
 def _where(written: Mapping[str, Any]) -> str:
@@ -352,7 +352,7 @@ class _Feasible:
 
     def _check_names(self, spec: Spec) -> None:
         check_objective(spec, spec.noise_model == "image")
-        key = canonical(["names", spec.objective, spec.aggregate, spec.coordinates])
+        key = canonical_text(["names", spec.objective, spec.aggregate, spec.coordinates])
         self._once(key, lambda: self._build(spec))
 
     def _build(self, spec: Spec) -> None:
@@ -363,7 +363,7 @@ class _Feasible:
         values: dict[str, Any] = spec.as_dict()
         for name in ("objective", "aggregate", "coordinates", "seed", "restarts", "survive", "asymmetric"):
             values.pop(name, None)
-        self._once(canonical(values), lambda: _check_room(spec))
+        self._once(canonical_text(values), lambda: _check_room(spec))
 
     def _once(self, key: str, look: Callable[[], None]) -> None:
         if key not in self._seen:
@@ -372,9 +372,9 @@ class _Feasible:
                 self._seen[key] = None
             except InputError as error:
                 self._seen[key] = error
-        found = self._seen[key]
-        if found is not None:
-            raise found
+        dots = self._seen[key]
+        if dots is not None:
+            raise dots
 
 
 def _check_room(spec: Spec) -> None:
@@ -386,7 +386,7 @@ def _check_room(spec: Spec) -> None:
 
 def axis_text(value: Any) -> str:
     """Value of an axis for tables and plots: text as written, JSON for anything other than a single value."""
-    return value if isinstance(value, str) else canonical(_plain(value))
+    return value if isinstance(value, str) else canonical_text(_plain(value))
 
 
 def _plain(value: Any) -> Any:

@@ -71,10 +71,10 @@ def run_sweep(
     """
     with open_store(folder, sweep.identity, resume) as store:
         table = _table(sweep, store, engine, progress)
-        files = {folder / "table.csv": csv_bytes(table, columns(sweep), DIGITS)}
+        files = {folder / "table.csv": csv_bytes(table, table_columns(sweep), DIGITS)}
         drawn = plots(sweep, table)
         files |= {folder / f"{plot.name}.svg": plot.svg for plot in drawn}
-        files[folder / "index.html"] = page(sweep, table, drawn)
+        files[folder / "index.html"] = sweep_page(sweep, table, drawn)
         write_all(files)
     return list(files)
 
@@ -98,7 +98,7 @@ def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | 
     return [
         row
         for point, layout, cell in zip(sweep.points, first, second, strict=True)
-        for row in rows(sweep, point, layouts[layout], trials[cell] if cell else None)
+        for row in table_rows(sweep, point, layouts[layout], trials[cell] if cell else None)
     ]
 
 
@@ -134,8 +134,8 @@ def _layout(spec: Spec, cell: Cell) -> Result:
     """Points (n, 3) and dots in m, and each criterion for the noise of the setting, by name."""
     kind = cell.settings["layout"]
     if kind == "designed":
-        found = design(spec)
-        points, dots, values = found.marker.xyz, found.dots, found.criteria["design"]
+        finished = design(spec)
+        points, dots, values = finished.marker.xyz, finished.dots, finished.criteria["design"]
     else:
         points, dots, values = _given_layout(spec, kind, cell.seed)
     return {
@@ -197,17 +197,17 @@ def _trials(spec: Spec, settings: Mapping[str, Any], seed: int) -> Result:
 def _sums(errors: PoseErrors | HomographyErrors) -> Result:
     """Sums for statistics over any subset of the poses: counts, squares and fourth powers."""
     kept = ~errors.failed
-    found: Result = {"kept": kept.sum(axis=1), "failed": errors.failed.sum(axis=1)}
+    sums: Result = {"kept": kept.sum(axis=1), "failed": errors.failed.sum(axis=1)}
     if isinstance(errors, HomographyErrors):
         squares = {"homography_px": errors.he_px2}
     else:
-        found["flipped"] = errors.flipped.sum(axis=1)
+        sums["flipped"] = errors.flipped.sum(axis=1)
         squares = {"rotation_deg": errors.rotation_deg**2, "translation_pct": errors.translation_pct**2}
     for name, square in squares.items():
         square = np.where(kept, square, 0.0)
-        found[f"{name}.squares"] = square.sum(axis=1)
-        found[f"{name}.fourth_powers"] = (square**2).sum(axis=1)
-    return found
+        sums[f"{name}.squares"] = square.sum(axis=1)
+        sums[f"{name}.fourth_powers"] = (square**2).sum(axis=1)
+    return sums
 
 
 ERROR = "error"
@@ -231,18 +231,18 @@ COLUMNS = (
 """Columns after those of the axes, and before those of the criteria."""
 
 
-def columns(sweep: Sweep) -> list[str]:
+def table_columns(sweep: Sweep) -> list[str]:
     """Names of the columns: the axes as written in the file, `COLUMNS`, criteria, and errors."""
     axes = (name for name in sweep.axes if name not in COLUMNS)
-    return [*axes, *COLUMNS, *(f"criterion_{each.column}" for each in _criteria()), "error"]
+    return [*axes, *COLUMNS, *(f"criterion_{criterion.column}" for criterion in _criteria()), "error"]
 
 
 def _criteria() -> list[Criterion]:
     """Criteria that are not among the bounds."""
-    return [each for each in criteria_columns().values() if not each.bound]
+    return [criterion for criterion in criteria_columns().values() if not criterion.bound]
 
 
-def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) -> Iterator[Row]:
+def table_rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) -> Iterator[Row]:
     """Rows of one point of the grid; missing values are omitted."""
     base: Row = {name: axis_text(value) for name, value in point.axes.items()}
     base |= {
@@ -258,10 +258,10 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
     base |= {"control_points": len(layout["points"]), "dot_mm": 1e3 * float(layout["dot"])}
     # Criteria are for noise of 1 px and proportional to it, except those of images, which have their own noise.
     noise = point.noise_px if point.spec.noise_model == "point" else 1.0
-    for each in _criteria():
-        if f"criteria.{each.key}" in layout:
-            value = each.factor * float(layout[f"criteria.{each.key}"])
-            base[f"criterion_{each.column}"] = value if each.noiseless else value * noise
+    for criterion in _criteria():
+        if f"criteria.{criterion.key}" in layout:
+            value = criterion.factor * float(layout[f"criteria.{criterion.key}"])
+            base[f"criterion_{criterion.column}"] = value if criterion.noiseless else value * noise
     angles = trials["polar_angle"]
     groups = {ALL: np.ones(len(angles), dtype=bool)} | {name: angles == name for name in dict.fromkeys(angles.tolist())}
     for name, mask in groups.items():
@@ -406,16 +406,16 @@ def plots(sweep: Sweep, table: Sequence[Row]) -> list[SweepPlot]:
         if row.get("polar_angle_deg") == ALL and all(row[name] == value for name, value in roles.held.items())
     ]
     names = list(dict.fromkeys(row["estimator"] for row in overall if "rotation_rms_deg" in row))
-    shown = PREFERRED if PREFERRED in names else (names[0] if names else "")
-    found = []
+    estimator = PREFERRED if PREFERRED in names else (names[0] if names else "")
+    drawn = []
     for name, quantity in QUANTITIES.items():
-        chosen = [row for row in overall if row.get("estimator", "") == shown]
-        caption = f"{name.capitalize()} error of {shown}" if shown else f"{name.capitalize()} bound"
+        chosen = [row for row in overall if row.get("estimator", "") == estimator]
+        caption = f"{name.capitalize()} error of {estimator}" if estimator else f"{name.capitalize()} bound"
         caption += (
-            f" over all poses{_held(roles)}: RMS with 95 % interval" if shown else f" over all poses{_held(roles)}"
+            f" over all poses{_held(roles)}: RMS with 95 % interval" if estimator else f" over all poses{_held(roles)}"
         )
-        caption += ", and its bound without marks." if shown else "."
-        found.append(_plot(f"{name}-error", sweep, roles, chosen, roles.lines, quantity, caption))
+        caption += ", and its bound without marks." if estimator else "."
+        drawn.append(_plot(f"{name}-error", sweep, roles, chosen, roles.lines, quantity, caption))
     if len(names) > 1:
         first = {roles.lines: axis_text(sweep.axes[roles.lines][0])} if roles.lines else {}
         chosen = [
@@ -425,12 +425,18 @@ def plots(sweep: Sweep, table: Sequence[Row]) -> list[SweepPlot]:
         ]
         single = Roles(roles.x, "estimator", roles.panels, {**roles.held, **first})
         caption = f"Rotation error of each estimator over all poses{_held(single)}: RMS with 95 % interval."
-        found.append(_plot("estimators", sweep, single, chosen, "estimator", QUANTITIES["rotation"], caption))
-    return found
+        drawn.append(_plot("estimators", sweep, single, chosen, "estimator", QUANTITIES["rotation"], caption))
+    return drawn
 
 
 def _plot(
-    name: str, sweep: Sweep, roles: Roles, rows: Sequence[Row], lines: str, quantity: tuple[str, ...], caption: str
+    name: str,
+    sweep: Sweep,
+    roles: Roles,
+    table_rows: Sequence[Row],
+    lines: str,
+    quantity: tuple[str, ...],
+    caption: str,
 ) -> SweepPlot:
     panels = [axis_text(value) for value in sweep.axes[roles.panels]] if roles.panels else [""]
     across = min(len(panels), PANELS_ACROSS)
@@ -440,7 +446,7 @@ def _plot(
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
         axes = list(grid.flat)
         for ax, panel in zip(axes, panels, strict=False):
-            part = [row for row in rows if not roles.panels or row[roles.panels] == panel]
+            part = [row for row in table_rows if not roles.panels or row[roles.panels] == panel]
             _draw_panel(ax, sweep, roles, part, lines, quantity)
             ax.set_title(f"{roles.panels} {panel}" if roles.panels else "", loc="left")
         for ax in axes[len(panels) :]:
@@ -458,30 +464,30 @@ def _plot(
 
 
 def _draw_panel(
-    ax: "Axes", sweep: Sweep, roles: Roles, rows: Sequence[Row], lines: str, quantity: tuple[str, ...]
+    ax: "Axes", sweep: Sweep, roles: Roles, table_rows: Sequence[Row], lines: str, quantity: tuple[str, ...]
 ) -> None:
     value, low, high, bound, _ = quantity
-    numbers = [_number(roles.x, each) for each in sweep.axes[roles.x]]
-    texts = [axis_text(each) for each in sweep.axes[roles.x]]
-    places: list[float] = list(range(len(texts))) if None in numbers else [float(each or 0) for each in numbers]
+    numbers = [_number(roles.x, entry) for entry in sweep.axes[roles.x]]
+    texts = [axis_text(entry) for entry in sweep.axes[roles.x]]
+    places: list[float] = list(range(len(texts))) if None in numbers else [float(entry or 0) for entry in numbers]
     order = np.argsort(places, kind="stable")
-    labels = list(dict.fromkeys(row[lines] for row in rows)) if lines else [""]
+    labels = list(dict.fromkeys(row[lines] for row in table_rows)) if lines else [""]
     for index, label in enumerate(labels):
-        by_x = {row[roles.x]: row for row in rows if not lines or row[lines] == label}
-        columns = {
+        by_x = {row[roles.x]: row for row in table_rows if not lines or row[lines] == label}
+        table_columns = {
             key: np.array([positive(by_x.get(text, {}).get(key)) for text in texts])[order]
             for key in (value, low, high, bound)
         }
         x, look = np.array(places)[order], SERIES[index % len(SERIES)]
-        if np.isfinite(columns[value]).any():
-            spread = np.abs(np.stack([columns[low], columns[high]]) - columns[value])
-            ax.errorbar(x, columns[value], np.nan_to_num(spread), label=label, capsize=2, **look)
+        if np.isfinite(table_columns[value]).any():
+            spread = np.abs(np.stack([table_columns[low], table_columns[high]]) - table_columns[value])
+            ax.errorbar(x, table_columns[value], np.nan_to_num(spread), label=label, capsize=2, **look)
         if lines != "estimator" or not index:
             plain = {**look, "marker": "", "linewidth": 0.9, "alpha": 0.7}
             if lines == "estimator":
                 plain |= {"color": "#5a5a5a", "linestyle": ":"}
-            ax.plot(x, columns[bound], label="bound" if lines == "estimator" else None, **plain)
-            if lines != "estimator" and not np.isfinite(columns[value]).any():
+            ax.plot(x, table_columns[bound], label="bound" if lines == "estimator" else None, **plain)
+            if lines != "estimator" and not np.isfinite(table_columns[value]).any():
                 ax.lines[-1].set(label=label, marker=look["marker"], linewidth=1.5, alpha=1.0)
     ax.set_xlabel(TITLES.get(roles.x, roles.x))
     if None in numbers:
@@ -501,28 +507,28 @@ def _number(name: str, value: Any) -> float | None:
 
 
 def _held(roles: Roles) -> str:
-    words = ", ".join(f"{name} {value}" for name, value in roles.held.items() if name)
-    return f" ({words})" if words else ""
+    text = ", ".join(f"{name} {value}" for name, value in roles.held.items() if name)
+    return f" ({text})" if text else ""
 
 
-def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> bytes:
+def sweep_page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> bytes:
     """Make the HTML page, with the same bytes for the same table; text from files is escaped."""
-    rows = [row for row in table if row.get("polar_angle_deg") == ALL]
-    present = {key for row in rows for key in row}
-    axes = [name for name in sweep.axes if name in columns(sweep) and name not in SHOWN]
-    known = {
+    table_rows = [row for row in table if row.get("polar_angle_deg") == ALL]
+    present = {key for row in table_rows for key in row}
+    axes = [name for name in sweep.axes if name in table_columns(sweep) and name not in SHOWN]
+    meanings = {
         "noise": "noise_px",
         "n": "" if any(point.layout == "square" for point in sweep.points) else "control_points",
     }
-    told = {known[name] for name in axes if name in known}
-    head = [*axes, *(name for name in SHOWN if name in present - told)]
+    explanations = {meanings[name] for name in axes if name in meanings}
+    head = [*axes, *(name for name in SHOWN if name in present - explanations)]
     errors = [
         (" ".join(f"{name}={row[name]}" for name in sweep.axes), row["error"]) for row in table if row.get("error")
     ]
-    shown = [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]]
-    more = f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else ""
+    cells = [[_text(row.get(name, "")) for name in head] for row in table_rows[:MOST_ROWS]]
+    more = f"The first {MOST_ROWS} rows of {len(table_rows)}; " if len(table_rows) > MOST_ROWS else ""
     kind = "wide" if roles_of(sweep).panels else ""
-    drawn = [inline(each.svg, each.name, each.caption, each.caption, kind) for each in plots]
+    drawn = [inline(drawing.svg, drawing.name, drawing.caption, drawing.caption, kind) for drawing in plots]
     failed = Section(tables=[Table("Points of the grid", ["point", "reason"], errors)]) if errors else None
     return page_of(
         sweep.name,
@@ -535,7 +541,7 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
                 "Over all poses",
                 Section(
                     [f"{more}table.csv has these rows for every tilt too, with 95 % intervals."],
-                    tables=[Table("Errors over all poses", [name.replace("_", " ") for name in head], shown)],
+                    tables=[Table("Errors over all poses", [name.replace("_", " ") for name in head], cells)],
                     files=["table.csv"],
                     book=("studies, and what their columns mean", "study.md"),
                 ),
@@ -549,8 +555,8 @@ def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> byte
 def _summary(sweep: Sweep) -> str:
     grid = "; ".join(f"{name}: {', '.join(map(axis_text, values))}" for name, values in sweep.axes.items())
     fixed = "; ".join(f"{name}: {axis_text(value)}" for name, value in sweep.fixed.items())
-    words = f"{len(sweep.points)} points of a grid ({grid}), {sweep.runs} noisy trials for each pose."
-    return words + (f" The same everywhere: {fixed}." if fixed else "")
+    extent = f"{len(sweep.points)} points of a grid ({grid}), {sweep.runs} noisy trials for each pose."
+    return extent + (f" The same everywhere: {fixed}." if fixed else "")
 
 
 def _text(value: object) -> str:

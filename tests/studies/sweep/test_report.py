@@ -4,7 +4,7 @@ import pytest
 from html_pages import check
 
 from markergen.studies.sweep.grid import sweep_from_mapping
-from markergen.studies.sweep.run import page, plots, roles_of
+from markergen.studies.sweep.run import plots, roles_of, sweep_page
 
 ROW = {
     "polar_angle_deg": "all", "estimator": "lm", "rotation_rms_deg": 1.0, "rotation_low_deg": 0.9,
@@ -42,8 +42,8 @@ def test_plots_and_page_are_well_formed_and_what_failed_leaves_a_gap(grid):
     assert [plot.name for plot in drawn] == ["rotation-error", "translation-error"]
     for plot in drawn:
         assert ElementTree.fromstring(plot.svg).tag.endswith("svg")
-    made = page(sweep, table, drawn)
+    made = sweep_page(sweep, table, drawn)
     found = check(made, {"table.csv"})
     assert not found.of("b") + found.of("i")
     assert len(found.of("svg")) == 2
-    assert page(sweep, table, drawn) == made
+    assert sweep_page(sweep, table, drawn) == made

@@ -11,10 +11,10 @@ from markergen.studies.sweep.run import (
     COLUMNS,
     DIGITS,
     ERROR,
-    columns,
     layout_cell,
     mean_square_interval,
-    rows,
+    table_columns,
+    table_rows,
     trials_cell,
     work,
 )
@@ -29,7 +29,7 @@ def table_of(sweep):
     for point in sweep.points:
         layout = work(layout_cell(point))
         trials = None if ERROR in layout else work(trials_cell(point, layout["points"], sweep.runs))
-        found += rows(sweep, point, layout, trials)
+        found += table_rows(sweep, point, layout, trials)
     return found
 
 
@@ -76,8 +76,8 @@ def test_there_is_a_row_for_every_point_polar_angle_and_estimator():
     table = table_of(sweep)
     # Eight poses at as many polar angles, and all of them together.
     assert len(table) == 2 * 2 * 2 * (1 + 8) * 2
-    header, *lines = csv.reader(io.StringIO(csv_bytes(table, columns(sweep), DIGITS).decode()))
-    assert header == columns(sweep)
+    header, *lines = csv.reader(io.StringIO(csv_bytes(table, table_columns(sweep), DIGITS).decode()))
+    assert header == table_columns(sweep)
     assert len(set(header)) == len(header)
     assert all(len(line) == len(header) for line in lines)
     row = next(row for row in table if row["polar_angle_deg"] == ALL and row["estimator"] == "lm")
