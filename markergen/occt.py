@@ -18,11 +18,13 @@ def import_kernel() -> None:
     Ctrl-C takes effect after the import: its modules are a single library, which can be initialized only once, and
     report an interrupted initialization as an ImportError.
     """
-    if sys.modules.get("OCP") is not None:
-        return
     try:
-        with _interrupted_later(), _uncollected():
-            import_module("OCP")
+        if sys.modules.get("OCP") is None:
+            with _interrupted_later(), _uncollected():
+                import_module("OCP")
+        # Its bindings of Open CASCADE 8 name functions in another way.
+        if (version := getattr(sys.modules["OCP"], "__version__", "7")).startswith("8."):
+            raise ImportError(f"version {version} instead of 7")
     except ImportError as error:
         raise missing_kernel("solids need", " ".join(str(error).split())) from None
 
@@ -59,6 +61,6 @@ def _interrupted_later() -> Iterator[None]:
 def missing_kernel(need: str, actual: str) -> MissingLibraryError:
     """Return the error with what needs Open CASCADE, what was found, and what to install."""
     return MissingLibraryError(
-        f"{need} Open CASCADE (cadquery) with the system's libGL and libX11, found: {actual}; "
+        f"{need} Open CASCADE 7 (cadquery, or its kernel alone) with the system's libGL and libX11, found: {actual}; "
         "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
     )

@@ -39,6 +39,8 @@ DOORS = {
     ("model/rig.py", "Rig.save"): "api.export.export",
     # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",
+    # A body is a solid to build on, in CAD.
+    ("model/body.py", "Body.to_cadquery"): "api.export.to_cadquery",
     # Pictures are drawn from the marker, and shown by its own methods.
     ("model/marker.py", "Marker.plot"): "model.picture.draw_marker",
     ("model/marker.py", "Marker._repr_html_"): "model.picture.svg",

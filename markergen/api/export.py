@@ -16,7 +16,7 @@ from markergen.exporters.saving import check_outputs, frame_of, save
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, check_supported
 from markergen.model.openings import near_holes
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
@@ -103,6 +103,17 @@ def export(
 
 
 export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
+
+
+def to_cadquery(body: Marker | Rig, **options: Unpack[ExportKeywords]) -> Any:
+    """See `Body.to_cadquery`."""
+    from markergen.workshop.formats.solids import assembly_of
+
+    asked = given(options, ExportKeywords)
+    body = _with_plates(body, asked)
+    for plate in body.plates:
+        check_supported(plate.marker, "for a solid", light=False)
+    return assembly_of(body, choices_of(asked))
 
 
 def _with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
@@ -14,9 +14,13 @@ from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
 from markergen.model.constellation import constellations_among
 from markergen.model.rigid import Rows, check_pose
+from markergen.registry import door
 
 if TYPE_CHECKING:
+    import cadquery
+
     from markergen.model.marker import Marker
+    from markergen.options.declarations import ExportKeywords
 
 
 _RENAMED = {"turn": "rotation_matrix", "shift": "translation_vector", "to_rig": "to_body"}
@@ -198,6 +202,28 @@ class Body(ABC):
             for plate, start in zip(self.plates, self.first, strict=True)
             for dots in constellations_among(plate.marker.xyz, 2 * plate.marker.radii)
         )
+
+    def to_cadquery(self, **options: "Unpack[ExportKeywords]") -> "cadquery.Assembly":
+        """Return the body as a solid to build on: a `cadquery.Assembly` of its parts, named and colored as in STEP.
+
+        Parameters
+        ----------
+        **options
+            About the plate and how it is made, as of `markergen.export`; those about sheets have no effect.
+
+        Returns
+        -------
+        cadquery.Assembly
+            In mm, in the frame of the body, with parts such as ``plate`` and ``dot-0``, of a rig ``+x/dot-0``.
+
+        Raises
+        ------
+        InputError
+            If the body cannot be made as requested.
+        MissingLibraryError
+            If cadquery is missing: it is in the extra ``solids``.
+        """
+        return door("api.export.to_cadquery")(self, **options)
 
     @property
     def is_single(self) -> bool:

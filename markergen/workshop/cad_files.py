@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import markergen
-from markergen.errors import OutputError
+from markergen.errors import MissingLibraryError, OutputError
 from markergen.occt import import_kernel
 from markergen.solid.primitives import COLORS, OTHER
 from markergen.workshop.kernel import NamedSolid
@@ -94,6 +94,33 @@ def _document(solids: Sequence[NamedSolid], name: str) -> Any:
             color(shapes.AddSubShape(part, face), OTHER[solid.material])
     shapes.UpdateAssemblies()
     return document
+
+
+def cadquery_assembly(solids: Sequence[NamedSolid], name: str) -> Any:
+    """Return solids as a `cadquery.Assembly` named `name`, with the names and colors that `write_step` writes.
+
+    Raises
+    ------
+    MissingLibraryError
+        If cadquery is missing, as where Open CASCADE was installed alone.
+    """
+    try:
+        import cadquery
+    except ImportError as error:
+        raise MissingLibraryError(
+            f"a cadquery.Assembly needs cadquery, found: {' '.join(str(error).split())}; "
+            "install it with: pip install 'markergen[solids]'"
+        ) from None
+
+    def color(material: str) -> Any:
+        return cadquery.Color(*COLORS[material])
+
+    assembly = cadquery.Assembly(name=name)
+    for solid in solids:
+        assembly.add(cadquery.Shape.cast(solid.shape), name=solid.name, color=color(solid.material))
+        for face in solid.marked:
+            assembly[solid.name].addSubshape(cadquery.Shape.cast(face), color=color(OTHER[solid.material]))
+    return assembly
 
 
 def write_brep(solids: Sequence[NamedSolid]) -> bytes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_name
 from markergen.solid.plate import plate_size
 from markergen.workshop.assembly import MadeBody, check_apart, designed, made_of
-from markergen.workshop.cad_files import write_brep, write_step
+from markergen.workshop.cad_files import cadquery_assembly, write_brep, write_step
 from markergen.workshop.kernel import solids_of
 from markergen.workshop.processes import Made
 
@@ -73,6 +74,12 @@ def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Outpu
     names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
     return Output(write_brep(solids_of(work.made.parts)), (*work.notes, order), work.beside)
+
+
+def assembly_of(body: Marker | Rig, options: ExportOptions) -> Any:
+    """Return the solids of a body as a `cadquery.Assembly`, which raises as `export_step` does."""
+    work = designed_of([body], options, ".step")
+    return cadquery_assembly(solids_of(work.made.parts), work.name)
 
 
 def solid_notes(body: Body, made: MadeBody, options: ExportOptions) -> tuple[str, ...]:
