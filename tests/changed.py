@@ -2,8 +2,9 @@
 
     python tests/changed.py [BRANCH]
 
-`markergen/PKG/mod.py` is tested by `tests/PKG/test_mod.py`. A module without such a file names its tests in one of its
-first lines, as `# tests: tests/PKG/test_other.py`; else they are those of tests/PKG that import it, or all of these.
+`markergen/PKG/mod.py` is tested by `tests/PKG/test_mod.py`. A module of other or several files of tests names them in
+one of its first lines, as `# tests: tests/PKG/test_other.py`. Of any other module they are those of tests/PKG that
+import it, or all of these.
 """
 
 import re
@@ -55,12 +56,12 @@ def _of_module(path: Path, root: Path) -> list[str]:
     """Tests of a module, or of a file beside modules."""
     folder = Path("tests", *path.parent.parts[1:])
     mirror = folder / f"test_{path.stem}.py"
-    if (root / mirror).is_file():
-        return [mirror.as_posix()]
     if path.suffix == ".py":
         head = "\n".join((root / path).read_text(encoding="utf-8").splitlines()[:HEAD])
         if comment := re.search(r"^# tests: (.+)$", head, re.MULTILINE):
             return comment[1].split()
+    if (root / mirror).is_file():
+        return [mirror.as_posix()]
     if folder == Path("tests"):
         return []
     package = folder.with_name(f"test_{folder.name}.py")

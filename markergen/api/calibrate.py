@@ -1,5 +1,7 @@
 """``markergen.calibrate``: a print, and the camera if asked, measured by photographs."""
 
+# tests: tests/cli/test_calibrate.py
+
 import logging
 import re
 from collections.abc import Sequence
@@ -147,7 +149,7 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
     match = _LENGTH.fullmatch(text.replace(" ", ""))
     if match is None:
         raise InputError("a length between two dots", repr(text), "write their ids, such as 0-2=244.1mm")
-    which, first, second, length, own = match.groups()
+    which, first, second, length, sigma_text = match.groups()
     number = int(which or 1)
     if not 1 <= number <= len(designs):
         raise InputError(f"marker 1 to {len(designs)}", text, "count the marker and those given with --also")
@@ -161,7 +163,7 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
     places = [designs[number - 1].xyz[ids.index(int(dot))] for dot in (first, second)]
     nominal = float(sum((a - b) ** 2 for a, b in zip(*places, strict=True)) ** 0.5)
     measured = parse_length(length, "measured")
-    spread = sigma if own is None else parse_length(own, "measured")
+    spread = sigma if sigma_text is None else parse_length(sigma_text, "measured")
     if not spread > 0:
         raise InputError("a standard deviation above 0", text, "a steel ruler is read to 0.2 mm or so")
     if not abs(measured / nominal - 1) < 0.05:

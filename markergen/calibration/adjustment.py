@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-3, least=1e-12, most=1e12, slack=1e-12)
 STEPS = 100
+"""Maximum number of steps of an adjustment."""
+
 TOLERANCE = 1e-12
 """Relative decrease of the cost below which the adjustment ends, unless another is given."""
 

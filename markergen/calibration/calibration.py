@@ -1,5 +1,7 @@
 """The result of a calibration: the print as measured, the camera, and how well both are known."""
 
+# tests: tests/calibration/test_loose.py tests/calibration/test_measured_marker.py tests/cli/test_calibrate.py
+
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
@@ -14,9 +16,9 @@ from markergen.calibration.adjustment import Adjustment, UndeterminedError, adju
 from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.flexing import Flex, flexing
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged, compare_halves, cross_validate
-from markergen.calibration.network import CameraFreedom, Length, Network, Views
+from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import NextPhotos, next_photos
-from markergen.calibration.outliers import LEAST_DOTS, Cleaned, adjust_robustly
+from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots
 from markergen.calibration.relation import Relation, relate
 from markergen.calibration.scale import ScaleErrors, doubt, ruler_contradictions, scaled, told_by_rulers, widened

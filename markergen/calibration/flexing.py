@@ -27,6 +27,7 @@ NEGLIGIBLE = 2e-5
 """Amplitude in m of bending that is not worth telling: a fifth of a dot's usual error in a print."""
 
 _VISIBLE = 1e-6
+"""Eigenvalue of M, as a share of the largest, below which the photographs do not show a way of bending."""
 
 
 @dataclass(frozen=True, eq=False)

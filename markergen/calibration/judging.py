@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 
@@ -20,9 +20,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-FOLDS = 5
-ALONE = 10
-"""Maximum number of photographs of which each is left out alone; of more, a fifth at a time."""
+FOLDS, ALONE = 5, 10
+"""Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""
 
 CHANCE = 0.01
 """Probability by chance alone at which two halves are said to disagree."""
@@ -33,10 +32,9 @@ LEAST_JUDGED = 3
 LEAST_IN_HALF = 3
 """Minimum number of photographs in each of two halves."""
 
-LEAST_DOTS = 4
-"""Minimum number of dots of a view: fewer tell nothing but the pose."""
-
 _FLOOR_PX, _SINGULAR = 1e-6, 1e-6
+"""Least RMS residual in px of a photograph in a ratio; eigenvalue of a covariance, as correlations and as a share of
+the largest, below which an error cannot vary."""
 
 
 @dataclass(frozen=True)

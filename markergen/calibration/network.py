@@ -1,5 +1,7 @@
 """The network that a calibration adjusts: dots seen in views, and what is known besides."""
 
+# tests: tests/calibration/test_adjustment.py
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -11,6 +13,10 @@ from markergen.model.camera import Camera, Distortion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+LEAST_DOTS = 4
+"""Minimum number of dots of a view: three determine its pose, and say nothing of dots or camera."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TILTS_DEG, TURNS_DEG = (20.0, 40.0, 60.0), (0.0, 90.0, 180.0, 270.0)
+"""Tilts of candidates to each of eight sides, and turns of the camera, deg."""
+
 FILLS = {1 / 3: "a third of", 2 / 3: "two thirds of", 1.0: ""}
 PLACES = {
     (0, 0): "",
@@ -63,6 +65,7 @@ _MOST_DOTS, _BATCH, _KEPT = 48, 64, 200
 """Dots by which candidates are ranked, candidates ranked at a time, and kept after the first round."""
 
 _ROUNDS = 25
+"""Repetitions in which the dots of a candidate come to their size and place in the picture."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibration.network import Network, Views
+from markergen.calibration.network import LEAST_DOTS, Network, Views
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,13 +29,11 @@ MEDIAN = float(chi2_distribution.median(2))
 LEAST_WEIGHT = 1e-6
 """Factor on weights below which the robust cost does not go, so that every dot stays determined."""
 
-LEAST_DOTS = 4
-"""Minimum number of dots of a view: fewer tell nothing of the dots or the camera."""
-
 UNTESTABLE = 1e-4
 """Share of its covariance that a residual must keep along an axis; otherwise the measurement is not controlled."""
 
 _ROBUST_ROUNDS, _ROUNDS, _SETTLED = 15, 30, 0.05
+"""Maximum number of adjustments with a robust cost, and without outliers; change of weights at which the former end."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,8 @@ tens of micrometers and its paper is bent, so two photographs agree on one print
 photographs are joined one by one, each with the labels for which the network fits best, dots being free.
 """
 
+# tests: tests/calibration/test_photos.py tests/calibration/test_labels.py
+
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from markergen.calibration.adjustment import UndeterminedError, adjust
-from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
 from markergen.detect.batch import detect_files
 from markergen.detect.conic_projection import outlines, refine_poses
@@ -428,8 +430,6 @@ CLEARLY = 15.0
 CAMERA_SIGMA = {"fx": 0.1, "cx": 0.03, "cy": 0.03, "k1": 0.1, "k2": 0.1}
 """Standard deviations within which the camera may move while labels are compared: of f as a share of it, of the
 principal point as a share of the image's width."""
-
-LEAST_DOTS = 4
 
 UNKNOWN_LENS = Distortion("radtan", (0.0,) * 5)
 

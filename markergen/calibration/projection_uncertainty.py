@@ -44,7 +44,7 @@ def pixel_grid(camera: Camera, columns: int = COLUMNS) -> Array:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def projection_uncertainty(camera: Camera, covariance: Array, near: bool = False, columns: int = COLUMNS) -> Array:
+def projection_uncertainty(camera: Camera, covariance: Array, is_near: bool = False, columns: int = COLUMNS) -> Array:
     """Standard deviation (h, w) in px of where a point projects, in the direction in which it is largest.
 
     With J_p and J_m the derivatives of a pixel by the camera's parameters and by a motion of the camera, to first order
@@ -57,7 +57,7 @@ def projection_uncertainty(camera: Camera, covariance: Array, near: bool = False
     ----------
     covariance : array (k, k)
         Covariance of `Camera.parameter_names`; the sum of two for the expected `camera_difference` of two calibrations.
-    near : bool
+    is_near : bool
         True for points at a finite distance, where the camera may also move; False for points at infinity.
     columns : int
         Width w of the grid, `pixel_grid`.
@@ -72,7 +72,7 @@ def projection_uncertainty(camera: Camera, covariance: Array, near: bool = False
     seen = np.isfinite(normalized[:, 0])
     by_parameters = camera.parameter_jacobian(normalized[seen])
     rows = pose_jacobian(_points(normalized[seen]), np.eye(3)[None], np.zeros((1, 3)), np.ones(2)).reshape(-1, 2, 6)
-    by_motion = camera.pixel_jacobian(normalized[seen]) @ rows[..., : 6 if near else 3]
+    by_motion = camera.pixel_jacobian(normalized[seen]) @ rows[..., : 6 if is_near else 3]
     best = np.linalg.lstsq(_stacked(by_motion), _stacked(by_parameters), rcond=None)[0]
     left = by_parameters - by_motion @ best
     variance = np.linalg.eigvalsh(left @ covariance @ left.swapaxes(-1, -2))[..., -1]
@@ -81,7 +81,7 @@ def projection_uncertainty(camera: Camera, covariance: Array, near: bool = False
     return sigma.reshape(grid.shape[:2])
 
 
-def camera_difference(first: Camera, second: Camera, near: bool = False, columns: int = COLUMNS) -> Array:
+def camera_difference(first: Camera, second: Camera, is_near: bool = False, columns: int = COLUMNS) -> Array:
     """Difference (h, w, 2) in px between two cameras: where the second sees what the first sees at each pixel.
 
     The second camera is turned, and for near points moved, so that the sum of the squared differences over the image is
@@ -108,11 +108,11 @@ def camera_difference(first: Camera, second: Camera, near: bool = False, columns
 
     def difference(motion: Array) -> Array:
         moved = points @ exponential(motion[:3]).T
-        if near:
+        if is_near:
             moved = moved + motion[3:]
         return second.to_pixels(np.where(moved[:, 2:] > 0, perspective(moved), np.nan)) - pixels
 
-    start = np.zeros(6 if near else 3)
+    start = np.zeros(6 if is_near else 3)
     seen = np.isfinite(difference(start)).all(axis=-1)
 
     def residual(motion: Array) -> Array:

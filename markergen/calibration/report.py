@@ -115,6 +115,8 @@ def calibration_page(calibration: "Calibration") -> bytes:
 
 
 UM = 1e6
+"""Micrometers in a meter."""
+
 LONGEST_NAME = 60
 """Maximum number of characters shown of a photograph's name."""
 
@@ -650,10 +652,12 @@ def _px(value: float) -> str:
 
 _HEIGHTS = ("#2f6db5", "#a9c8e8", "#ffffff", "#f4c08a", "#c55a11")
 """Colors from low to high: two hues that color-blind readers tell apart, white between."""
-_MOST_IDS = 60
-_MOST_VECTORS = 2000
+_MOST_IDS, _MOST_VECTORS = 60, 2000
+"""Maximum number of dots with their numbers in a map, and of residuals drawn over an image."""
+
 _AROUND = np.linspace(0, 2 * np.pi, 49)
 _RINGS = (15, 30, 45, 60, 75)
+"""Tilts in deg that are drawn as rings."""
 
 
 def round_factor(value: float) -> float:

@@ -1,5 +1,7 @@
 """A calibration in words: what its report says first, and the terminal at all."""
 
+# tests: tests/calibration/test_report.py
+
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +22,7 @@ SOURCES = ("image", "print", "camera")
 """Sources of an `ExpectedError`."""
 _WORDS = {"image": "image noise", "print": "the print", "camera": "the camera"}
 _MOST_NAMED = 3
+"""Maximum number of unused photographs that are named."""
 _AS_DESIGNED = 2.0
 """chi2 per degree of freedom up to which the design predicts left-out photographs to the image's noise."""
 _BADLY_PX = 1.0
@@ -132,7 +135,7 @@ def errors(error: ExpectedError) -> str:
     return f"{number(error.rotation_deg, 2)} deg and {number(1e3 * error.translation, 2)} mm"
 
 
-def variance_shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
+def source_shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
     """Return the share of each source in the sum of the variances of rotation and of translation."""
     parts = {name: getattr(error, name) for name in SOURCES}
     totals = [sum(part[k] ** 2 for part in parts.values()) or 1.0 for k in range(2)]
@@ -141,7 +144,7 @@ def variance_shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
 
 def what_is_left(calibration: "Calibration") -> str:
     """Return what the error that is left comes from, the largest source first."""
-    parts = sorted(variance_shares(calibration.after).items(), key=lambda part: -max(part[1]))
+    parts = sorted(source_shares(calibration.after).items(), key=lambda part: -max(part[1]))
     listed = [
         f"{_WORDS[name]} (rotation {100 * rotation:.0f} %, translation {100 * move:.0f} %)"
         for name, (rotation, move) in parts

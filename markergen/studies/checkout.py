@@ -3,6 +3,8 @@
 The wheel includes it as the package ``markergen_paper`` next to markergen, and needs nothing from this module.
 """
 
+# tests: tests/test_packaging.py
+
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path

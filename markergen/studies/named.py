@@ -1,5 +1,7 @@
 """Named studies: packages that use markergen, and enter this table like plug-ins."""
 
+# tests: tests/contracts/test_plugins.py
+
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path

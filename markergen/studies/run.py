@@ -1,5 +1,7 @@
 """Running a study: finished cells are stored in its folder, one file each; missing ones are computed."""
 
+# tests: tests/studies/test_run.py tests/studies/test_run_store.py
+
 import hashlib
 import io
 import json

@@ -1,5 +1,7 @@
 """The studio's server: requests of its page, and of nobody else on or beyond this computer."""
 
+# tests: tests/studio/test_server.py tests/studio/test_work.py
+
 import asyncio
 import json
 import logging

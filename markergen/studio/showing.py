@@ -132,7 +132,7 @@ def exported(request: Mapping[str, Any]) -> File:
     with TemporaryDirectory() as folder:
         if "rig" in request or "marker" in request:
             what = subject(request).what
-            target = Path(folder) / f"{'rig' if isinstance(what, Rig) else 'marker'}{suffix}"
+            target = Path(folder) / f"{what.frame}{suffix}"
             written = export(what, target)
         else:
             state = plain_options(request.get("options"))

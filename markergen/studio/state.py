@@ -1,5 +1,7 @@
 """The state of the studio: options of a design as a page holds them, and what to type to get there again."""
 
+# tests: tests/studio/test_regions.py tests/studio/test_server.py
+
 import json
 import shlex
 from collections.abc import Mapping, Sequence

@@ -84,7 +84,7 @@ def test_a_focal_length_is_no_rotation():
     radius = np.linalg.norm(pixel_grid(SQUARE) - [320, 240], axis=-1)
     np.testing.assert_allclose(sigma, 2 * radius / 800, atol=1e-12)
     # A motion along the axis makes up for most of it.
-    assert projection_uncertainty(SQUARE, covariance, near=True).max() < sigma.max() / 2
+    assert projection_uncertainty(SQUARE, covariance, is_near=True).max() < sigma.max() / 2
     difference = camera_difference(SQUARE, moved_camera(SQUARE, np.array([2.0, 2, 0, 0])))
     np.testing.assert_allclose(np.linalg.norm(difference, axis=-1), 2 * radius / 800, atol=1e-6)
 

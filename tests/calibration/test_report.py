@@ -24,9 +24,9 @@ from markergen.calibration.report import (
 from markergen.calibration.sentences import (
     closing_sentence,
     errors,
+    source_shares,
     summary,
     unused,
-    variance_shares,
     verdict_sentence,
     what_is_left,
 )
@@ -226,8 +226,8 @@ def test_only_the_print_differs_before_and_after(both, nominal):
 
 def test_what_is_left_names_the_largest_source_first(both):
     error = replace(both.after, image=(0.01, 0.03), print=(0.03, 0.01), camera=(0.0, 0.0))
-    assert variance_shares(error)["print"] == pytest.approx((0.9, 0.1))
-    assert variance_shares(error)["camera"] == (0.0, 0.0)
+    assert source_shares(error)["print"] == pytest.approx((0.9, 0.1))
+    assert source_shares(error)["camera"] == (0.0, 0.0)
     said = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
     assert said == (
         "The variance that is left comes from image noise (rotation 6 %, translation 100 %), the print (rotation 94 %, "

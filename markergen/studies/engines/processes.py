@@ -1,5 +1,7 @@
 """Processes on this machine."""
 
+# tests: tests/studies/engines/test_engines.py
+
 from collections.abc import Generator, Sequence
 from contextlib import closing
 

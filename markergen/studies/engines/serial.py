@@ -1,5 +1,7 @@
 """One cell at a time in this process, for debugging."""
 
+# tests: tests/studies/engines/test_engines.py
+
 from collections.abc import Generator, Sequence
 
 from markergen.studies.cells import Cell, Result, Work

@@ -36,6 +36,8 @@ RUNS = 100
 """Default number of noisy trials per pose, of which a sweep has many more than a validation."""
 
 MOST_POINTS_OF_GRID, MOST_RUNS, MOST_NOISE_PX = 10_000, 2000, 1000.0
+"""Maximum number of points of a grid, of trials of a pose, and of px of noise."""
+
 MOST_NAME, SHOWN = 200, 200
 """Maximum length of a name, and maximum number of findings in a message."""
 

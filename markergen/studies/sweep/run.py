@@ -4,6 +4,8 @@ The table is tidy: one row for each point of the grid, polar angle, and estimato
 along an axis of the grid.
 """
 
+# tests: tests/studies/sweep/test_run.py tests/studies/sweep/test_table.py tests/studies/sweep/test_report.py
+
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
@@ -52,6 +54,7 @@ DESIGN_SECONDS, LAYOUT_SECONDS, TRIAL_SECONDS = 2.0, 0.4, 5e-5
 """Rough costs in s on one core of a design, another layout, and a trial of one estimator at one pose."""
 
 TYPICAL_POSES = 400
+"""Number of poses by which the duration of trials is estimated."""
 
 DIGITS = 6
 """Significant digits of the table."""
@@ -332,6 +335,7 @@ LINES, PANELS, PANELS_ACROSS = 6, 6, 3
 """Maximum number of lines per panel, of panels per plot, and of panels side by side."""
 
 PANEL_INCHES, LEGEND_INCHES = (4.2, 3.2), 0.9
+"""Width and height of a panel, and height of the legend below all of them."""
 
 PREFERRED = "lm"
 """Estimator whose errors are plotted if the sweep includes it."""
@@ -357,6 +361,7 @@ SHOWN = (
 """Columns of the page, after the axes; the file has all columns."""
 
 MOST_ROWS = 2000
+"""Maximum number of rows of the table on the page; the file has all."""
 
 
 @dataclass(frozen=True)
@@ -433,7 +438,7 @@ def _plot(
     name: str,
     sweep: Sweep,
     roles: Roles,
-    table_rows: Sequence[Row],
+    rows: Sequence[Row],
     lines: str,
     quantity: tuple[str, ...],
     caption: str,
@@ -446,7 +451,7 @@ def _plot(
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
         axes = list(grid.flat)
         for ax, panel in zip(axes, panels, strict=False):
-            part = [row for row in table_rows if not roles.panels or row[roles.panels] == panel]
+            part = [row for row in rows if not roles.panels or row[roles.panels] == panel]
             _draw_panel(ax, sweep, roles, part, lines, quantity)
             ax.set_title(f"{roles.panels} {panel}" if roles.panels else "", loc="left")
         for ax in axes[len(panels) :]:
@@ -464,30 +469,30 @@ def _plot(
 
 
 def _draw_panel(
-    ax: "Axes", sweep: Sweep, roles: Roles, table_rows: Sequence[Row], lines: str, quantity: tuple[str, ...]
+    ax: "Axes", sweep: Sweep, roles: Roles, rows: Sequence[Row], lines: str, quantity: tuple[str, ...]
 ) -> None:
     value, low, high, bound, _ = quantity
     numbers = [_number(roles.x, entry) for entry in sweep.axes[roles.x]]
     texts = [axis_text(entry) for entry in sweep.axes[roles.x]]
     places: list[float] = list(range(len(texts))) if None in numbers else [float(entry or 0) for entry in numbers]
     order = np.argsort(places, kind="stable")
-    labels = list(dict.fromkeys(row[lines] for row in table_rows)) if lines else [""]
+    labels = list(dict.fromkeys(row[lines] for row in rows)) if lines else [""]
     for index, label in enumerate(labels):
-        by_x = {row[roles.x]: row for row in table_rows if not lines or row[lines] == label}
-        table_columns = {
+        by_x = {row[roles.x]: row for row in rows if not lines or row[lines] == label}
+        columns = {
             key: np.array([positive(by_x.get(text, {}).get(key)) for text in texts])[order]
             for key in (value, low, high, bound)
         }
         x, look = np.array(places)[order], SERIES[index % len(SERIES)]
-        if np.isfinite(table_columns[value]).any():
-            spread = np.abs(np.stack([table_columns[low], table_columns[high]]) - table_columns[value])
-            ax.errorbar(x, table_columns[value], np.nan_to_num(spread), label=label, capsize=2, **look)
+        if np.isfinite(columns[value]).any():
+            spread = np.abs(np.stack([columns[low], columns[high]]) - columns[value])
+            ax.errorbar(x, columns[value], np.nan_to_num(spread), label=label, capsize=2, **look)
         if lines != "estimator" or not index:
             plain = {**look, "marker": "", "linewidth": 0.9, "alpha": 0.7}
             if lines == "estimator":
                 plain |= {"color": "#5a5a5a", "linestyle": ":"}
-            ax.plot(x, table_columns[bound], label="bound" if lines == "estimator" else None, **plain)
-            if lines != "estimator" and not np.isfinite(table_columns[value]).any():
+            ax.plot(x, columns[bound], label="bound" if lines == "estimator" else None, **plain)
+            if lines != "estimator" and not np.isfinite(columns[value]).any():
                 ax.lines[-1].set(label=label, marker=look["marker"], linewidth=1.5, alpha=1.0)
     ax.set_xlabel(TITLES.get(roles.x, roles.x))
     if None in numbers:
@@ -513,8 +518,8 @@ def _held(roles: Roles) -> str:
 
 def sweep_page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> bytes:
     """Make the HTML page, with the same bytes for the same table; text from files is escaped."""
-    table_rows = [row for row in table if row.get("polar_angle_deg") == ALL]
-    present = {key for row in table_rows for key in row}
+    rows = [row for row in table if row.get("polar_angle_deg") == ALL]
+    present = {key for row in rows for key in row}
     axes = [name for name in sweep.axes if name in table_columns(sweep) and name not in SHOWN]
     meanings = {
         "noise": "noise_px",
@@ -525,8 +530,8 @@ def sweep_page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -
     errors = [
         (" ".join(f"{name}={row[name]}" for name in sweep.axes), row["error"]) for row in table if row.get("error")
     ]
-    cells = [[_text(row.get(name, "")) for name in head] for row in table_rows[:MOST_ROWS]]
-    more = f"The first {MOST_ROWS} rows of {len(table_rows)}; " if len(table_rows) > MOST_ROWS else ""
+    cells = [[_text(row.get(name, "")) for name in head] for row in rows[:MOST_ROWS]]
+    more = f"The first {MOST_ROWS} rows of {len(rows)}; " if len(rows) > MOST_ROWS else ""
     kind = "wide" if roles_of(sweep).panels else ""
     drawn = [inline(drawing.svg, drawing.name, drawing.caption, drawing.caption, kind) for drawing in plots]
     failed = Section(tables=[Table("Points of the grid", ["point", "reason"], errors)]) if errors else None
