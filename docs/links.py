@@ -7,7 +7,8 @@ from typing import Any, get_args, get_type_hints
 
 import markergen
 from docs.numbers import ROOT
-from markergen.options import ACCEPTED, GROUPS, declared
+from markergen.options import GROUPS, declared
+from markergen.options.kinds import KINDS
 
 HOME = "https://github.com/markergen/markergen/blob/main/"
 
@@ -23,7 +24,7 @@ def keywords(function: Callable[..., Any]) -> str:
     for group in GROUPS:
         for name, option in options.items():
             if option.group == group:
-                words = (f"`{ACCEPTED.get(option.kind, option.kind)}`", _plain(option.shown), _plain(option.help))
+                words = (f"`{KINDS[option.kind].accepted}`", _plain(option.shown), _plain(option.help))
                 rows.append(f"| `{name}` | " + " | ".join(words) + " |")
     return "\n".join(rows) + "\n"
 

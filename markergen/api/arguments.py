@@ -7,7 +7,8 @@ from pathlib import Path
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.options import CameraLike, MarkerLike, read_as
+from markergen.options import read_as
+from markergen.options.kinds import CameraLike, MarkerLike
 
 
 def marker_of(value: MarkerLike) -> Marker:

@@ -16,18 +16,9 @@ from markergen.model.marker import Marker
 from markergen.model.rig import planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import check_scale
-from markergen.options import (
-    CameraLike,
-    File,
-    Files,
-    Progress,
-    TargetLike,
-    as_list,
-    check_progress,
-    settle,
-    signature_of,
-)
+from markergen.options import Progress, as_list, check_progress, settle, signature_of
 from markergen.options.calibration import CalibrateKeywords
+from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.units import format_length, parse_length
 

@@ -14,8 +14,9 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import File, Files, Progress, TargetLike, check_progress, settle, signature_of
+from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
+from markergen.options.kinds import File, Files, TargetLike
 
 _log = logging.getLogger(__name__)
 

@@ -30,8 +30,9 @@ from markergen.optimize.pad_design import design_pad
 from markergen.optimize.ranges import needs_scales
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import File, Progress, Watch, check_progress, given, read_as, signature_of
+from markergen.options import Progress, Watch, check_progress, given, read_as, signature_of
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.kinds import File
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping, spec_of

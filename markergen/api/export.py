@@ -22,8 +22,9 @@ from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
-from markergen.options import File, MarkerLike, as_list, declared, given, read_as, signature_of
+from markergen.options import as_list, declared, given, read_as, signature_of
 from markergen.options.declarations import ExportKeywords
+from markergen.options.kinds import File, MarkerLike
 from markergen.options.shared import PlateKeywords
 from markergen.presentation.results import Files
 from markergen.read.outlines.boundary import read_room

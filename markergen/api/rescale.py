@@ -14,8 +14,9 @@ from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, reme
 from markergen.model.rescale import rescale as by_rulers
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig, rig_to_json
-from markergen.options import File, MarkerLike, TargetLike, read_as, settle, signature_of
+from markergen.options import read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
+from markergen.options.kinds import File, MarkerLike, TargetLike
 from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.read.measured import read_measured
 from markergen.units import format_length, parse_length

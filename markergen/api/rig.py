@@ -18,7 +18,8 @@ from markergen.model.rig_shapes import RigShape, rig_shape
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_tag
 from markergen.optimize.rig_design import RigDesign, design_rig
-from markergen.options import File, Progress, check_progress, given, read_as, signature_of
+from markergen.options import Progress, check_progress, given, read_as, signature_of
+from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
 from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping

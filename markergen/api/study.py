@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Unpack
 from markergen.api.arguments import files_among, path_of
 from markergen.errors import InputError
 from markergen.files import Written, check_outputs, write_all
-from markergen.options import File, check_progress, given, read_as, signature_of
+from markergen.options import check_progress, given, read_as, signature_of
+from markergen.options.kinds import File
 from markergen.options.study import StudyKeywords
 from markergen.presentation.results import Result, json_bytes, listed, plain
 from markergen.presentation.tables import data_frame

@@ -11,18 +11,9 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import (
-    CameraLike,
-    File,
-    Files,
-    MarkerLike,
-    Progress,
-    TargetLike,
-    check_progress,
-    settle,
-    signature_of,
-)
+from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
+from markergen.options.kinds import CameraLike, File, Files, MarkerLike, TargetLike
 from markergen.presentation.results import Targets
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text

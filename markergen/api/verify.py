@@ -6,8 +6,9 @@ from typing import Unpack
 from markergen.api.arguments import files_among, paths_of
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import File, Files, TargetLike, settle, signature_of
+from markergen.options import settle, signature_of
 from markergen.options.declarations import VerifyKeywords
+from markergen.options.kinds import File, Files, TargetLike
 from markergen.verification.check import check_tolerance, verify_all
 from markergen.verification.check import verify as verify_marker
 from markergen.verification.rigs import verify_rig

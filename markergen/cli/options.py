@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 from markergen.api.names import names_of, takes_names
 from markergen.errors import InputError
 from markergen.options import Option, declared
-from markergen.units import parse_length
+from markergen.options.kinds import KINDS, Kind
 
 Rows = list[tuple[str, str]]
 Json = Annotated[
@@ -22,45 +22,18 @@ Json = Annotated[
 Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
 
 
-def length(text: str) -> float:
-    """Parse a length so that an error names the option."""
-    try:
-        return parse_length(text)
-    except InputError as error:
-        raise typer.BadParameter(str(error)) from None
+def parser_of(kind: Kind) -> Callable[[str], Any] | None:
+    """Return the parser of a kind that typer cannot read itself, whose errors name the option; else None."""
+    if kind.parse is None:
+        return None
 
+    def parse(text: str) -> Any:
+        try:
+            return kind.parse(text) if kind.parse else text
+        except InputError as error:
+            raise typer.BadParameter(str(error)) from None
 
-def or_word(word: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser of an option that is one word or what another one reads."""
-    return lambda text: text if text == word else read(text)
-
-
-def number(text: str) -> int:
-    """Parse a whole number so that an error shows the word, too."""
-    try:
-        return int(text)
-    except ValueError:
-        raise typer.BadParameter(f"expected a whole number or auto, found {text!r}; write 8, or auto") from None
-
-
-PARSERS = {"length": length, "int or auto": or_word("auto", number)}
-PARSERS |= {f"length or {word}": or_word(word, length) for word in ("auto", "fit")}
-"""Parsers for kinds that typer cannot read itself."""
-
-TYPES: dict[str, Any] = {
-    "int": int,
-    "float": float,
-    "str": str,
-    "bool": bool,
-    "length": float,
-    **dict.fromkeys(
-        ("int or auto", "length or auto", "length or fit", "shape", "camera", "poses", "settings", "layout"), str
-    ),
-    **dict.fromkeys(("file", "covariance"), Path),
-    "files": list[Path],
-    **dict.fromkeys(("texts", "shapes"), list[str]),
-}
-"""Type given to typer for each kind of value."""
+    return parse
 
 
 GUESSES = {
@@ -111,16 +84,16 @@ def with_options(
 
 
 def _parameter(option: Option) -> Parameter:
+    kind = KINDS[option.kind]
     info = typer.Option(
         *(option.flags.split() or [option.flag]),
-        parser=PARSERS.get(option.kind),
+        parser=parser_of(kind),
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,
         autocompletion=(lambda: names_of(option.name)) if takes_names(option) else None,
     )
-    kind = TYPES[option.kind]
-    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind.typed | None, info])
 
 
 class GroupedCommand(TyperCommand):

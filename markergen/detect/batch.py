@@ -13,7 +13,8 @@ from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.presentation import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
-from markergen.options import CameraLike, Progress, TargetLike, as_list
+from markergen.options import Progress, as_list
+from markergen.options.kinds import CameraLike, TargetLike
 from markergen.pool import as_completed_chunks, ranges, workers_for
 from markergen.read.images import Image, find_images, quiet, read_image
 from markergen.read.videos import SUFFIXES

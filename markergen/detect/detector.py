@@ -25,7 +25,8 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig, Target, planned_print
 from markergen.model.rig_json import load_marker_or_rig
-from markergen.options import CameraLike, TargetLike, as_list
+from markergen.options import as_list
+from markergen.options.kinds import CameraLike, TargetLike
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
 from markergen.read.images import check_frame, grey_frame, read_image

@@ -19,7 +19,8 @@ from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, put_in_place, temporary_beside
-from markergen.options import CameraLike, TargetLike, as_list
+from markergen.options import as_list
+from markergen.options.kinds import CameraLike, TargetLike
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
 from markergen.read.videos import Frame, Video, is_video, open_video, silent_opencv

@@ -3,7 +3,8 @@
 from typing import Annotated, TypedDict
 
 from markergen.defaults import RULER_SIGMA
-from markergen.options import ERRORS, FILES, VIEW, Files, Length, Option, Poses, Texts
+from markergen.options import ERRORS, FILES, VIEW, Option
+from markergen.options.kinds import Files, Length, Poses, Texts
 from markergen.options.shared import Calibrated, Printed, Workers
 
 

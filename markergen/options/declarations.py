@@ -8,18 +8,8 @@ line. Each table is a ``TypedDict``, so type checkers know the keywords, too.
 from typing import Annotated, TypedDict
 
 from markergen.defaults import BLUR_PX, COMPARED_VIEWS, DARK, LIGHT, NOISE_GREY, NOISE_PX, PRINT_SIGMA_TEXT, RUNS, VIEWS
-from markergen.options import (
-    DOTS,
-    ERRORS,
-    FILES,
-    IMAGES,
-    LAYOUT,
-    RUN,
-    SEARCH,
-    SHEET,
-    SOLID,
-    TRIALS,
-    VIEW,
+from markergen.options import DOTS, ERRORS, FILES, IMAGES, LAYOUT, RUN, SEARCH, SHEET, SOLID, TRIALS, VIEW, Option
+from markergen.options.kinds import (
     Covariance,
     File,
     Files,
@@ -28,7 +18,6 @@ from markergen.options import (
     Length,
     LengthOrAuto,
     LengthOrFit,
-    Option,
     Poses,
     Settings,
     Shape,

@@ -3,20 +3,8 @@
 from typing import Annotated
 
 from markergen.defaults import PRINT_SIGMA_TEXT
-from markergen.options import (
-    DOTS,
-    FILES,
-    LAYOUT,
-    SEARCH,
-    VIEW,
-    File,
-    Files,
-    Length,
-    LengthOrAuto,
-    Option,
-    Poses,
-    Texts,
-)
+from markergen.options import DOTS, FILES, LAYOUT, SEARCH, VIEW, Option
+from markergen.options.kinds import File, Files, Length, LengthOrAuto, Poses, Texts
 from markergen.options.shared import Aggregate, Camera, Restarts, Seed, SheetKeywords
 
 

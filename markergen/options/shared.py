@@ -3,20 +3,8 @@
 from typing import Annotated, TypedDict
 
 from markergen.defaults import PRINT_SIGMA_TEXT
-from markergen.options import (
-    ERRORS,
-    RUN,
-    SEARCH,
-    SHEET,
-    SOLID,
-    VIEW,
-    CameraLike,
-    Covariance,
-    Length,
-    Option,
-    Shape,
-    Texts,
-)
+from markergen.options import ERRORS, RUN, SEARCH, SHEET, SOLID, VIEW, Option
+from markergen.options.kinds import CameraLike, Covariance, Length, Shape, Texts
 
 Printed = Annotated[
     Length,

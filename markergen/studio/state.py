@@ -24,8 +24,9 @@ from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.optimize.problem import room_of
-from markergen.options import GROUPS, REPEATABLE, Option, as_list, declared
+from markergen.options import GROUPS, Option, as_list, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
 from markergen.read.layout import is_table, layout_of
 from markergen.read.outlines.boundary import is_drawing, moved
@@ -84,7 +85,7 @@ def _field(option: Option) -> dict[str, Any]:
         "default": option.default,
         "shown": option.shown,
         "metavar": option.metavar,
-        "repeatable": option.kind in REPEATABLE,
+        "repeatable": KINDS[option.kind].repeatable,
         "choices": names_of(option.name) if takes_names(option) else [],
     }
 

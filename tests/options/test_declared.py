@@ -6,7 +6,6 @@ from dataclasses import fields
 import pytest
 
 from markergen.cli.commands import app
-from markergen.cli.options import TYPES
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files
 from markergen.detect.video import detect_video
@@ -18,7 +17,7 @@ from markergen.model.poses import named_poses
 from markergen.model.rescale import RULERS_MM
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
-from markergen.options import _READERS, GROUPS, REPEATABLE, declared, settle
+from markergen.options import GROUPS, declared, settle
 from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
@@ -29,6 +28,7 @@ from markergen.options.declarations import (
     ValidateKeywords,
     VerifyKeywords,
 )
+from markergen.options.kinds import KINDS
 from markergen.options.study import StudyKeywords
 from markergen.read.spec_file import STORED, spec_from_mapping
 
@@ -43,8 +43,7 @@ EACH = [pytest.param(table, option, id=f"{table.__name__}-{name}") for table in 
 @pytest.mark.parametrize(("table", "option"), EACH)
 def test_an_option_is_declared_in_full(table, option):
     assert option.group in GROUPS
-    assert option.kind in TYPES
-    assert option.kind in _READERS
+    assert option.kind in KINDS
     assert option.help.endswith((".", "..."))
     assert option.metavar or option.kind in ("int", "float", "bool")
     assert not (option.default is not None and option.otherwise)
@@ -95,7 +94,7 @@ def test_commands_have_the_options_that_are_declared(table):
     flags = {flag for param in command.params for flag in (*param.opts, *param.secondary_opts)}
     assert {option.flag for option in declared(table).values()} <= flags
     repeated = {param.name for param in command.params if getattr(param, "multiple", False)}
-    assert {name for name, option in declared(table).items() if option.kind in REPEATABLE} <= repeated
+    assert {name for name, option in declared(table).items() if KINDS[option.kind].repeatable} <= repeated
 
 
 @pytest.mark.parametrize("table", TABLES)
