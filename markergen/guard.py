@@ -33,7 +33,7 @@ LOG = logging.getLogger("markergen")
 
 
 @dataclass(frozen=True)
-class Kind:
+class Limits:
     """A kind of file and its limits.
 
     Attributes
@@ -74,40 +74,42 @@ class Kind:
 
 
 KINDS = {
-    "camera": Kind("a camera file", 1_000_000, "a calibration with all its images' residuals has some 100 kB"),
-    "covariance": Kind("a camera covariance", 1_000_000, "a matrix of 20 parameters has some kB"),
-    "image": Kind("an image", 1 << 30, "100 million pixels of 16 bits in color, not packed", again="export it again"),
-    "marker": Kind(
+    "camera": Limits("a camera file", 1_000_000, "a calibration with all its images' residuals has some 100 kB"),
+    "covariance": Limits("a camera covariance", 1_000_000, "a matrix of 20 parameters has some kB"),
+    "image": Limits("an image", 1 << 30, "100 million pixels of 16 bits in color, not packed", again="export it again"),
+    "marker": Limits(
         "a marker.json", 10_000_000, "200 dots with their joint covariance in space have 9 MB", again="", pipes=True
     ),
-    "measured": Kind("a table of measured dots", 1_000_000, "10,000 rows", "give one row for each dot", pipes=True),
-    "layout": Kind("a table of points", 1_000_000, "200 rows", "give one row for each dot", pipes=True),
-    "outline": Kind(
+    "measured": Limits("a table of measured dots", 1_000_000, "10,000 rows", "give one row for each dot", pipes=True),
+    "layout": Limits("a table of points", 1_000_000, "200 rows", "give one row for each dot", pipes=True),
+    "outline": Limits(
         "an outline", 10_000_000, "an outline has some kB, a drawing with a photograph inside some MB",
         "export the outline alone, simplified",
     ),
-    "poses": Kind("a file of poses", 50_000_000, "100,000 poses, an hour of video", "take every tenth pose"),
-    "marker or rig": Kind("a marker.json", 50_000_000, "that of a rig", again="", pipes=True),
-    "rig": Kind(
+    "poses": Limits("a file of poses", 50_000_000, "100,000 poses, an hour of video", "take every tenth pose"),
+    "marker or rig": Limits("a marker.json", 50_000_000, "that of a rig", again="", pipes=True),
+    "rig": Limits(
         "a rig.json", 50_000_000, "a hundred markers of ten dots have 1 MB", "name the markers as files", pipes=True
     ),
-    "spec": Kind("a spec", 10_000, "one dotted key of ten times as many keeps a TOML parser busy for a minute"),
-    "artifact": Kind(
+    "spec": Limits("a spec", 10_000, "one dotted key of ten times as many keeps a TOML parser busy for a minute"),
+    "artifact": Limits(
         "a file to verify", 1 << 30, "a PNG of a large sheet has some ten MB", "check it", "export it again",
     ),
-    "request": Kind("a request", 10_000_000, "an outline of thousands of corners, a marker.json", "reload the page"),
-    "upload": Kind("a file for the studio", 100_000_000, "a photograph has some ten MB", "use the command line for it"),
-    "list": Kind("a list", 10_000_000, "a thousand points have 100 kB"),
-    "SVG": Kind("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
-    "PDF": Kind(
+    "request": Limits("a request", 10_000_000, "an outline of thousands of corners, a marker.json", "reload the page"),
+    "upload": Limits(
+        "a file for the studio", 100_000_000, "a photograph has some ten MB", "use the command line for it"
+    ),
+    "list": Limits("a list", 10_000_000, "a thousand points have 100 kB"),
+    "SVG": Limits("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
+    "PDF": Limits(
         "a PDF", 100_000_000, "a family of a hundred sheets has some MB; a page may unpack to any size",
         "print fewer pages into one file", seconds=9.0, seconds_per_byte=0.0, memory=5 << 28,
     ),
-    "CAD": Kind(
+    "CAD": Limits(
         "a STEP or BREP file", 40_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
         seconds_per_byte=4e-6, memory=3 << 30,
     ),
-    "mesh": Kind(
+    "mesh": Limits(
         "a mesh", 200_000_000, "1.5 million triangles of 50 bytes, as text five times as many",
         seconds=20.0, seconds_per_byte=2e-7, memory=3 << 29,
     ),
@@ -158,7 +160,7 @@ def read(source: object, kind: str) -> Content:
         except (OSError, ValueError) as error:  # ValueError: a path with a null character.
             raise InputError(f"{wanted} at {name}", reason_of(error), _near(Path(source))) from None
     else:
-        name = name_of(source)
+        name = file_name(source)
         try:
             content = source.read(limits.largest + 1)  # type: ignore[attr-defined]
             data = content.encode() if isinstance(content, str) else bytes(content)
@@ -212,7 +214,7 @@ def place_of(path: "str | os.PathLike[str]") -> str:
     return text if text.isprintable() and text.strip() and len(text) <= 200 else brief(text)
 
 
-def name_of(file: object) -> str:
+def file_name(file: object) -> str:
     """Return the name of an open file for messages."""
     name = getattr(file, "name", None)
     return place_of(name) if isinstance(name, str) else "the open file"
@@ -301,7 +303,7 @@ def end_children() -> None:
 
 @dataclass
 class _Child:
-    """A process that runs `serve`."""
+    """A process that runs `run_parser`."""
 
     script: Path
     memory: int
@@ -319,7 +321,9 @@ class _Child:
             self.end()
         # -P: modules in the script's folder have the same names as libraries.
         root = Path(__file__).parents[1]
-        code = f"import sys; sys.path.append({str(root)!r}); from markergen.guard import serve; serve(*sys.argv[1:])"
+        code = (
+            f"import sys; sys.path.append({str(root)!r}); from markergen import guard; guard.run_parser(*sys.argv[1:])"
+        )
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", code, str(self.script), str(self.memory)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -409,7 +413,7 @@ def _arrays(data: bytes) -> "dict[str, np.ndarray[Any, Any]]":
         return dict(archive)
 
 
-def serve(script: str, memory: str) -> None:
+def run_parser(script: str, memory: str) -> None:
     """Parse files from standard input with the functions of a script, in a child process.
 
     A request is a line of JSON followed by the bytes of a file. A reply is JSON and an .npz archive or nothing, each

@@ -77,10 +77,10 @@ def map_chunks(
     return [results[index] for index in range(len(chunks))]
 
 
-def ranges(count: int, size: int) -> list[range]:
+def chunks_of(count: int, size: int) -> list[range]:
     """Split the numbers from 0 to count - 1 into chunks of `size`; the last one may be shorter.
 
-    >>> ranges(5, 2)
+    >>> chunks_of(5, 2)
     [range(0, 2), range(2, 4), range(4, 5)]
     """
     return [range(start, min(start + size, count)) for start in range(0, count, size)]

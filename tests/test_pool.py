@@ -13,7 +13,7 @@ import pytest
 
 from markergen import pool
 from markergen.errors import MarkergenError
-from markergen.pool import BLAS_THREADS, map_chunks, map_counted, ranges
+from markergen.pool import BLAS_THREADS, chunks_of, map_chunks, map_counted
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
@@ -203,7 +203,7 @@ def test_nothing_is_left_behind(killed):
 @pytest.mark.parametrize("workers", [1, 9])
 def test_what_is_done_is_counted_from_nothing_to_all(workers):
     calls = []
-    chunks = ranges(7, 3)
+    chunks = chunks_of(7, 3)
     assert chunks == [range(3), range(3, 6), range(6, 7)]
     assert map_counted(sum, chunks, workers, lambda *call: calls.append(call)) == [3, 12, 6]
     assert (calls[0], calls[-1]) == ((0, 7), (7, 7))

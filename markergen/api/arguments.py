@@ -16,7 +16,7 @@ def marker_of(value: MarkerLike) -> Marker:
     return value if isinstance(value, Marker) else Marker.load(value)
 
 
-def camera_of(value: CameraLike | None) -> Camera | None:
+def as_camera(value: CameraLike | None) -> Camera | None:
     """Return a camera as it is, or load it from anything that `Camera.load` takes; None for None."""
     return value if value is None or isinstance(value, Camera) else Camera.load(value)
 
@@ -26,7 +26,7 @@ def files_among(*values: object) -> list[Path]:
     return [Path(value) for value in values if isinstance(value, str | PathLike) and str(value)]
 
 
-def path_of(value: object, wanted: str) -> Path:
+def as_path(value: object, wanted: str) -> Path:
     """Return the path of a string or path-like object; `wanted` describes it in the message.
 
     Raises

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, Unpack
 
-from markergen.api.arguments import camera_of, files_among, marker_of
+from markergen.api.arguments import as_camera, files_among, marker_of
 from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
@@ -105,7 +105,7 @@ def calibrate(
         raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
     bodies = [body, *map(marker_of, others)]
     designs = [plate.marker for body in bodies for plate in body.plates]
-    taken = camera_of(camera)
+    taken = as_camera(camera)
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
     covariance = None if taken is None else camera_covariance(settled["camera_covariance"], camera, taken)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Generic, TypeVar, Unpack, overload
 
-from markergen.api.arguments import files_among, path_of
+from markergen.api.arguments import as_path, files_among
 from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
@@ -17,7 +17,7 @@ from markergen.model.rig_json import load_marker_or_rig, rig_to_json
 from markergen.options import read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
 from markergen.options.kinds import File, MarkerLike, TargetLike
-from markergen.presentation.results import Result, json_bytes, listed, plain
+from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.read.measured import read_measured
 from markergen.units import format_length, parse_length
 
@@ -57,7 +57,7 @@ class Rescaled(Result, Generic[T]):
         scale: Any = made.print_scale if isinstance(made, Marker) else None
         if isinstance(made, Rig):
             scale = {each.name: each.marker.print_scale for each in made.markers}
-        return json_bytes(plain({"print_scale": scale, "notes": self.notes, "files": listed(self.written)}))
+        return json_bytes(plain({"print_scale": scale, "notes": self.notes, "files": files_as_json(self.written)}))
 
     def __repr__(self) -> str:
         return f"Rescaled({self.marker!r})"
@@ -114,7 +114,7 @@ def rescale(
         raise InputError(
             "either rulers or dots, measured on the print", "both", "measured dots suffice: leave out the rulers"
         )
-    target = None if output is None else path_of(output, "a path to write to")
+    target = None if output is None else as_path(output, "a path to write to")
     if target is not None and target.suffix.lower() != ".json":
         raise InputError("an output that ends in .json", str(target), "a sheet of it is made by markergen export")
     results, targets = list(read_as("files", json, "json") or ()), [target] if target else []

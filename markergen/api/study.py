@@ -8,13 +8,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from markergen.api.arguments import files_among, path_of
+from markergen.api.arguments import as_path, files_among
 from markergen.errors import InputError
 from markergen.files import Written, check_outputs, write_all
 from markergen.options import check_progress, given, read_as, signature_of
 from markergen.options.kinds import File
 from markergen.options.study import StudyKeywords
-from markergen.presentation.results import Result, json_bytes, listed, plain
+from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
 from markergen.studies.named import STUDIES
@@ -62,7 +62,7 @@ class Study(Result):
 
     def to_json(self) -> bytes:
         """Return the rows of the default table, see `to_frame`, and the files as JSON text."""
-        return json_bytes(plain({"rows": self._rows(""), "files": listed(self.written)}))
+        return json_bytes(plain({"rows": self._rows(""), "files": files_as_json(self.written)}))
 
     def to_frame(self, table: str = "") -> "DataFrame":
         """Return a table of the study as a DataFrame; by default a sweep's only table, or the paper's claims.
@@ -131,7 +131,7 @@ def study(
     """
     check_progress(progress)
     asked = given(options, StudyKeywords)
-    folder = path_of(output, "a folder to write to")
+    folder = as_path(output, "a folder to write to")
     results = list(read_as("files", json, "json") or ())
     check_outputs(results, [] if isinstance(what, Mapping) else files_among(what))
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
@@ -148,7 +148,7 @@ def study(
     else:
         dictionary = isinstance(what, Mapping)
         runs = asked.get("runs")
-        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what, "a study")), runs)  # type: ignore[arg-type]
+        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(as_path(what, "a study")), runs)  # type: ignore[arg-type]
         run = partial(run_sweep, sweep, folder)
         engine.check()
     _log.info("studying, in %s", folder)

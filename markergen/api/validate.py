@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping
 from typing import Any, Unpack, overload
 
-from markergen.api.arguments import camera_of, files_among
+from markergen.api.arguments import as_camera, files_among
 from markergen.defaults import VIEWS
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
@@ -128,7 +128,7 @@ def validate(
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
-    setting = setting_of(judged, settled["poses"], camera_of(camera))
+    setting = setting_of(judged, settled["poses"], as_camera(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     printed = planned_print(judged) if settled["print_sigma"] is None else settled["print_sigma"]
     series = SyntheticViews(
@@ -167,7 +167,7 @@ def _validated(
         if settled[name] != usual[name]:
             raise InputError(f"no --{name.replace('_', '-')} for a rig", brief(settled[name]), "leave it out")
     views = VIEWS if settled["views"] is None else settled["views"]
-    by, poses = rig_setting(rig, settled["poses"], camera_of(camera))
+    by, poses = rig_setting(rig, settled["poses"], as_camera(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, by)
     printed = planned_print(rig) if settled["print_sigma"] is None else settled["print_sigma"]
     series = RigViews(

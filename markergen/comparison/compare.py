@@ -18,7 +18,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.options import Progress
-from markergen.pool import map_counted, ranges, workers_for
+from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.metrics import statistics
 
@@ -134,7 +134,7 @@ def _observe(
     progress: Progress | None,
 ) -> dict[int, list[list[Observation]]]:
     """Observations of each contestant, by view and setting."""
-    tasks = [(who, settings, part) for part in ranges(series.count, AT_ONCE) for who, settings in choices.items()]
+    tasks = [(who, settings, part) for part in chunks_of(series.count, AT_ONCE) for who, settings in choices.items()]
     found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
     parts = _shared(_observe_chunk, series, tasks, workers, stage, progress)
     for (who, _, _), part in zip(tasks, parts, strict=True):
@@ -144,7 +144,7 @@ def _observe(
 
 def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:
     """Photometric bounds (contestants, views, 2), deg and %; nan for contestants that are absent."""
-    tasks = [(who, part) for part in ranges(series.count, AT_ONCE) for who in present]
+    tasks = [(who, part) for part in chunks_of(series.count, AT_ONCE) for who in present]
     bounds = np.full((len(series.contestants), series.count, 2), np.nan)
     parts = _shared(_bound_chunk, series, tasks, workers, "bounds", progress)
     for (who, part), found in zip(tasks, parts, strict=True):

@@ -15,7 +15,7 @@ from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import Progress, as_list
 from markergen.options.kinds import CameraLike, TargetLike
-from markergen.pool import as_completed_chunks, ranges, workers_for
+from markergen.pool import as_completed_chunks, chunks_of, workers_for
 from markergen.read.images import Image, find_images, quiet, read_image
 from markergen.read.videos import SUFFIXES
 
@@ -259,7 +259,7 @@ def _look_at_all(
 ) -> None:
     """Call finished(number, outcome) for every task as it is done, in any order."""
     if workers > 1 and len(tasks) >= MANY:
-        parts = ranges(len(tasks), AT_ONCE)
+        parts = chunks_of(len(tasks), AT_ONCE)
         chunks = [[tasks[number] for number in part] for part in parts]
         with closing(as_completed_chunks(partial(_look_at_some, detector), chunks, workers)) as completed:
             for index, outcomes in completed:

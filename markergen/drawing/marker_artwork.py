@@ -33,7 +33,7 @@ from markergen.geometry.contour import Contour, area, flattened
 from markergen.geometry.outlines import walked
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
-from markergen.model.findings import listed
+from markergen.model.findings import in_one_line
 from markergen.model.openings import SHOWN, holes_beyond, openings
 
 Array = NDArray[np.float64]
@@ -284,7 +284,7 @@ def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[s
     holes = enumerate(marker.substrate.holes)
     hidden += [f"the countersink of {hole}" for k, hole in holes if hole.sink and f"sink-{k}" not in shown]
     if hidden:
-        notes.append(f"Not shown, in quiet zones or outside the boundary: {listed(hidden, SHOWN)}.")
+        notes.append(f"Not shown, in quiet zones or outside the boundary: {in_one_line(hidden, SHOWN)}.")
     return tuple(notes)
 
 

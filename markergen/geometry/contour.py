@@ -106,7 +106,7 @@ def radius_of(side: Side) -> float:
     return hypot(u - x, v - y) * (1 + bulge**2) / (4 * abs(bulge)) if bulge else inf
 
 
-def heading(side: Side, end: bool) -> Point:
+def tangent(side: Side, end: bool) -> Point:
     """Unit tangent of a side at its end or its start."""
     (x, y), (u, v), bulge = side
     length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
@@ -120,7 +120,7 @@ def turns_of(contour: Contour) -> list[float]:
     sides = contour.sides
     angles = []
     for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
-        (ax, ay), (bx, by) = heading(before, end=True), heading(after, end=False)
+        (ax, ay), (bx, by) = tangent(before, end=True), tangent(after, end=False)
         angles.append(atan2(ax * by - ay * bx, ax * bx + ay * by))
     return angles
 
@@ -231,7 +231,7 @@ def offset(contour: Contour, distance: float) -> Contour:
     sides = contour.sides
     moved = []
     for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
-        (x, y), (ax, ay), (bx, by) = after[0], heading(before, end=True), heading(after, end=False)
+        (x, y), (ax, ay), (bx, by) = after[0], tangent(before, end=True), tangent(after, end=False)
         share = distance / (1 + ax * bx + ay * by)
         moved.append((x - share * (ay + by), y + share * (ax + bx)))
     return Contour(tuple(moved), contour.bulges)

@@ -32,7 +32,7 @@ MOST_PAIRS = 50_000
 """Maximum number of pairs of touching or nested outlines; a plate with as many holes as allowed has 3,333."""
 
 
-def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:
+def canonical_polygons(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:
     """Outlines in m without repeated corners, outer ones counterclockwise and holes clockwise.
 
     An outline inside an even number of others is an outer one, inside an odd number a hole, regardless of its original
@@ -59,7 +59,7 @@ def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ri
 def canonical_contours(
     outlines: Sequence[Sequence[Sequence[float]] | Array], bulges: Sequence[Sequence[float]] = ()
 ) -> tuple[Contour, ...]:
-    """Contours from corners in m and the bulges of their sides, oriented as in `canonical`.
+    """Contours from corners in m and the bulges of their sides, oriented as in `canonical_polygons`.
 
     Parameters
     ----------
@@ -69,20 +69,20 @@ def canonical_contours(
     Raises
     ------
     InputError
-        As for `canonical`, with polygons for arcs (see `polygons_of`); or if the bulges are not one for each corner,
-        not finite, above 1, or below `SHALLOWEST` and not 0.
+        As for `canonical_polygons`, with polygons for arcs (see `polygons_of`); or if the bulges are not one for each
+        corner, not finite, above 1, or below `SHALLOWEST` and not 0.
     """
     if not any(map(any, bulges)):
-        return tuple(map(Contour, canonical(outlines)))
+        return tuple(map(Contour, canonical_polygons(outlines)))
     if len(bulges) != len(outlines):
         raise InputError("bulges for each outline", f"{len(bulges)} for {len(outlines)}", "give 0 for straight sides")
     every = enumerate(zip(outlines, bulges, strict=True), 1)
     clean = [_contour(outline, row, f"outline {i}") for i, (outline, row) in every]
     clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
-    outer = [signed_area(np.array(ring)) > 0 for ring in canonical(polygons_of(clean))]
+    outer = [signed_area(np.array(ring)) > 0 for ring in canonical_polygons(polygons_of(clean))]
     contours = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
     # Reversed to holes they have other polygons.
-    canonical(polygons_of(contours))
+    canonical_polygons(polygons_of(contours))
     return contours
 
 

@@ -318,7 +318,7 @@ def signed_area(ring: Array) -> float:
     return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
 
 
-def distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:
+def pairwise_distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:
     """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they intersect."""
     import shapely
 

@@ -151,7 +151,7 @@ def linearize(
     return information, pullback
 
 
-def displaced(information: Array, displacement: Array) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
+def displaced_center(information: Array, displacement: Array) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
     """Information W (..., 2, 2) of dots that are themselves displaced, W = (F^-1 + B B')^-1, and its pullback.
 
     Adjugates, written adj, avoid F^-1: W = (F + det(F) adj(P)) / det(1 + F P), P = B B'.

@@ -27,7 +27,7 @@ def findings_of(error: "ValidationError", keys_at: Callable[[Location], Iterable
     `known` returns the valid keys at the place of an unknown one, to suggest the nearest.
     """
     return [
-        f"{path_of(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
+        f"{place_path(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
         + (_nearest(item["loc"], keys_at) if item["type"] == "extra_forbidden" else "")
         # For a missing key, the input is the whole table around it.
         + ("" if item["type"] == "missing" else f" (got {brief(item['input'])})")
@@ -41,13 +41,13 @@ def _nearest(location: Location, keys_at: Callable[[Location], Iterable[str]]) -
     return f", did you mean {matches[0]!r}?" if matches else ""
 
 
-def listed(findings: Sequence[str], most: int = SHOWN) -> str:
+def in_one_line(findings: Sequence[str], most: int = SHOWN) -> str:
     """Join findings in one line; of more than `shown`, only the first ones, and how many more there are."""
     more = len(findings) - most
     return "; ".join(findings[:most]) + (f"; and {more} more" if more > 0 else "")
 
 
-def path_of(location: Location) -> str:
+def place_path(location: Location) -> str:
     """Return the path of a place: ``("control_points", 2, "x")`` is ``control_points[2].x``, the root is ``file``."""
     seen = (part for part in location if not str(part).startswith(UNNAMED))
     return "".join(_step(part) for part in seen).removeprefix(".") or "file"

@@ -1,4 +1,4 @@
-"""Form of marker.json, versions 1 and 2: keys, types, constraints on values, and what they contradict (`checked`).
+"""Form of marker.json, versions 1 and 2: keys, types, constraints on values, and what they contradict (`checked_file`).
 
 One set of forms serves all versions: keys added after version 1 are marked with their version (`SINCE_2`), and a file
 has the lowest version that includes all its keys. So a new key is one marked line in a form, here or in the forms of
@@ -22,12 +22,12 @@ from markergen.errors import InputError, brief
 from markergen.model.body import Plate
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, Polarity
-from markergen.model.findings import UNNAMED, Location, findings_of, listed, path_of
+from markergen.model.findings import UNNAMED, Location, findings_of, in_one_line, place_path
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize
 from markergen.model.rig import Rig
 from markergen.model.rigid import check_pose
 from markergen.model.shape_file import STRICT, BoundaryFile, Finite, SubstrateFile, built, holds_together
-from markergen.model.substrate_checks import crowded, sunk
+from markergen.model.substrate_checks import crowding, sunk
 from markergen.model.tag import FAMILIES, Tag
 
 FORMAT = "markergen-marker"
@@ -389,7 +389,7 @@ def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:
             _collect(item, forms, used)
 
 
-def checked(content: Any, name: str) -> MarkerFile:
+def checked_file(content: Any, name: str) -> MarkerFile:
     """Check the values of a marker.json; raises InputError, which lists the findings."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
@@ -400,13 +400,13 @@ def checked(content: Any, name: str) -> MarkerFile:
         raise _other_version(content, name)
     form, findings = _form_of(content, version)
     findings += [
-        f"{path_of(place)}: a key of version {since}, in a file that says version {version}"
+        f"{place_path(place)}: a key of version {since}, in a file that says version {version}"
         for place, since in newer_keys(content)
         if since > version
     ]
     findings += _contradictions(content, form)
     if form is None or findings:
-        raise InputError(f"a valid marker in {name}", listed(findings), "correct these places")
+        raise InputError(f"a valid marker in {name}", in_one_line(findings), "correct these places")
     return form
 
 
@@ -671,7 +671,7 @@ def _holes(parts: _Parts, dots: _Dots) -> list[str]:
     substrate = parts.substrate.build()
     disks = {path: (x, y, r) for path, (x, y), r in zip(dots.paths, dots.xy.tolist(), dots.radii.tolist(), strict=True)}
     border = parts.tag.build().quiet_zone if parts.tag and not _tag_findings(parts.tag, "tag") else None
-    misfits = crowded(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
+    misfits = crowding(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
     return [f"substrate.holes[{misfit.hole}]: {misfit.problem}" for misfit in misfits]
 
 

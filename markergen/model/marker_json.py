@@ -15,7 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import read
 from markergen.model.json_text import dumped, json_of, parsed
 from markergen.model.marker import ControlPoint, JointCovariance, Marker
-from markergen.model.marker_file import FORMAT, checked, newer_keys
+from markergen.model.marker_file import FORMAT, checked_file, newer_keys
 from markergen.model.tag import Tag
 
 _FRAME = {"unit": "m", "x": "right", "y": "up", "z": "out of the printed face, toward the viewer"}
@@ -144,7 +144,7 @@ def from_json(text: str, name: str = "marker.json") -> Marker:
 
 def from_content(content: Any, name: str) -> Marker:
     """Make a marker from the values of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
-    form = checked(content, name)
+    form = checked_file(content, name)
     if form.plates:
         names = ", ".join(plate.name for plate in form.plates)
         raise InputError(f"a marker on one plate in {name}", f"plates: {names[:80]}", "load it with Rig.load")

@@ -11,7 +11,7 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, box, circle
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, filled_outline
-from markergen.model.findings import listed
+from markergen.model.findings import in_one_line
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.units import format_length
@@ -115,7 +115,7 @@ def holes_beyond(marker: Marker) -> tuple[str, ...]:
     """Return a sentence about all holes of the plate that reach beyond the boundary, where a sheet ends, if any do."""
     within = marker.boundary.region.filled()
     beyond = [str(opening) for opening in openings(marker) if not within.covers(opening.region)]
-    return (f"Holes of the plate beyond the boundary are drawn, too: {listed(beyond, SHOWN)}.",) if beyond else ()
+    return (f"Holes of the plate beyond the boundary are drawn, too: {in_one_line(beyond, SHOWN)}.",) if beyond else ()
 
 
 def near_holes(marker: Marker) -> tuple[str, ...]:
@@ -135,7 +135,7 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
         return ()
     return (
         "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(reaches, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
+        f"{in_one_line(reaches, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 

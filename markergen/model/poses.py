@@ -23,6 +23,7 @@ Codes = NDArray[np.int8]
 RIM_POINTS = 64
 """Number of points that represent the outline in visibility checks and in the pose objective."""
 
+# The code of a pose that sees the whole marker.
 SEEN = 0
 REASONS = {
     1: "behind the camera",

@@ -12,10 +12,10 @@ from pydantic import BaseModel, Field, ValidationError
 from markergen.errors import InputError, brief
 from markergen.guard import check_size, read
 from markergen.model.body import Body, Plate
-from markergen.model.findings import findings_of, listed
+from markergen.model.findings import findings_of, in_one_line
 from markergen.model.json_text import dumped, json_of, parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_file import PoseFile, checked
+from markergen.model.marker_file import PoseFile, checked_file
 from markergen.model.marker_json import from_content, from_json, load_marker, read_marker, to_json
 from markergen.model.rig import MOST_MARKERS, Rig
 from markergen.model.shape_file import STRICT, Finite
@@ -153,7 +153,7 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
     if not is_rig(content):
         raise InputError(f'"format": "{FORMAT}" in {name}', "another kind of file", "give what markergen rig wrote")
     if content.get("format") != FORMAT:
-        return checked(content, name).build_rig()
+        return checked_file(content, name).build_rig()
     version = content.get("version")
     if type(version) is not int or version != VERSION:
         update = "update markergen" if isinstance(version, int) and version > VERSION else "make the rig again"
@@ -161,7 +161,7 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
     try:
         form = RigFile.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"a valid rig in {name}", listed(findings_of(error)), "correct these places") from None
+        raise InputError(f"a valid rig in {name}", in_one_line(findings_of(error)), "correct these places") from None
     findings, markers = list[str](), list[Plate]()
     for k, entry in enumerate(form.markers):
         try:
@@ -175,7 +175,7 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
         except InputError as error:
             findings.append(f"markers[{k}]: {error}")
     if findings:
-        raise InputError(f"a valid rig in {name}", listed(findings), "correct these places")
+        raise InputError(f"a valid rig in {name}", in_one_line(findings), "correct these places")
     relation = None if form.relation_covariance is None else tuple(map(tuple, form.relation_covariance))
     return Rig(tuple(markers), relation, form.provenance, form.extensions)
 

@@ -150,7 +150,7 @@ _CUBE = ("-y", "+x", "+y", "-x")
 def _prism(count: int, edge: float, height: float, names: Sequence[str]) -> list[Face]:
     """Sides, the first one with its normal along -y, counterclockwise seen from above; then top and bottom."""
     inner, outer = edge / (2 * tan(pi / count)), edge / (2 * sin(pi / count))
-    side = rectangle(edge, height)
+    side = rectangle_outline(edge, height)
     faces = []
     for name, angle in zip(names, -pi / 2 + 2 * pi * np.arange(count) / count, strict=True):
         normal = np.array([cos(angle), sin(angle), 0.0])
@@ -159,7 +159,7 @@ def _prism(count: int, edge: float, height: float, names: Sequence[str]) -> list
     # The first side's edge is straight below the middle of the top, and straight above that of the bottom.
     angles = -pi / 2 - pi / count + 2 * pi * np.arange(count) / count
     x, y = np.round(outer * np.cos(angles), 12).tolist(), np.round(outer * np.sin(angles), 12).tolist()
-    top = rectangle(edge, edge) if count == 4 else Polygon((tuple(zip(x, y, strict=True)),))
+    top = rectangle_outline(edge, edge) if count == 4 else Polygon((tuple(zip(x, y, strict=True)),))
     bottom = top if count == 4 else Polygon((tuple((a, -b) for a, b in zip(x, y, strict=True)),))
     faces.append(_face("+z", top, np.eye(3), np.array([0, 0, height / 2])))
     faces.append(_face("-z", bottom, np.diag([1.0, -1.0, -1.0]), np.array([0, 0, -height / 2])))
@@ -177,7 +177,7 @@ def _body(text: str, faces: list[Face], without: Sequence[str], sizes: dict[str,
     if not kept:
         raise InputError("a face or more", "none", "leave out fewer of them")
     reach = max(float(np.linalg.norm(corners(face), axis=-1).max()) for face in faces)
-    return RigShape(text, kept, f"sphere:distance={span_of(reach)}", sizes)
+    return RigShape(text, kept, f"sphere:distance={distance_span(reach)}", sizes)
 
 
 def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
@@ -189,7 +189,7 @@ def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
             f"plates of {format_length(plate)} with a pitch of {format_length(pitch)}",
             "use a smaller --plate or a larger --pitch",
         )
-    square = rectangle(plate, plate)
+    square = rectangle_outline(plate, plate)
     faces = tuple(
         _face(
             f"row {row + 1} column {column + 1}",
@@ -201,23 +201,23 @@ def _wall(columns: int, rows: int, sizes: dict[str, float]) -> RigShape:
         for column in range(columns)
     )
     reach = max(float(np.linalg.norm(corners(face), axis=-1).max()) for face in faces)
-    return RigShape(f"wall:{columns}x{rows}", faces, f"cone:distance={span_of(reach, 1.5, 5)},tilt=0..60", sizes)
+    return RigShape(f"wall:{columns}x{rows}", faces, f"cone:distance={distance_span(reach, 1.5, 5)},tilt=0..60", sizes)
 
 
 def _pair(sizes: dict[str, float]) -> RigShape:
     plate, angle = sizes.setdefault("plate", 0.15), sizes.setdefault("angle", 90.0)
     if not -170 <= angle <= 170:
         raise InputError("an angle of -170 to 170 degrees", f"{angle:g}", "give --angle such a number")
-    square, half = rectangle(plate, plate), radians(angle) / 2
+    square, half = rectangle_outline(plate, plate), radians(angle) / 2
     faces = []
     for name, side in (("left", -1), ("right", 1)):
         angle_y = side * half
         rotation = np.array([[cos(angle_y), 0, sin(angle_y)], [0, 1, 0], [-sin(angle_y), 0, cos(angle_y)]])
         faces.append(_face(name, square, rotation, rotation[:, 0] * side * plate / 2))
-    return RigShape("pair", tuple(faces), f"cone:distance={span_of(plate)},tilt=0..60", sizes)
+    return RigShape("pair", tuple(faces), f"cone:distance={distance_span(plate)},tilt=0..60", sizes)
 
 
-def rectangle(width: float, height: float) -> Polygon:
+def rectangle_outline(width: float, height: float) -> Polygon:
     """Rectangle around the origin, sides in m."""
     x, y = width / 2, height / 2
     return Polygon((((x, y), (-x, y), (-x, -y), (x, -y)),))
@@ -229,7 +229,7 @@ def corners(face: Face) -> Array:
     return points @ np.array(face.rotation).T[:2] + face.translation
 
 
-def span_of(reach: float, nearest: float = 3.5, farthest: float = 9.0) -> str:
+def distance_span(reach: float, nearest: float = 3.5, farthest: float = 9.0) -> str:
     """Distances from the origin of a rig of that size, as in the text of a pose source: ``0.24..0.62m``."""
     return "..".join(f"{float(f'{reach * factor:.2g}'):g}" for factor in (nearest, farthest)) + "m"
 

@@ -9,7 +9,7 @@ import numpy as np
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, area_without, filled_outline
-from markergen.model.findings import listed
+from markergen.model.findings import in_one_line
 from markergen.model.marker import Marker
 from markergen.model.openings import drawn_holes
 from markergen.model.substrate import Hole, Substrate
@@ -63,7 +63,8 @@ def check_holes(marker: Marker, face: Region | None = None) -> None:
     tag = marker.tag.quiet_zone if marker.tag else None
     face = plate_face(plate, marker.boundary, list(dots.values())) if face is None else face
     _refuse(
-        plate.holes, [*crowded(plate.holes, dots, marker.clearance, tag), *cut_open(plate.holes, face), *sunk(plate)]
+        plate.holes,
+        [*crowding(plate.holes, dots, marker.clearance, tag), *cut_open(plate.holes, face), *sunk(plate)],
     )
     over = {name: radius - float(face.depth([x, y])) for name, (x, y, radius) in dots.items()}
     lost = [f"{name} is {_mm(by)} over its edge" for name, by in over.items() if by > FLATTENING]
@@ -71,7 +72,7 @@ def check_holes(marker: Marker, face: Region | None = None) -> None:
         larger = "--edge" if plate.outline is None and marker.boundary.has_measures else "--outline"
         raise InputError(
             "a plate whose upper face holds all dots",
-            listed(lost),
+            in_one_line(lost),
             f"use a larger {larger}, or smaller --corner-radius and --chamfer",
         )
 
@@ -109,7 +110,7 @@ def check_plate(
         reach = boundary.radius / 4 if dot is None else dot / 2
         rim = (boundary.radius - reach, 0.0, reach)
         _refuse(substrate.holes, [
-            *crowded(substrate.holes, {}),
+            *crowding(substrate.holes, {}),
             *cut_open(substrate.holes, plate_face(substrate, boundary, [rim])),
             *sunk(substrate),
         ])  # fmt: skip
@@ -135,12 +136,12 @@ def _refuse(holes: Sequence[Hole], misfits: Sequence[Misfit]) -> None:
     if misfits:
         raise InputError(
             f"holes clear of dots and tag, in {format_length(WALL)} of material or more",
-            listed([f"{holes[misfit.hole]} {misfit}" for misfit in misfits], SHOWN),
+            in_one_line([f"{holes[misfit.hole]} {misfit}" for misfit in misfits], SHOWN),
             "move them, or use smaller ones",
         )
 
 
-def crowded(
+def crowding(
     holes: Sequence[Hole], dots: Mapping[str, Disk], clearance: float = 0.0, tag: Boundary | None = None
 ) -> list[Misfit]:
     """Return misfits of holes with each other, the tag's quiet zone, and dots by name, which need their clearance."""

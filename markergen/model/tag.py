@@ -37,6 +37,7 @@ _BITS_AND_COUNT: dict[str, tuple[int, int]] = {
 UNITS = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
 """Corners of a square of side 1 in OpenCV's order for tags: top left, top right, bottom right, bottom left."""
 
+# Right, down, left and up in the grid, whose rows count downward.
 _STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _STARTS = ((0, 0), (1, 0), (1, 1), (0, 1))
 """Borders of a cell, clockwise from the top: steps along them (column, row), and starting points."""

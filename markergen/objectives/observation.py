@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.distortion import distortion_hessian
-from markergen.maths.dot_crlb import directions, displaced, linearize, product
+from markergen.maths.dot_crlb import directions, displaced_center, linearize, product
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.poses import PoseDistribution
@@ -141,7 +141,7 @@ class DotWeights:
         information, image_pullback = linearize(affine, image.edge_px, image.contrast_to_noise, self._nodes)
         if not self._out_of_place:
             return information, image_pullback
-        weight, print_pullback = displaced(information, self._out_of_place * affine)
+        weight, print_pullback = displaced_center(information, self._out_of_place * affine)
 
         def pullback(cotangent: Array) -> Array:
             by_information, by_displacement = print_pullback(cotangent)

@@ -50,7 +50,7 @@ from markergen.optimize.target import settled
 from markergen.optimize.to_marker import dress, number
 from markergen.optimize.trace import Recorder, Step, Watcher, trace_of
 from markergen.options import Progress, Watch
-from markergen.presentation.results import Result, json_bytes, listed, plain
+from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -163,7 +163,7 @@ class Design(Result):
             "noise": self.setting.noise_words,
             "criteria": self.criteria,
             "warnings": self.warnings,
-            "files": listed(self.written),
+            "files": files_as_json(self.written),
         }
         return json_bytes(plain(results))
 

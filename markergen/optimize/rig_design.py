@@ -34,7 +34,7 @@ from markergen.optimize.problem import check, check_objective, check_parts
 from markergen.optimize.rig_layouts import APART_PX, RigLayouts, Seen, best_views, seen_plates
 from markergen.optimize.to_marker import dress, number
 from markergen.options import Progress
-from markergen.presentation.results import Result, json_bytes, listed, plain
+from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -119,7 +119,7 @@ class RigDesign(Result):
             },
             "label_safety_px": self.safety,
             "warnings": self.warnings,
-            "files": listed(self.written),
+            "files": files_as_json(self.written),
         }
         return json_bytes(plain(results))
 

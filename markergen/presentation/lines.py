@@ -60,7 +60,7 @@ def _words(text: str) -> list[str]:
     return [word for word in (head, *_SPACE.split(text[len(head) :].strip())) if word]
 
 
-def drawn(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
+def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
     """Return rows under a header as lines: numbers aligned right, words left, as are two columns alone.
 
     Where all columns are too wide together, even with their cells broken between words, the lines continue below

@@ -73,6 +73,7 @@ _PAGE_STYLE: dict[str, Any] = {
     "hatch.linewidth": 0.7,
 }
 
+# From linear sRGB to cone responses, and from their cube roots to Oklab (Ottosson 2020).
 _LMS = (
     (0.4122214708, 0.5363325363, 0.0514459929),
     (0.2119034982, 0.6806995451, 0.1073969566),
@@ -83,7 +84,7 @@ _OKLAB = (
     (1.9779984951, -2.4285922050, 0.4505937099),
     (0.0259040371, 0.7827717662, -0.8086757660),
 )
-"""Oklab from linear sRGB: cone responses; lightness and two axes of chroma from their cube roots (Ottosson 2020)."""
+"""Lightness and two axes of chroma."""
 
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 

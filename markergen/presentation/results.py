@@ -139,14 +139,14 @@ class Files(Result):
         return []
 
     def to_json(self) -> bytes:
-        """Return the files as `listed` has them."""
-        return json_bytes(listed(self.written))
+        """Return the files as `files_as_json` has them."""
+        return json_bytes(files_as_json(self.written))
 
 
-def listed(written: Sequence[Written]) -> list[dict[str, Any]]:
+def files_as_json(written: Sequence[Written]) -> list[dict[str, Any]]:
     """Return files with their notes as JSON values.
 
-    >>> listed([Written(Path("marker.pdf"), ("print at 100 %",))])
+    >>> files_as_json([Written(Path("marker.pdf"), ("print at 100 %",))])
     [{'path': 'marker.pdf', 'notes': ['print at 100 %']}]
     """
     return [{"path": str(file.path), "notes": list(file.notes)} for file in written]

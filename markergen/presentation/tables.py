@@ -10,7 +10,7 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from markergen.errors import MissingLibraryError
-from markergen.presentation.lines import SHORT, cells, drawn, wrapped
+from markergen.presentation.lines import SHORT, cells, table_lines, wrapped
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -51,7 +51,7 @@ class Table(NamedTuple):
           0     1.5   -2
         <BLANKLINE>
         """
-        body = drawn(self.header, self.rows, width)
+        body = table_lines(self.header, self.rows, width)
         # No narrower than a short line of text.
         room = min(width, max(SHORT, *map(cells, body)))
         lines = [*wrapped(self.title, room), "", *body, "", *wrapped(self.caption, room)]

@@ -14,12 +14,12 @@ from markergen.guard import read, text_of
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.body import Plate
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.findings import findings_of, listed
+from markergen.model.findings import findings_of, in_one_line
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.model.marker_json import read_marker
 from markergen.model.rig import MOST_MARKERS
-from markergen.model.rig_shapes import Face, RigShape, span_of
+from markergen.model.rig_shapes import Face, RigShape, distance_span
 from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import Finite, Length
 
@@ -76,7 +76,9 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
         content: Any = _rows(text, name) if path.suffix.lower() == ".csv" else _table(text, path)
         plates = _Plates.model_validate(content).plates
     except ValidationError as error:
-        raise InputError(f"a list of plates in {name}", listed(findings_of(error)), "correct these places") from None
+        raise InputError(
+            f"a list of plates in {name}", in_one_line(findings_of(error)), "correct these places"
+        ) from None
     findings, faces, markers = list[str](), list[Face](), dict[int, Marker]()
     for k, plate in enumerate(plates):
         try:
@@ -91,14 +93,14 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     names = [plate.name for plate in plates]
     findings += [f"the name {each} twice" for each in dict.fromkeys(names) if names.count(each) > 1]
     if findings:
-        raise InputError(f"a list of plates in {name}", listed(findings), "correct these places")
+        raise InputError(f"a list of plates in {name}", in_one_line(findings), "correct these places")
     normals = np.array([face.rotation for face in faces])[:, :, 2]
     reach = max(
         float(np.linalg.norm(face.translation)) + float(np.abs(np.concatenate(face.boundary.outlines())).max())
         for face in faces
     )
     front = (normals[:, 2] > 0.2).all()
-    poses = f"cone:distance={span_of(reach)},tilt=0..60" if front else f"sphere:distance={span_of(reach)}"
+    poses = f"cone:distance={distance_span(reach)},tilt=0..60" if front else f"sphere:distance={distance_span(reach)}"
     return RigShape("plates", tuple(faces), poses, {}), markers
 
 

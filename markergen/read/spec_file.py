@@ -23,7 +23,7 @@ from pydantic import (
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
-from markergen.model.findings import findings_of, listed
+from markergen.model.findings import findings_of, in_one_line
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
@@ -206,7 +206,7 @@ def stated_poses(value: object) -> str | RecordedPoses:
         table = _Poses.model_validate(dict(value))
         numbers = numbers_of_rows(table.rows)
     except ValidationError as error:
-        raise ValueError(listed(findings_of(error))) from None
+        raise ValueError(in_one_line(findings_of(error))) from None
     except InputError as error:
         raise ValueError(str(error)) from None
     file = table.file if table.file.isprintable() else brief(table.file)
@@ -296,7 +296,7 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     try:
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
-        raise InputError(f"a valid spec in {name}", listed(findings_of(error)), "correct these places") from None
+        raise InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places") from None
     given = {
         key: value for key, value in table.model_dump(exclude_unset=True, exclude={"poses"}).items() if key in _KEPT
     }

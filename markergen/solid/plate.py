@@ -15,7 +15,7 @@ from markergen.drawing.figure import size_words
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point, area, circle, flattened, offset, placed, turns_of
 from markergen.geometry.fillet import filleted, largest_fillet
-from markergen.geometry.region import Region, distances
+from markergen.geometry.region import Region, pairwise_distances
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
 from markergen.model.openings import drawn_holes
@@ -185,7 +185,7 @@ def gaps(footprints: Sequence[Footprint], others: Sequence[Footprint]) -> Array:
     """Gaps (m, k) in mm between footprints, negative where their margins overlap; inf between one and itself."""
     if not (footprints and others):
         return np.full((len(footprints), len(others)), np.inf)
-    found = distances([each.points for each in footprints], [each.points for each in others])
+    found = pairwise_distances([each.points for each in footprints], [each.points for each in others])
     found -= np.array([each.radius for each in footprints])[:, None] + [each.radius for each in others]
     found[np.array([[a is b for b in others] for a in footprints])] = np.inf
     return found

@@ -17,7 +17,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import partly_seen, poses_that_serve
 from markergen.objectives.homography import validation_grid
-from markergen.pool import map_counted, ranges, workers_for
+from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.presentation.results import plain
 from markergen.validation.bounds import PoseBounds, pose_bounds
 from markergen.validation.metrics import (
@@ -285,7 +285,7 @@ def run_experiment(
     if not runs:
         return TrialResults(marker, experiment, {}, condition)
     workers = workers_for(workers, 1 + len(poses) * runs // WORTH_A_WORKER)
-    results = map_counted(partial(run_trials, experiment), ranges(len(poses), POSES_AT_ONCE), workers, progress)
+    results = map_counted(partial(run_trials, experiment), chunks_of(len(poses), POSES_AT_ONCE), workers, progress)
     errors = join([errors for chunk in results for errors in chunk], stack=True)
     return TrialResults(marker, experiment, errors, condition)
 

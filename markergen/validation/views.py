@@ -20,7 +20,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
-from markergen.pool import map_counted, ranges, workers_for
+from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
 from markergen.validation.print_error import misprinted
@@ -238,7 +238,7 @@ def take_views(
 ) -> list[T]:
     """Take what `take` makes of each view, distributed over processes; it does not depend on their number."""
     workers = workers_for(workers, 1 + count // WORTH_A_WORKER)
-    parts = map_counted(partial(_chunk, take), ranges(count, AT_ONCE), workers, progress)
+    parts = map_counted(partial(_chunk, take), chunks_of(count, AT_ONCE), workers, progress)
     return [each for part in parts for each in part]
 
 

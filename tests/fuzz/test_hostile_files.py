@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from markergen.errors import InputError
-from markergen.geometry.outlines import canonical
+from markergen.geometry.outlines import canonical_polygons
 from markergen.read.cameras import read_camera
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.outlines.boundary import parse_boundary, read_room
@@ -133,7 +133,7 @@ def test_many_groups_of_one_name_do_not_take_long(tmp_path):
 def test_a_plate_with_very_many_holes_is_read():
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     holes = [corners * 0.3 + [i % 50, i // 50] for i in range(2400)]
-    rings = canonical([corners * [60, 60] - 5, *holes])
+    rings = canonical_polygons([corners * [60, 60] - 5, *holes])
     # Outer ones run counterclockwise, holes clockwise.
     assert [bool(shapely.is_ccw(shapely.LinearRing(ring))) for ring in rings] == [True] + [False] * 2400
 

@@ -17,7 +17,6 @@ from markergen.geometry.contour import (
     center_of,
     circle,
     flattened,
-    heading,
     inner_polygon,
     merged,
     mirrored,
@@ -25,6 +24,7 @@ from markergen.geometry.contour import (
     placed,
     radius_of,
     rings_and_circles,
+    tangent,
     turned_over,
     turns_of,
 )
@@ -126,9 +126,9 @@ def test_sides_that_are_arcs():
     for side in (left, right):
         assert center_of(side) == pytest.approx((1, 2))
         assert radius_of(side) == pytest.approx(5)
-    assert heading(left, end=False) == pytest.approx((0, 1))
-    assert heading(left, end=True) == pytest.approx((-1, 0))
-    assert heading(right, end=True) == pytest.approx((0, -1))
+    assert tangent(left, end=False) == pytest.approx((0, 1))
+    assert tangent(left, end=True) == pytest.approx((-1, 0))
+    assert tangent(right, end=True) == pytest.approx((0, -1))
 
 
 def test_a_slot():

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from markergen.geometry.contour import circle
-from markergen.geometry.region import Region, distances, enclosing_circle, hull, line_distances, parents, signed_area
+from markergen.geometry.region import (
+    Region,
+    enclosing_circle,
+    hull,
+    line_distances,
+    pairwise_distances,
+    parents,
+    signed_area,
+)
 
 
 @pytest.fixture
@@ -97,7 +105,7 @@ def test_shapes_inside_and_their_distance_to_the_edge(frame):
     assert frame.surrounds_boxes([[(0.25, 0.25, 0.5, 0.5)], [(0, 0, 0.5, 0.5)]]).tolist() == [[True], [False]]
     ring, point = 0.25 + SQUARE / 4, [[0.5, 0.5]]
     assert frame.clearance([small, ring, point, 1.25 + SQUARE / 2]) == pytest.approx([0.25, 0.25, 0.5, -0.25])
-    assert distances([point, small], [[[0.5, 0.9]], ring]) == pytest.approx(np.array([[0.4, 0], [0.4, 0]]))
+    assert pairwise_distances([point, small], [[[0.5, 0.9]], ring]) == pytest.approx(np.array([[0.4, 0], [0.4, 0]]))
 
 
 def test_a_line_runs_through_a_region_in_parts(frame):

@@ -10,7 +10,7 @@ from markergen.maths.dot_crlb import (
     center_covariance,
     center_information,
     directions,
-    displaced,
+    displaced_center,
     dot_covariance,
     linearize,
 )
@@ -150,19 +150,19 @@ def test_covariances_of_image_and_displacement_add_up():
     information, displacement, _ = dots_out_of_place()
     expected = np.linalg.inv(np.linalg.inv(information) + displacement @ displacement.swapaxes(-1, -2))
     # Both are rounded; the inverses lose up to three digits on the longest images.
-    np.testing.assert_allclose(displaced(information, displacement)[0], expected, rtol=1e-10)
-    np.testing.assert_array_equal(displaced(information, 0 * displacement)[0], information)
+    np.testing.assert_allclose(displaced_center(information, displacement)[0], expected, rtol=1e-10)
+    np.testing.assert_array_equal(displaced_center(information, 0 * displacement)[0], information)
 
 
 def test_a_dot_seen_edge_on_tells_nothing_across():
     # F is singular, and so is what remains of it: along x the variances 1/4 and 0.01 add up.
-    found = displaced(np.diag([4.0, 0.0]), np.diag([0.1, 0.3]))[0]
+    found = displaced_center(np.diag([4.0, 0.0]), np.diag([0.1, 0.3]))[0]
     np.testing.assert_allclose(found, np.diag([1 / 0.26, 0.0]), rtol=1e-15)
 
 
 def test_displacement_is_pulled_back_as_differences_say():
     information, displacement, cotangent = dots_out_of_place()
-    by_information, by_displacement = displaced(information, displacement)[1](cotangent)
+    by_information, by_displacement = displaced_center(information, displacement)[1](cotangent)
     rng = np.random.default_rng(5)
     turn = rng.normal(size=information.shape)
     # Relative steps of 1e-5: the square of it, and rounding, leave eight digits.
@@ -171,9 +171,9 @@ def test_displacement_is_pulled_back_as_differences_say():
         (1e-5 * displacement * turn, by_displacement, "displacement"),
     ):
         ahead, behind = (
-            displaced(information + sign * step, displacement)[0]
+            displaced_center(information + sign * step, displacement)[0]
             if moved == "information"
-            else displaced(information, displacement + sign * step)[0]
+            else displaced_center(information, displacement + sign * step)[0]
             for sign in (1, -1)
         )
         numeric = np.sum(cotangent * (ahead - behind), axis=(-2, -1)) / 2

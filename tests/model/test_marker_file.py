@@ -14,7 +14,7 @@ from markergen.errors import InputError
 from markergen.guard import KINDS
 from markergen.model.feature import Feature
 from markergen.model.marker import JointCovariance, MeasuredSize
-from markergen.model.marker_file import SINCE, VERSIONS, checked, json_schema
+from markergen.model.marker_file import SINCE, VERSIONS, checked_file, json_schema
 from markergen.model.marker_json import from_json, read_marker, to_json
 from markergen.model.rig import Rig
 from markergen.model.rig_json import load_rig, rig_to_json
@@ -79,7 +79,7 @@ def test_a_file_with_plates_opens_as_a_rig_with_everything_in_it(full):
     rig = Rig.load(DATA / FULL)
     assert load_rig(rig_content := json.loads(rig_to_json(rig))) == rig
     assert rig_content["format"] == "markergen-rig"
-    whole = checked(full, FULL).build()
+    whole = checked_file(full, FULL).build()
     front, right = (plate.marker for plate in rig.plates)
     assert [point.feature.polarity for point in whole.control_points] == ["dark"] * 4 + ["light"] * 4
     assert [plate.name for plate in rig.plates] == [plate["name"] for plate in full["plates"]]
@@ -97,7 +97,7 @@ def test_a_file_with_plates_opens_as_a_rig_with_everything_in_it(full):
 
 
 def test_what_was_measured_of_one_plate_is_turned_into_its_frame(full):
-    rig, whole = Rig.load(DATA / FULL), checked(full, FULL).build()
+    rig, whole = Rig.load(DATA / FULL), checked_file(full, FULL).build()
     order = {number: k for k, number in enumerate(whole.joint_covariance.order)}
     matrix = whole.joint_covariance.array.reshape(len(order), 3, len(order), 3)
     for plate in rig.plates:

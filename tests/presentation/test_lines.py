@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markergen.presentation.lines import cells, drawn, wrapped
+from markergen.presentation.lines import cells, table_lines, wrapped
 
 WORDS = st.text("abcdefgh0123456789.-", min_size=1, max_size=12)
 SENTENCES = st.lists(WORDS, min_size=1, max_size=20).map(" ".join)
@@ -27,7 +27,7 @@ def _held(line):
 )
 def test_tables_break_no_word_and_lose_none(rows, width):
     header = [f"head{k}" for k in range(len(rows[0]))]
-    lines = drawn(header, rows, width)
+    lines = table_lines(header, rows, width)
     said = " ".join(lines).split()
     for row in rows:
         for cell in row:
@@ -41,7 +41,7 @@ def test_a_number_keeps_its_unit():
 
 def test_words_stand_left_and_numbers_right():
     rows = [["a", "some words", "1"], ["b", "others here", "22"]]
-    lines = drawn(["x", "text", "number"], rows, 60)
+    lines = table_lines(["x", "text", "number"], rows, 60)
     assert lines[2].index("some") == lines[3].index("others")
     assert lines[2].endswith(" 1")
     assert lines[3].endswith("22")

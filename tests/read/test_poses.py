@@ -135,10 +135,10 @@ def test_each_format_says_which_way_it_goes():
 
 def test_one_format_at_most_fits(write):
     rotation, translation = Cone(count=3).sample()
-    from markergen.read.poses.rows import PoseFile
+    from markergen.read.poses.rows import RowsFile
 
     for kind, writer in WRITERS.items():
-        file = PoseFile("x", writer(rotation, translation).encode())
+        file = RowsFile("x", writer(rotation, translation).encode())
         assert sum(POSE_FORMATS[name].fits(file) for name in POSE_FORMATS) == 1, kind
 
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from markergen.errors import OutputError
-from markergen.guard import KINDS, Kind
+from markergen.guard import KINDS, Limits
 from markergen.studio.server import _listening, studio_app
 
 from .conftest import TOKEN
@@ -82,7 +82,7 @@ def test_what_is_no_request_is_told_in_one_line(studio, name, body):
 
 
 def test_a_request_has_a_size_limit(studio, monkeypatch):
-    small = Kind("a request", 1000, "in a test", "reload the page")
+    small = Limits("a request", 1000, "in a test", "reload the page")
     monkeypatch.setitem(KINDS, "request", small)
     monkeypatch.setitem(KINDS, "upload", small)
     for name in ("words", "open", "detect"):

@@ -14,7 +14,7 @@ from markergen.files import exists
 from markergen.guard import read
 from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
-from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, PoseFile
+from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile
 from markergen.registry import Registry
 
 __all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
@@ -38,8 +38,8 @@ class PoseFormat:
 
     signs: str
     which_way: str
-    fits: Callable[[PoseFile], bool]
-    read: Callable[[PoseFile], NDArray[np.float64]]
+    fits: Callable[[RowsFile], bool]
+    read: Callable[[RowsFile], NDArray[np.float64]]
 
 
 POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
@@ -101,7 +101,7 @@ def read_poses(path: Path | str) -> RecordedPoses:
     text = data.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
-    file = PoseFile(path.name if path.name.isprintable() else brief(path.name), text)
+    file = RowsFile(path.name if path.name.isprintable() else brief(path.name), text)
     for name in POSE_FORMATS:
         if POSE_FORMATS[name].fits(file):
             numbers = POSE_FORMATS[name].read(file)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import LONGEST_LINE, PoseFile, Rows, numbers_of
+from markergen.read.poses.rows import LONGEST_LINE, Rows, RowsFile, numbers_of
 
 WHICH_WAY = (
     "each image is T_camera_world, X_camera = R X_world + t, as COLMAP writes it, scaled to m; the world is the marker"
@@ -18,11 +18,11 @@ FORM = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
 _IMAGE = re.compile(rb"\d+(\s+[-+.0-9a-zA-Z]+){7}\s+\d+\s+[^\s]")
 
 
-def _fits(file: PoseFile) -> bool:
+def _fits(file: RowsFile) -> bool:
     return _IMAGE.match(file.first) is not None
 
 
-def _read(file: PoseFile) -> NDArray[np.float64]:
+def _read(file: RowsFile) -> NDArray[np.float64]:
     rows = Rows(file, 7)
     points = False
     for line, content in file.lines(blank=True):

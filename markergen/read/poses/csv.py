@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import WANTED, WHICH_WAY, PoseFile, Rows, columns_of, numbers_of
+from markergen.read.poses.rows import WANTED, WHICH_WAY, Rows, RowsFile, columns_of, numbers_of
 
 
-def _fits(file: PoseFile) -> bool:
+def _fits(file: RowsFile) -> bool:
     return file.first[:1].isalpha() or file.first[:1] in (b'"', b"_")
 
 
-def _read(file: PoseFile) -> NDArray[np.float64]:
+def _read(file: RowsFile) -> NDArray[np.float64]:
     table = file.table()
     line, names = next(table)
     columns, count = columns_of(names, file.place(line))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import WANTED, WHICH_WAY, PoseFile, columns_of, numbers_of
+from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
 
 Array = NDArray[np.float64]
 
@@ -16,11 +16,11 @@ LARGEST_JSON = 5_000_000
 """Maximum size in bytes; as Python objects they may take forty times as much."""
 
 
-def _fits(file: PoseFile) -> bool:
+def _fits(file: RowsFile) -> bool:
     return file.data.lstrip()[:1] in (b"[", b"{")
 
 
-def _read(file: PoseFile) -> Array:
+def _read(file: RowsFile) -> Array:
     poses = _poses(file)
     names = list(poses[0])
     columns, count = columns_of(names, _place(file, 0))
@@ -36,7 +36,7 @@ def _read(file: PoseFile) -> Array:
     return numbers_of(values[:, :count], values[:, count:], lambda index: _place(file, index))
 
 
-def _poses(file: PoseFile) -> list[dict[str, Any]]:
+def _poses(file: RowsFile) -> list[dict[str, Any]]:
     if len(file.data) > LARGEST_JSON:
         raise InputError(
             f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}", "more", "write this many poses as CSV"
@@ -72,7 +72,7 @@ def _number(value: object, place: str) -> float:
     raise InputError(f"a number for {place}", brief(value), "correct the file")
 
 
-def _place(file: PoseFile, index: int) -> str:
+def _place(file: RowsFile, index: int) -> str:
     return f"pose {index} of {file.name}"
 
 

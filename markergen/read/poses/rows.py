@@ -62,7 +62,7 @@ WHICH_WAY = (
 
 
 @dataclass(frozen=True)
-class PoseFile:
+class RowsFile:
     """A file's name and bytes, without byte order mark."""
 
     name: str
@@ -125,7 +125,7 @@ class PoseFile:
 class Rows:
     """Rows of numbers collected from a file, each with its line."""
 
-    file: PoseFile
+    file: RowsFile
     width: int
     _numbers: "array[float]" = field(default_factory=lambda: array("d"))
     _lines: "array[int]" = field(default_factory=lambda: array("l"))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import WANTED, PoseFile, Rows, inverses, numbers_of
+from markergen.read.poses.rows import WANTED, Rows, RowsFile, inverses, numbers_of
 
 WHICH_WAY = (
     "each line is T_world_camera, the camera in the world, with t in m; the world is the marker frame (x right, y up,"
@@ -16,11 +16,11 @@ WHICH_WAY = (
 FORM = "timestamp tx ty tz qx qy qz qw"
 
 
-def _fits(file: PoseFile) -> bool:
+def _fits(file: RowsFile) -> bool:
     return re.match(rb"[-+.\d]", file.first) is not None and len(file.first.split()) < 10
 
 
-def _read(file: PoseFile) -> NDArray[np.float64]:
+def _read(file: RowsFile) -> NDArray[np.float64]:
     rows = Rows(file, 8)
     for line, words in file.table():
         if len(words) != 8:

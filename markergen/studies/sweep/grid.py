@@ -14,7 +14,7 @@ from markergen.defaults import NOISE_PX
 from markergen.errors import InputError, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.findings import listed
+from markergen.model.findings import in_one_line
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots
@@ -162,7 +162,7 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
         findings.append(f"grid: {count} combinations, at most {MOST_POINTS_OF_GRID}")
     points = [] if count > MOST_POINTS_OF_GRID else list(_combinations(axes, fixed, estimators, findings))
     if findings:
-        raise InputError(f"a study that can be run in {name}", listed(findings, SHOWN), "correct these places")
+        raise InputError(f"a study that can be run in {name}", in_one_line(findings, SHOWN), "correct these places")
     written = {key: tuple(text for text, _ in pairs) for key, pairs in axes.items()}
     return Sweep(study.get("name", name), _plain(fixed), written, study.get("runs", RUNS), tuple(points))
 

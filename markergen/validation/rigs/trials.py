@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.maths.information import covariance, flip_separation
 from markergen.model.poses import PoseDistribution
-from markergen.pool import map_counted, ranges, workers_for
+from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.validation.bounds import PoseBounds, pose_bounds
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
@@ -96,7 +96,7 @@ def run_trials(
     poses = len(shown.series.poses)
     workers = workers_for(workers, 1 + poses * runs // WORTH_A_WORKER)
     work = partial(_chunk, _Trials(shown, noise_px, runs, seed))
-    parts = [each for part in map_counted(work, ranges(poses, POSES_AT_ONCE), workers, progress) for each in part]
+    parts = [each for part in map_counted(work, chunks_of(poses, POSES_AT_ONCE), workers, progress) for each in part]
     return {
         name: RigErrors(*(np.stack([getattr(part[name], each.name) for part in parts]) for each in fields(RigErrors)))
         for name in ("joint", "alone")
