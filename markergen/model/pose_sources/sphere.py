@@ -23,6 +23,7 @@ class Sphere:
 
     Examples
     --------
+    >>> import numpy as np
     >>> rotation, translation = Sphere.parse("sphere:distance=0.5..0.6m,count=200").sample()
     >>> center = -np.einsum("pij,pi->pj", rotation, translation)
     >>> bool((center[0::2, 2] > 0).all()), bool((center[1::2, 2] < 0).all())

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from markergen.model.rig_picture import draw_rig, sides
+from markergen.model.picture import draw_rig, sides
 from markergen.presentation.pages import Section, page
 from markergen.presentation.plots import plot
 from markergen.presentation.tables import Table
