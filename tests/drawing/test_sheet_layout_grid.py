@@ -59,10 +59,10 @@ def test_as_many_as_fit_then_the_next_page(family, check_page, options, paper, p
 
 
 def test_every_caption_has_the_tag_and_the_hash_of_the_spec(family, monkeypatch):
-    from markergen.drawing import page_grid
+    from markergen.drawing import sheet_layout
 
     written = []
-    monkeypatch.setattr(page_grid, "paragraph", lambda words, *_: written.append(words) or [])
+    monkeypatch.setattr(sheet_layout, "paragraph", lambda words, *_: written.append(words) or [])
     specs = [replace(marker, provenance={"spec_hash": f"{k:08x}"}) for k, marker in enumerate(family)]
     pages_for(specs, SheetOptions("A3"))
     names = [words for words in written if "apriltag" in words]

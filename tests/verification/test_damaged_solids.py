@@ -14,7 +14,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.workshop.cad_files import write_step
+from markergen.workshop.formats.solids import write_step
 from markergen.workshop.kernel import solids_of
 from markergen.workshop.processes import parts_of
 

@@ -4,10 +4,10 @@
 them out. What it says is meant to be enough: whoever has only the drawing can make the marker.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
-from math import atan2, ceil, degrees, dist, hypot
+from math import atan2, ceil, degrees, dist, hypot, tan
 
 from markergen.drawing.figure import size_words
 from markergen.drawing.scene import Box, union
@@ -15,7 +15,7 @@ from markergen.geometry.contour import Contour, box, center_of, flattened, radiu
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.solid.plate import plate_of
-from markergen.solid.primitives import OFF, SAME, Part, Prism, cylinder, mm, size_of, span_of
+from markergen.solid.primitives import OFF, SAME, Part, Primitive, Prism, Revolved, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.drafting.drawing import (
@@ -25,26 +25,19 @@ from markergen.workshop.drafting.drawing import (
     Datum,
     Dimension,
     DotLabel,
+    DrawingTable,
+    SectionView,
     TitleBlock,
     ViewFace,
     Workpiece,
     millimeters,
 )
-from markergen.workshop.drafting.sections import (
-    MOST_KINDS,
-    alike,
-    centered,
-    recesses_of,
-    sections_of,
-    upright,
-    use_words,
-)
-from markergen.workshop.drafting.tables import is_plain, listed_outlines, ranges, tables_of
 from markergen.workshop.drafting.tolerances import (
     DIAMETER,
     PLUS_MINUS,
     PROFILE,
     PlateHole,
+    cutouts_of,
     datum_table,
     datums_of,
     dot_controls,
@@ -52,12 +45,14 @@ from markergen.workshop.drafting.tolerances import (
     flat,
     hole_control,
     holes_of,
+    is_rectangle,
     letters,
     located,
     tolerance_table,
 )
+from markergen.workshop.iso286 import DiscFit
 from markergen.workshop.processes import Made
-from markergen.workshop.projection import BACK, elevation, seen
+from markergen.workshop.projection import BACK, cut_along, elevation, seen
 
 MOST_PLACES = 2
 """Maximum number of holes of a kind whose places are told in their callout; the table has them all."""
@@ -442,3 +437,377 @@ def _engraved(made: Made, cross: bool, dots: int) -> str:
     if cross:
         parts.append("at the origin a cross, with an arrow along x")
     return f"Engrave the back {millimeters(engraving.DEPTH)} mm deep, to be read from behind: {'; '.join(parts)}."
+
+
+MOST_CORNERS = 40
+"""Maximum number of corners of an outline that are listed; the solid has more."""
+
+
+def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
+    """Tables of control points, any holes, cut-outs, outline, pillars, the tag's corners, and parts."""
+    points = DrawingTable(
+        "Centers of the dots, mm, theoretically exact",
+        ("id", "x", "y", "z", "diameter", "inner"),
+        tuple(
+            (
+                str(p.id),
+                *(_fixed(mm(value)) for value in (p.x, p.y, p.z)),
+                millimeters(mm(p.feature.diameter)),
+                millimeters(mm(p.feature.inner_diameter)) if p.feature.inner_diameter else "-",
+            )
+            for p in marker.control_points
+        ),
+    )
+    tables = [points]
+    if holes := holes_of(marker):
+        rows = tuple(
+            (
+                hole.label,
+                _fixed(hole.x),
+                _fixed(hole.y),
+                f"{DIAMETER}{millimeters(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else ""),
+                millimeters(2 * hole.sink) if hole.sink else "-",
+                use_words(hole),
+            )
+            for hole in holes
+        )
+        tables.append(
+            DrawingTable(
+                "Holes through the plate, mm; x, y theoretically exact",
+                ("hole", "x", "y", "diameter", "countersink", "use"),
+                rows,
+                (0, 3, 5),
+            )
+        )
+    tables += _outlines(marker, made)
+    if pillars := _pillars(marker, made.add):
+        headings = ("under dots", "height above A", "top", "base", "draft", "fillet")
+        tables.append(DrawingTable("Pillars, mm: diameters without the fillet", headings, pillars, (0,)))
+    if marker.tag:
+        names = ("top left", "top right", "bottom right", "bottom left")
+        places = marker.tag.corners.tolist()
+        corners = tuple((name, _fixed(mm(x)), _fixed(mm(y))) for name, (x, y) in zip(names, places, strict=True))
+        tables.append(
+            DrawingTable(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,))
+        )
+    return (*tables, _part_list(made.parts))
+
+
+@dataclass(frozen=True)
+class ListedOutline:
+    """Outline that a table describes: title of the table, words of the callout, and whose it is."""
+
+    title: str
+    words: str
+    contour: Contour
+    plate: bool = False
+    recess: Prism | None = None
+
+
+def is_plain(recess: Prism) -> bool:
+    """True for a recess that a diameter, or width and height, and a place describe."""
+    return recess.outer.as_circle is not None or is_rectangle(recess.outer)
+
+
+def listed_outlines(marker: Marker, made: Made) -> list[ListedOutline]:
+    """Outlines that a size and a radius do not describe: of plates, of holes that are not round, and of recesses."""
+    plates = [outer for outer, *_ in plate_of(marker).outlines]
+    found = []
+    if len(plates) > 1:
+        for number, outer in enumerate(plates, 1):
+            found.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
+    elif plates[0].as_circle is None and not is_rectangle(plates[0]):
+        found.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
+    for number, contour in enumerate(cutouts_of(marker), 1):
+        found.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
+    for number, recess in enumerate(recesses_of(made), 1):
+        if not is_plain(recess):
+            found.append(ListedOutline(f"Recess {number}", f"recess {number}", recess.outer, recess=recess))
+    return found
+
+
+def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
+    """Corners of outlines, or the center of a round one."""
+    tables = []
+    for each in listed_outlines(marker, made):
+        title, contour = each.title, each.contour
+        if circle := contour.as_circle:
+            x, y, radius = circle
+            row = _fixed(x), _fixed(y), f"{DIAMETER}{millimeters(2 * radius)}"
+            tables.append(DrawingTable(f"{title}, mm", ("center x", "center y", "diameter"), (row,)))
+            continue
+        left, bottom, right, top = box(contour)
+        size = f"{millimeters(right - left)} x {millimeters(top - bottom)} mm"
+        if len(contour.points) > MOST_CORNERS:
+            words = ((f"{len(contour.points)} corners", "as in the STEP file"),)
+            tables.append(DrawingTable(f"{title}, {size}", ("what", "where"), words, (0, 1)))
+        else:
+            tables.append(
+                DrawingTable(f"{title}, {size}", ("corner x", "corner y", "to the next"), _corners(contour), (2,))
+            )
+    return tables
+
+
+def _corners(contour: Contour) -> tuple[tuple[str, ...], ...]:
+    def side(bulge: float, radius: float) -> str:
+        return f"arc R{millimeters(radius)} to the {'left' if bulge > 0 else 'right'}" if bulge else "line"
+
+    return tuple((_fixed(a[0]), _fixed(a[1]), side(bulge, radius_of((a, b, bulge)))) for a, b, bulge in contour.sides)
+
+
+def _pillars(marker: Marker, added: Sequence[Primitive]) -> tuple[tuple[str, ...], ...]:
+    """Rows of pillars of the same shape."""
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for dot in dots_of(marker):
+        for body in centered(added, dot.x, dot.y):
+            sides = body.profile.sides
+            (r, z), (u, w), _ = next(side for side in sides if side[1] == body.profile.points[-2])
+            draft = atan2(r - u, w - z)
+            fillet = next((radius_of(side) for side in sides if side[2]), 0.0)
+            sizes = millimeters(w), millimeters(2 * u), millimeters(2 * (u + w * tan(draft)))
+            shape = (*(sizes[0], *(f"{DIAMETER}{size}" for size in sizes[1:])), f"{round(degrees(draft), 3) + 0:g}\xb0")
+            groups.setdefault((*shape, f"R{millimeters(fillet)}" if fillet else "-"), []).append(dot.id)
+    return tuple((ranges(ids), *shape) for shape, ids in groups.items())
+
+
+def _part_list(parts: Sequence[Part]) -> DrawingTable:
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for part in parts:
+        key = part.material, _size(part), f"{part.volume / 1e3:.3f}"
+        groups.setdefault(key, []).append(part.name)
+    rows = tuple(
+        (str(len(names)), _names(names), material, size, volume) for (material, size, volume), names in groups.items()
+    )
+    return DrawingTable("Parts", ("pieces", "name", "color", "size, mm", "volume each, cm\xb3"), rows, (1, 2, 3))
+
+
+def _size(part: Part) -> str:
+    """Diameters and height of a round part; width, height and thickness of others."""
+    low, high = part.span
+    if len(part.add) == 1 and isinstance(part.add[0], Revolved):
+        least, most = part.add[0].radii
+        inner = f" / {DIAMETER}{millimeters(2 * least)}" if least > SAME else ""
+        return f"{DIAMETER}{millimeters(2 * most)}{inner} x {millimeters(high - low)}"
+    width, height = size_of(part.add)
+    if part.is_disk:
+        return f"{DIAMETER}{millimeters(width)} x {millimeters(high - low)}"
+    return f"{millimeters(width)} x {millimeters(height)} x {millimeters(high - low)}"
+
+
+def _names(names: Sequence[str]) -> str:
+    """Abbreviate long lists of part names: ``dot-1, dot-3 to dot-5``."""
+    stems: dict[tuple[str, str], list[int]] = {}
+    words = []
+    for name in names:
+        stem, _, rest = name.partition("-")
+        number, _, suffix = rest.partition("-")
+        if number.isdecimal():
+            stems.setdefault((stem, suffix), []).append(int(number))
+        else:
+            words.append(name)
+    for (stem, suffix), numbers in stems.items():
+        words.append(f"{stem}-{ranges(numbers)}" + (f" {suffix}" if suffix else ""))
+    return ", ".join(words)
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Abbreviate a list of integers: ``1 to 4, 7``."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    words: list[str] = []
+    for run in runs:
+        words += [str(run[0])] if len(run) == 1 else [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+    return ", ".join(words)
+
+
+def _fixed(millimeters_: float) -> str:
+    # Adding 0 turns -0 into 0.
+    return f"{round(millimeters_, 4) + 0.0:.4f}"
+
+
+MOST_KINDS = 6
+"""Maximum number of kinds of dots or holes with their own callouts and sections; more are listed in tables only."""
+
+NEAR = 30.0
+"""Maximum distance in mm of a recess from an edge to be in its section."""
+
+
+def sections_of(marker: Marker, made: Made, dots: Sequence[SolidDot]) -> tuple[SectionView, ...]:
+    """All sections."""
+    return (*_dot_sections(dots, made), *_hole_sections(marker, made.parts), *_edge_section(marker, made))
+
+
+def alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[SolidDot]]]:
+    """Group dots by radius and inner radius."""
+    groups: dict[tuple[float, float], list[SolidDot]] = {}
+    for dot in dots:
+        groups.setdefault((dot.radius, dot.inner), []).append(dot)
+    return list(groups.items())
+
+
+def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
+    """One section per kind of dot, and one through the highest raised dot."""
+    bodies = [body for part in made.parts for body in (*part.add, *part.cut, *part.marked)]
+    found = []
+    for (_, inner), some in alike(dots)[:MOST_KINDS]:
+        flat = [dot for dot in some if not dot.raised]
+        raised = sorted((dot for dot in some if dot.raised), key=lambda dot: -dot.z)
+        for dot in (*flat[:1], *raised[:1]):
+            if centered(bodies, dot.x, dot.y):
+                what = "ring" if inner else "dot"
+                found.append(_dot_section(dot, f"Section along x through {what} {dot.id}", made))
+    return found
+
+
+def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
+    x, y, z, face, parts = dot.x, dot.y, dot.z, made.face, made.parts
+    plates = [part for part in parts if part.is_plate]
+    low, _ = span_of(plates)
+    pockets = centered([body for part in plates for body in (*part.cut, *part.marked)], x, y)
+    pillars = centered([body for part in plates for body in part.add], x, y)
+    wide = max([dot.radius, *(b.radii[1] for b in (*pockets, *pillars) if b.span[1] > face - SAME)])
+    high = max([z, *(b.span[1] for b in centered([body for part in parts for body in part.add], x, y))])
+    tall = {(round(bottom, 6), round(top, 6)): _depth(bottom, top, low, made) for bottom, top in
+            (body.span for body in pockets)}  # fmt: skip
+    tall[low, face] = f"({millimeters(face - low)})"
+    if z > face + SAME:
+        tall[face, z] = f"{millimeters(z - face)} {PLUS_MINUS}{millimeters(made.accuracy.height)}"
+    if high > max(z, face) + SAME:
+        tall[face, high] = f"({millimeters(high - face)})"
+    aside = wide + max(3.0, 0.2 * wide)
+    box = (x - aside, low, x + aside, high)
+    across = tuple(
+        Dimension(x - r, x + r, words) for r, words in sorted(_diameters(dot, made, pockets, pillars).items())
+    )
+    return SectionView(title, cut_along(parts, y, box), box, across, upright(tall), (x,))
+
+
+def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: Sequence[Revolved]) -> dict[float, str]:
+    """Words of the diameters at a dot, with its fit, by their radii as drawn."""
+
+    def fitted(kind: str, radius: float) -> DiscFit | None:
+        return next(
+            (fit for name, fit in made.fits if name == kind and abs(fit.disc.diameter - 2 * radius) < SAME), None
+        )
+
+    fit, core = fitted("dot", dot.radius), fitted("core", dot.inner)
+    most = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
+    sizes: dict[float, str] = {}
+    if fit and not fit.gap:
+        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.pocket.name}/{fit.disc.name}"
+    elif fit:
+        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.disc.words}"
+    else:
+        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)}{most}"
+    if dot.inner:
+        bore = f" {core.pocket.words}" if core else most
+        sizes[round(dot.inner, 6)] = f"{DIAMETER}{millimeters(2 * dot.inner)}{bore}"
+    for body in pockets:
+        r = round(body.radii[1], 6)
+        words = f"{DIAMETER}{millimeters(2 * r)}"
+        if fit and abs(r - dot.radius - fit.gap) < SAME:
+            words = f"{DIAMETER}{millimeters(fit.pocket.diameter)} {fit.pocket.words}"
+        sizes.setdefault(r, f"{words} pocket")
+    for body in pillars:
+        sizes.setdefault(round(body.radii[1], 6), f"({DIAMETER}{millimeters(2 * body.radii[1])}) foot")
+    return sizes
+
+
+def _depth(bottom: float, top: float, low: float, made: Made) -> str:
+    """Depth of a pocket with its tolerance, which a hole through the plate does not need."""
+    depth = millimeters(top - bottom)
+    if bottom < low + SAME:
+        return f"({depth})"
+    return f"{depth} +{millimeters(made.accuracy.depth)} / 0" if made.accuracy.depth else f"{depth} max."
+
+
+def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
+    """One section per kind of hole."""
+    found: dict[tuple[float, float], SectionView] = {}
+    low, _ = span_of([part for part in parts if part.is_plate])
+    for hole in holes_of(marker):
+        if hole.use == "drawn" or (hole.radius, hole.sink) in found or len(found) == MOST_KINDS:
+            continue
+        widest = max(hole.radius, hole.sink)
+        aside = widest + max(2.0, 0.6 * widest)
+        box = (hole.x - aside, low, hole.x + aside, 0.0)
+        faces = cut_along(parts, hole.y, box)
+        top = max((face.box[3] for face in faces), default=0.0)
+        across = [_across(hole, hole.radius, f" {hole.limits.words}" if hole.limits else "")]
+        if hole.sink:
+            across.append(_across(hole, hole.sink, " x 90\xb0"))
+        found[hole.radius, hole.sink] = SectionView(
+            f"Section through hole {hole.label}, {use_words(hole)}",
+            faces,
+            (box[0], low, box[2], top),
+            tuple(across),
+            upright({(low, top): f"({millimeters(top - low)})"}),
+            (hole.x,),
+        )
+    return list(found.values())
+
+
+def _across(hole: PlateHole, radius: float, more: str) -> Dimension:
+    return Dimension(hole.x - radius, hole.x + radius, f"{DIAMETER}{millimeters(2 * radius)}{more}")
+
+
+def use_words(hole: PlateHole) -> str:
+    """Use of a hole: ``for screw M3``, ``for a 4 mm pin``."""
+    name = hole.name[:24]
+    if hole.use == "drawn":
+        return "in the outline"
+    if hole.use == "dowel":
+        return f"for a {name or 'dowel pin'}"
+    return f"for screw {name}" if name else "for a screw"
+
+
+def recesses_of(made: Made) -> list[Prism]:
+    """Recesses for printed sheets: open to the face of the plate, without inlays."""
+    plates = [part for part in made.parts if part.is_plate]
+    inlays = [body.box for part in made.parts if not part.is_plate for body in part.add]
+    return [
+        body
+        for part in plates
+        for body in part.cut
+        if isinstance(body, Prism)
+        and body.top > made.face - SAME
+        and not any(union(body.box, inlay) == body.box for inlay in inlays)
+    ]
+
+
+def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
+    """Section of an edge that has a chamfer, or a sheet's recess next to it."""
+    chamfer = round(1e3 * marker.substrate.chamfer, 9)
+    plates = [part for part in made.parts if part.is_plate]
+    low, _ = span_of(plates)
+    outermost = max((face for face in seen(plates)), key=lambda face: face.box[2])
+    ring = flattened(outermost.contours[0], OFF)
+    right = max(x for x, _ in ring)
+    recesses = [body for body in recesses_of(made) if right - body.box[2] < NEAR]
+    if not chamfer and not recesses:
+        return []
+    level = [y for x, y in ring if x > right - 1e-3]
+    # At the middle of the outermost edge, or the outermost point of an arc.
+    y = (min(level) + max(level)) / 2
+    left = min([right - max(6 * chamfer, 4.0), *(body.box[2] - 4.0 for body in recesses)])
+    box = (left, low, right, made.face)
+    faces = cut_along(made.parts, y, box)
+    across = (Dimension(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
+    tall = {body.span: _depth(*body.span, low, made) for body in recesses}
+    tall[low, made.face] = f"({millimeters(made.face - low)})"
+    return [SectionView("Section of the edge", faces, box, across, upright(tall))] if faces else []
+
+
+def centered(bodies: Iterable[Primitive], x: float, y: float) -> list[Revolved]:
+    """Bodies of revolution about the vertical axis through (x, y), within a micron."""
+    return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
+
+
+def upright(heights: dict[tuple[float, float], str]) -> tuple[Dimension, ...]:
+    """Dimensions along z, the shortest first."""
+    ordered = sorted(heights, key=lambda pair: (pair[1] - pair[0], pair))
+    return tuple(Dimension(low, high, heights[low, high]) for low, high in ordered)

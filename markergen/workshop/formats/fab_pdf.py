@@ -23,8 +23,7 @@ from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
 from markergen.workshop.drafting.pen import THIN, Lettering, Style, scale_words
-from markergen.workshop.drafting.rig_content import face_works, rig_work
-from markergen.workshop.drafting.rig_views import RigWork, rig_page
+from markergen.workshop.drafting.rig_drawing import RigWork, face_works, rig_page, rig_work
 from markergen.workshop.drafting.title_block import title_block
 from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
 from markergen.workshop.formats.solids import solid_notes

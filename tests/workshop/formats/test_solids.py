@@ -13,7 +13,7 @@ from markergen.model.marker import marker_name
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.primitives import COLORS
-from markergen.workshop.cad_files import normalize, write_brep, write_step
+from markergen.workshop.formats.solids import normalize, write_brep, write_step
 from markergen.workshop.kernel import NamedSolid, solids_of
 from markergen.workshop.processes import parts_of
 
@@ -154,7 +154,7 @@ from pathlib import Path
 from markergen.model.marker import marker_name
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
-from markergen.workshop.cad_files import write_brep, write_step
+from markergen.workshop.formats.solids import write_brep, write_step
 from markergen.workshop.kernel import solids_of
 from markergen.workshop.processes import parts_of
 marker = from_json(sys.stdin.buffer.read())

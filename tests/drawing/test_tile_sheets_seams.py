@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.drawing.tile_layout import KERF, SHORTEST, Item, find_seams
+from markergen.drawing.tile_sheets import KERF, SHORTEST, Item, find_seams
 
 
 def cut(places, items) -> int:

@@ -10,8 +10,7 @@ from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.model.fabrication import Fabrication
 from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
-from markergen.workshop.drafting.rig_content import face_works, rig_work
-from markergen.workshop.drafting.rig_views import rig_page
+from markergen.workshop.drafting.rig_drawing import face_works, rig_page, rig_work
 from tests.support.rigs import cube, wall
 from tests.workshop.test_assembly import prism
 
