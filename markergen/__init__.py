@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from markergen.optimize.rig_design import RigDesign
     from markergen.validation.rigs.validation import RigValidation
     from markergen.validation.validation import Validation
-    from markergen.verification.verification import Verification
+    from markergen.verification.result import Verification
 
 __version__ = "0.2.0"
 
@@ -84,7 +84,7 @@ _HOMES = {
     "validation.rigs.validation": ("RigValidation",),
     "validation.validation": ("Validation",),
     "comparison.result": ("Comparison",),
-    "verification.verification": ("Verification",),
+    "verification.result": ("Verification",),
     "calibration.calibration": ("Calibration",),
     "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),

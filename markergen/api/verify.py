@@ -4,15 +4,13 @@ import logging
 from typing import Unpack
 
 from markergen.api.arguments import files_among, paths_of
-from markergen.model.rig import Rig
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import settle, signature_of
 from markergen.options.declarations import VerifyKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.verification.check import check_tolerance, verify_all
-from markergen.verification.check import verify as verify_marker
-from markergen.verification.rigs import verify_rig
-from markergen.verification.verification import Verification
+from markergen.verification.check import verify as verify_file
+from markergen.verification.result import Verification
 
 _log = logging.getLogger(__name__)
 
@@ -74,14 +72,9 @@ def verify(
     check_tolerance(tolerance)
     targets = Verification.targets(save, json=json)
     targets.check([*files_among(marker), *paths])
-    judged = load_marker_or_rig(marker)
+    body = load_marker_or_rig(marker)
     _log.info("verifying %d files", len(paths))
-    checks = verify_all(
-        lambda path: (
-            verify_rig(judged, path, tolerance) if isinstance(judged, Rig) else verify_marker(judged, path, tolerance)
-        ),
-        paths,
-    )
+    checks = verify_all(lambda path: verify_file(body, path, tolerance), paths)
     _log.info("verified: %d of %d are as they should be", sum(check.passed for check in checks), len(checks))
     written = Verification(checks).write(targets)
     return Verification(checks, written)

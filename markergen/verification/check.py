@@ -1,25 +1,43 @@
-"""Check one file against marker.json."""
+"""Check one file against a marker or a rig."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import read
+from markergen.model.body import Body, Plate
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.openings import openings
 from markergen.model.tag import Tag
-from markergen.verification.findings import Verdict, extras, frame_findings, judge
+from markergen.verification.findings import (
+    AGAIN,
+    UNTAGGED,
+    Verdict,
+    change_findings,
+    extras,
+    frame_findings,
+    judge,
+)
 from markergen.verification.flat import flat_findings, only_told
 from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
-from markergen.verification.matching import DotSet, dots_of, expected_dots
-from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
-from markergen.verification.reading import Page, Reading, reader_of
+from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, moved
+from markergen.verification.placement import (
+    DARK,
+    LIGHT,
+    NO_PLATE,
+    check_sides,
+    in_other_units,
+    in_part,
+    stretched,
+    turned,
+)
+from markergen.verification.reading import Page, Reading, reader_of, suffix_of
+from markergen.verification.result import Check
 from markergen.verification.solids import (
     SHEET,
     dots_of_surface,
@@ -29,15 +47,31 @@ from markergen.verification.solids import (
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
-from markergen.verification.transforms import change_findings, changes, moved
 from markergen.verification.words import MOST_LISTED, Finding
 
 Array = NDArray[np.float64]
 
 MOST_COPIES = 500
 
-UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
-"""Findings that imply a wrong tag, so that nothing is said about it."""
+OF_PLATES = (
+    ".pdf",
+    ".svg",
+    ".png",
+    ".dxf",
+    ".urdf",
+    ".sdf",
+    ".mjcf.xml",
+    ".stl",
+    ".3mf",
+    ".glb",
+    ".step",
+    ".stp",
+    ".brep",
+)
+"""Suffixes of the files that can hold several plates."""
+
+SAME = 1e-3
+"""Distance in mm below which dots of unknown size are one."""
 
 LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
 """Kinds of findings that hidden layers explain."""
@@ -53,83 +87,12 @@ Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
 
 
-@dataclass(frozen=True)
-class Check:
-    """Result of verifying one file.
-
-    Attributes
-    ----------
-    kind : str
-        File format, such as ``PDF``.
-    dots : int
-        Number of dots found with sizes of the marker's dots.
-    copies : int
-        Number of times that the marker is in the file.
-    largest : float
-        Largest distance in m between a dot and its position in marker.json, after the best rigid motion (no scale); nan
-        if the dots are not the marker's.
-    worst : int, str or None
-        Id of that dot; of a rig with the name of its marker, ``+x/3``.
-    scale : (x, y)
-        Ratio of the distances between dots in the file to those in marker.json, along the marker's axes.
-    pages : tuple of (width, height) or None
-        Paper sizes in mm.
-    tolerance : float
-        Tolerance in m that was applied.
-    findings : tuple of Finding
-        What is wrong; empty if the file passes.
-    notes : tuple of str
-        Remarks for the user that are not errors.
-    error : str
-        Why the file could not be used; empty otherwise.
-    """
-
-    path: str
-    kind: str = ""
-    dots: int = 0
-    copies: int = 0
-    largest: float = np.nan
-    worst: int | str | None = None
-    scale: tuple[float, float] = (np.nan, np.nan)
-    pages: tuple[tuple[float, float] | None, ...] = ()
-    tolerance: float = np.nan
-    findings: tuple[Finding, ...] = ()
-    notes: tuple[str, ...] = ()
-    error: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """True if the file could be used and has no findings."""
-        return not self.error and not self.findings
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values; missing values are null."""
-        return {
-            "file": self.path,
-            "format": self.kind or None,
-            "passed": self.passed,
-            "error": self.error or None,
-            "largest_m": _number(self.largest),
-            "worst_dot": self.worst,
-            "tolerance_m": _number(self.tolerance),
-            "scale_x": _number(self.scale[0]),
-            "scale_y": _number(self.scale[1]),
-            "dots": self.dots,
-            "copies": self.copies,
-            "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
-            "findings": [
-                {"kind": each.kind, "sentence": each.sentence, "remedy": each.remedy} for each in self.findings
-            ],
-            "notes": list(self.notes),
-        }
-
-
-def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
-    """Read a file back and compare every dot in it with a marker.
+def verify(body: Body, path: Path, tolerance: float | None = None) -> Check:
+    """Read a file back and compare every dot in it with a marker or a rig.
 
     The dots are aligned with the marker's by the best rotation and translation only: scaling and mirroring are reported
-    as findings. The origin of the file counts in lists of points and models for
-    simulators only; labels are ignored.
+    as findings. The origin of the file counts in lists of points and models for simulators only; labels are ignored.
+    In solids and models the relation of several plates counts; sheets show each by itself, on any page.
 
     Parameters
     ----------
@@ -144,25 +107,37 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     MissingLibraryError
         If the file is STEP or BREP and the CAD kernel is missing.
     """
-    check_supported(marker, "to verify a file against")
+    for plate in body.plates:
+        check_supported(plate.marker, "to verify a file against")
     check_tolerance(tolerance)
     reader = reader_of(path)
+    if body.frame != "marker" and suffix_of(path) not in OF_PLATES:
+        expected = f"a sheet or a solid of a rig ({', '.join(OF_PLATES)})"
+        raise InputError(expected, str(path), "verify it against the one marker in it")
     # Numbers in a file that overflow become infinite and are left out.
     with np.errstate(all="ignore"):
-        reading = reader(read(path, "artifact").data, str(path), marker)
-    allowed = reading.tolerance if tolerance is None else tolerance
+        reading = reader(read(path, "artifact").data, str(path), body)
+        allowed = reading.tolerance if tolerance is None else tolerance
+        return replace(_checked(body, reading, allowed), path=str(path), tolerance=allowed)
+
+
+def _checked(body: Body, reading: Reading, tolerance: float) -> Check:
+    """Check a sheet, a solid or a list."""
     if not reading.pages:
-        findings = tuple(Finding("tag", gap) for gap in reading.tag_gaps)
-        return Check(str(path), reading.kind, tolerance=allowed, findings=findings, notes=(TAG_ALONE,))
-    found = _solid(marker, reading, allowed)
-    surface = reading.pages[0].surface
+        return Check(
+            "", reading.kind, findings=tuple(Finding("tag", gap) for gap in reading.tag_gaps), notes=(TAG_ALONE,)
+        )
+    surface, marker = reading.pages[0].surface, body.plates[0].marker
+    if body.frame != "marker":
+        return check_sides(body, reading, tolerance) if surface else _several(body, reading, tolerance)
+    check = _solid(marker, reading, tolerance)
     if surface is None:
-        found = changed(marker, reading, allowed, found)
-    elif found.findings:
-        found = _placed(marker, reading, surface, found, allowed) or found
-        if is_strange(found):
-            found = _as_a_part(marker, reading, surface, allowed) or found
-    return replace(found, path=str(path))
+        return changed(marker, reading, tolerance, check)
+    if check.findings:
+        check = _placed(marker, reading, surface, check, tolerance) or check
+        if is_strange(check):
+            check = _as_a_part(marker, reading, surface, tolerance) or check
+    return check
 
 
 def check_tolerance(tolerance: float | None) -> None:
@@ -357,7 +332,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
 
 
 def _dots(page: Page, expected: DotSet) -> DotSet:
-    return dots_of(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
+    return dots_on_page(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
 
 
 def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
@@ -423,5 +398,95 @@ def _of_copy(finding: Finding, k: int, verdicts: list[Verdict]) -> Finding:
     return finding if len(verdicts) == 1 else replace(finding, sentence=f"copy {k + 1}: {finding.sentence}")
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+# --- Sheets of several plates -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _PlateOnPage:
+    """A plate on a page: its index and that of the page, how many findings there are, and its dots."""
+
+    plate: int
+    page: int
+    cost: tuple[int, float]
+    dots: DotSet
+
+
+def _several(body: Body, reading: Reading, tolerance: float) -> Check:
+    """Find every plate on some page, and check each as if the others were not there."""
+    places = _on_pages(body.plates, reading, tolerance)
+    if not places:
+        return _none_found(body, reading, tolerance)
+    findings, notes, checks = list[Finding](), list[str](), dict[str, Check]()
+    for k, plate in enumerate(body.plates):
+        if k not in places:
+            findings.append(Finding("missing", f"{plate.name} is missing: it is on no page", AGAIN))
+            continue
+        number = places[k].page
+        neighbors = [place.dots for j, place in places.items() if place.page == number and j != k]
+        page = _without(reading.pages[number], neighbors)
+        check = checks[plate.name] = best_check(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
+        # In a net the outlines are folds, in dashes.
+        judged = [finding for finding in check.findings if not neighbors or finding.kind != "outline"]
+        findings += [_of_plate(finding, plate) for finding in judged]
+        notes += check.notes
+    worst = max(checks, key=lambda name: np.nan_to_num(checks[name].largest, nan=np.inf))
+    scales = np.array([check.scale for check in checks.values()])
+    return Check(
+        "", reading.kind, sum(check.dots for check in checks.values()), 1, checks[worst].largest,
+        None if checks[worst].worst is None else f"{worst}/{checks[worst].worst}",
+        (float(scales[:, 0].mean()), float(scales[:, 1].mean())),
+        reading.papers or tuple(page.size for page in reading.pages), tolerance, tuple(findings),
+        tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _of_plate(finding: Finding, plate: Plate) -> Finding:
+    return replace(finding, sentence=f"{plate.name}: {finding.sentence}")
+
+
+def _none_found(body: Body, reading: Reading, tolerance: float) -> Check:
+    """Check of sheets that show no plate of the body, unless they are scaled as a whole."""
+    for plate in body.plates:
+        for page in reading.pages:
+            alone = replace(reading, pages=(page,), papers=())
+            check = changed(plate.marker, alone, tolerance, best_check(plate.marker, alone, tolerance))
+            if not is_strange(check):
+                return replace(check, findings=tuple(_of_plate(finding, plate) for finding in check.findings))
+    return Check("", reading.kind, findings=(NO_PLATE,))
+
+
+def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> dict[int, _PlateOnPage]:
+    """Where each plate is shown, the one with the fewest findings first; dots belong to one plate only."""
+    places = []
+    for k, plate in enumerate(plates):
+        expected = expected_dots(plate.marker)
+        ids = [point.id for point in plate.marker.control_points]
+        for number, page in enumerate(reading.pages):
+            dots = dots_on_page(page, expected)
+            verdicts = copies(expected, ids, dots, tolerance, reading, page)
+            if plate.marker.tag is not None and reading.tagged:
+                verdicts = with_tag(verdicts, plate.marker.tag, (1.0, 1.0), page, tolerance)
+            places += [
+                _PlateOnPage(k, number, (len(verdict.findings), verdict.largest), dots.take(verdict.used))
+                for verdict in verdicts
+                if len(verdict.used)
+            ]
+    chosen: dict[int, _PlateOnPage] = {}
+    for place in sorted(places, key=lambda place: place.cost):
+        taken = [earlier.dots for earlier in chosen.values() if earlier.page == place.page]
+        if place.plate not in chosen and not any(_in_dots(place.dots.centers, dots).any() for dots in taken):
+            chosen[place.plate] = place
+    return chosen
+
+
+def _without(page: Page, neighbors: Sequence[DotSet]) -> Page:
+    """Page without the circles of other plates' dots; with others, not all that is to be cut is the plate's."""
+    for dots in neighbors:
+        page = replace(page, circles=page.circles[~_in_dots(page.circles[:, :2], dots)], cut=None)
+    return page
+
+
+def _in_dots(points: Array, dots: DotSet) -> NDArray[np.bool_]:
+    """Tell which points (m, 2) lie in dots."""
+    radii = np.nan_to_num(dots.radii, nan=SAME)
+    return np.asarray((np.linalg.norm(points[:, None] - dots.centers, axis=-1) < radii).any(axis=1))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
-from markergen.model.marker import Marker
+from markergen.model.body import Body
 from markergen.verification.reading import FARTHEST, READERS, Page, Reading, circles_of, round_shape
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ MOST_ENTITIES, MOST_PIECES = 100_000, 500_000
 
 
 @READERS.register(".dxf")
-def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read_dxf(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (every reader is called alike)
     """Read circles in the model space: CIRCLE, full ELLIPSE and round LWPOLYLINE entities, with layers, and lines."""
     groups = _groups(data, name)
     unit = _unit(groups, name)

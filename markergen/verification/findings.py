@@ -21,6 +21,9 @@ MOST_SUBSETS = 300
 MIRRORED = "print or cut it without mirroring: looked at from the printed side it must read normally"
 AGAIN = "export it again, and do not edit its dots"
 
+UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
+"""Findings that imply a wrong tag, so that nothing is said about it."""
+
 FAR = 2.0
 """Reach of a marker, in radii of what its dots fill, within which others disturb it."""
 
@@ -144,6 +147,20 @@ def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: flo
     ways += [f"off by {' and '.join(axes)}"] if axes else []
     said = f"its frame is not the marker's: the marker is {' and '.join(ways) or 'not in its place'} in it"
     return [Finding("frame", said)]
+
+
+def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: bool) -> list[Finding]:
+    """Findings about a change, upper triangular, in the marker frame."""
+    half = np.ptp(expected.centers, axis=0) / 2
+    x, y = float(change[0, 0]), float(change[1, 1])
+    slant = float(change[0, 1] / change[1, 1])
+    findings = []
+    if abs(slant) * half.max() > tolerance:
+        said = f"sheared by {abs(np.degrees(np.arctan(slant))):.3g} degrees: its axes are not at right angles"
+        findings.append(Finding("sheared", said, "undo the skew, or export it again"))
+    if max(abs(x - 1), abs(y - 1)) * half.max() > tolerance:
+        findings.append(scale_finding(x, y, half, tolerance, pixels))
+    return findings
 
 
 def extras(

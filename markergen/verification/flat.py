@@ -1,4 +1,8 @@
-"""Judge everything on a flat page but the places and sizes of its dots: layers, lines to cut, and what shows."""
+"""Judge everything on a flat page but the places and sizes of its dots: layers, lines to cut, and what shows.
+
+Whatever the objects of a page say, a dot may be white, grey, covered, stroked, on a layer that is switched off, or
+outside of the visible page.
+"""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -7,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.verification.appearance import damaged_findings, lines_hidden, shown_findings
 from markergen.verification.findings import AGAIN, Verdict
 from markergen.verification.lines import (
     CutLine,
@@ -239,3 +243,238 @@ def _to_page(points: Array, motion: tuple[Array, Array], factor: tuple[float, fl
 
 def _to_marker(points: Array, motion: tuple[Array, Array], factor: tuple[float, float]) -> Array:
     return np.asarray((points - motion[1]) @ motion[0] / factor)
+
+
+# --- What shows -------------------------------------------------------------------------------------------------------
+
+UNSEEN = 24.0
+"""Difference of grey levels below which a dot does not show."""
+
+ALIKE = 0.85
+"""Minimum contrast of a dot as a share of that of the others."""
+
+STRANGE = 0.3
+"""Minimum difference from the ink, or from the paper, of what covers it, as a share of the contrast."""
+
+COVERED, INKED = 0.025, 0.005
+"""Maximum share of a dot, and of its quiet zone, that may be strange: rounding of pixels."""
+
+STROKE = 0.15
+"""Share of a dot that a white stroke may cover; what covers more is something else."""
+
+PLACES, RAYS = 400, 48
+"""Number of places in and around a dot that are looked at, and of rays along which its edge is found."""
+
+ACROSS = 0.35
+"""Minimum distance in mm from the edge up to which a stroke is found."""
+
+CROSS = 0.3
+"""Half the width in mm of what is left out around the cross in the middle of the marker."""
+
+LINE, FAINTEST = 0.3, 12.0
+"""Distance in mm around a thin line where it must show, and the minimum range of grey levels there."""
+
+PRINT_ALL = "export it again, and print the whole page with all layers"
+
+
+def shown_findings(
+    dots: DotSet,
+    names: Sequence[int],
+    picture: PagePicture,
+    motion: tuple[Array, Array],
+    tolerance: float,
+    around: Array,
+) -> tuple[list[Finding], list[str]]:
+    """Findings and notes about how a marker's dots show.
+
+    Parameters
+    ----------
+    dots : DotSet
+        The marker's dots as found, mm.
+    names : sequence of int
+        Their ids.
+    motion : (rotation (2, 2), shift (2,))
+        From the marker frame to the page, mm.
+    tolerance : float
+        mm.
+    around : array (m, 3)
+        Center and radius of everything else that may have ink in quiet zones, such as a tag; mm.
+    """
+    edge = tolerance + 1.5 * picture.grain
+    outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
+    inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
+    on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)
+    ink, paper = (picture.sample(each.reshape(-1, 2)).reshape(len(dots), -1) for each in (on, off))
+    hidden = np.isnan(ink).mean(axis=1) > COVERED
+    findings = _cut_off([name for name, is_ in zip(names, hidden, strict=True) if is_])
+    # There may be a fine cross in the middle of the marker.
+    ink[(np.abs((on - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
+    crowd = np.concatenate([np.column_stack([dots.centers, dots.radii + edge]), around])
+    for k in range(len(dots)):
+        others = np.delete(crowd, k, axis=0)
+        near = others[np.linalg.norm(others[:, :2] - dots.centers[k], axis=1) < 2 * dots.radii[k] + others[:, 2]]
+        away = np.linalg.norm(off[k][:, None] - near[:, :2], axis=2) - near[:, 2]
+        paper[k, (away < 0).any(axis=1)] = np.nan
+    shown = np.flatnonzero(~hidden)
+    if not len(shown):
+        return findings, []
+    ground = np.array([_median(row) for row in paper[shown]])
+    # A dot in a crowd takes the paper of the others.
+    ground = np.where(np.isfinite(ground), ground, _median(np.append(ground, picture.paper)))
+    level = np.array([_level(row, paper) for row, paper in zip(ink[shown], ground, strict=True)])
+    said, notes, good = _contrasts(ground - level, [names[k] for k in shown.tolist()], picture)
+    findings += said
+    for place in np.flatnonzero(good):
+        k, levels = int(shown[place]), (float(level[place]), float(ground[place]))
+        if not picture.whole:
+            continue
+        stroked = [] if picture.measured else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+        most = STROKE if stroked else COVERED
+        more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
+        findings += more if any(each.kind == "covered" for each in more) else stroked or more
+    return findings[: 2 * MOST_LISTED], notes
+
+
+def _spread(centers: Array, low: Array, high: Array) -> Array:
+    """Places (m, PLACES, 2) spread evenly over the areas between two circles around each center."""
+    number = np.arange(PLACES) + 0.5
+    radius = np.sqrt(low[:, None] ** 2 + (high**2 - low**2)[:, None] * number / PLACES)
+    angle = number * np.pi * (3 - 5**0.5)
+    return centers[:, None] + radius[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _median(values: Array) -> float:
+    kept = values[np.isfinite(values)]
+    return float(np.median(kept)) if len(kept) else np.nan
+
+
+def _level(ink: Array, ground: float) -> float:
+    """Grey level of a dot, even if half of it is covered."""
+    inked = np.abs(np.nan_to_num(ink - ground)) > UNSEEN
+    return _median(ink[inked]) if inked.mean() > 0.1 else _median(ink)
+
+
+def _cut_off(names: list[int]) -> list[Finding]:
+    if not names:
+        return []
+    said = f"{listed_ids(names)} outside the visible page: the page is cropped"
+    return [Finding("hidden", said, PRINT_ALL)]
+
+
+def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:
+    """Findings about dots that do not show, are pale, or inverted; notes; and a mask of the others."""
+    strength = np.abs(contrast)
+    unseen = strength < UNSEEN
+    lost = [name for name, gone in zip(names, unseen, strict=True) if gone]
+    if unseen.all() and len(lost) > 1:
+        said = "no dot shows: their layer is switched off, or they are white or covered"
+        return [Finding("hidden", said, "switch the layer dots on")], [], ~unseen
+    findings = []
+    if lost:
+        said = f"{listed_ids(lost)} invisible: white, covered, or on a layer that is switched off"
+        findings.append(Finding("pale", said, "make it black, and remove what covers it"))
+    usual = float(np.median(strength[~unseen])) if (~unseen).any() else 0.0
+    pale = ~unseen & (strength < ALIKE * strength.max())
+    for name, share in zip(np.array(names)[pale], strength[pale] / strength.max(), strict=True):
+        said = f"dot {name} is grey: {100 * share:.0f} % as dark as the darkest dot"
+        findings.append(Finding("pale", said, "give all dots the same ink"))
+    if usual < LEAST_CONTRAST and (~unseen).any():
+        said = f"all dots are pale: {usual:.0f} of 255 grey levels from their ground"
+        findings.append(Finding("pale", said, f"use at least {LEAST_CONTRAST}"))
+    light = ~unseen & (contrast < 0)
+    notes = []
+    if light.sum() == (~unseen).sum() > 0:
+        # A printed ground has paper around it; a file that was inverted has none.
+        if picture.paper > 255 / 2:
+            notes.append("light dots on a dark ground, as made with --colors inverted")
+        else:
+            remedy = "invert it back, or export it with --colors inverted if light dots are meant"
+            findings.append(Finding("inverted", "light and dark are swapped: even the paper is dark", remedy))
+    elif light.any():
+        said = f"{listed_ids([name for name, is_ in zip(names, light, strict=True) if is_])} light on a dark ground"
+        findings.append(Finding("inverted", f"{said}, unlike the others", "export it again"))
+    return findings, notes, ~unseen & ~light if not light.all() else ~unseen
+
+
+def _covers(
+    name: int, ink: Array, paper: Array, places: Array, levels: tuple[float, float], most: float
+) -> list[Finding]:
+    """Findings about what covers more than a share of a dot, and what is printed in its quiet zone, at `places`."""
+    level, ground = levels
+    step = STRANGE * abs(ground - level)
+    findings = []
+    seen = ink[np.isfinite(ink)]
+    share = float((np.abs(seen - level) > step).mean()) if len(seen) else 0.0
+    if share > most:
+        said = f"{100 * share:.0f} % of dot {name} is covered"
+        findings.append(Finding("covered", said, "remove what is drawn over it"))
+    inked = np.abs(np.nan_to_num(paper - ground)) > step
+    if inked.mean() > INKED:
+        x, y = places[inked].mean(axis=0)
+        said = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
+        findings.append(Finding("quiet", said, "keep a ring half a diameter wide around each dot free"))
+    return findings
+
+
+def damaged_findings(
+    expected: DotSet, names: Sequence[int], picture: PagePicture, motion: tuple[Array, Array]
+) -> dict[int, Finding]:
+    """Findings, by index, about dots that were not found although something shows at their places, or nothing can.
+
+    Parameters
+    ----------
+    expected : DotSet
+        All dots of the marker, mm, marker frame.
+    names : sequence of int
+        Indices of those that were not found.
+    """
+    places = expected.centers @ motion[0].T + motion[1]
+    on, off = (_spread(places, low * expected.radii, high * expected.radii) for low, high in ((0.6, 0.95), (1.1, 1.6)))
+    ink, paper = (picture.sample(each.reshape(-1, 2)).reshape(len(places), -1) for each in (on, off))
+    ground = np.array([_median(row) for row in paper])
+    contrast = np.abs(ground - [_level(row, level) for row, level in zip(ink, ground, strict=True)])
+    findings = {}
+    for k in names:
+        share = float((np.abs(ink[k] - ground[k]) > UNSEEN).mean())
+        if np.isnan(ink[k]).mean() > 0.5:
+            findings[k] = _cut_off([k])[0]
+        if not share > 1 - ALIKE:
+            continue
+        said = f"{100 * contrast[k] / np.nanmax(contrast):.0f} % as dark as the darkest dot"
+        if share < ALIKE:
+            said = f"{100 * (1 - share):.0f} % of dot {k} is covered"
+            findings[k] = Finding("covered", said, "remove what is drawn over it")
+        elif contrast[k] < ALIKE * np.nanmax(contrast):
+            findings[k] = Finding("pale", f"dot {k} is grey: {said}", "give all dots the same ink")
+    return findings
+
+
+def lines_hidden(found: Array, picture: PagePicture) -> bool:
+    """Tell whether most of points (m, 2) on thin lines do not show."""
+    reach = np.linspace(-LINE, LINE, 9)
+    cross = np.concatenate([np.stack([reach, 0 * reach], axis=-1), np.stack([0 * reach, reach], axis=-1)])
+    seen = picture.sample((found[:, None] + cross).reshape(-1, 2)).reshape(len(found), -1)
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    return bool(len(seen) and (np.ptp(seen, axis=1) < FAINTEST).mean() > 0.5)
+
+
+def _edges(
+    name: int, dot: DotSet, picture: PagePicture, levels: tuple[float, float], tolerance: float
+) -> list[Finding]:
+    """Finding about a dot whose edge shows elsewhere than its outline is: it has a stroke."""
+    radius, center = float(dot.radii[0]), dot.centers[0]
+    width = min(max(4 * picture.grain, ACROSS), 0.18 * radius)
+    if width < 3 * picture.grain:
+        return []
+    angle = 2 * np.pi * (np.arange(RAYS) + 0.5) / RAYS
+    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    # Each ray starts a little farther out, so that together they resolve a fraction of a step.
+    steps = (np.arange(64)[None] + (np.arange(RAYS) / RAYS)[:, None]) / 64 * 2 * width - width
+    seen = picture.sample((center + (radius + steps)[..., None] * turn[:, None]).reshape(-1, 2)).reshape(RAYS, -1)
+    level, ground = levels
+    share = np.clip((seen - ground) / (level - ground), 0, 1)
+    shown = radius - width + 2 * width * float(np.nanmedian(np.nanmean(share, axis=1)))
+    if abs(shown - radius) <= max(tolerance, 0.12 * picture.grain):
+        return []
+    said = f"dot {name} shows with a diameter of {2 * shown:.4g} mm, not {2 * radius:.6g} mm"
+    return [Finding("diameter", f"{said}: it has a stroke", "remove the stroke")]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
-from markergen.model.marker import Marker
+from markergen.model.body import Body
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import READERS, Page, Reading
+from markergen.verification.reading import READERS, Page, Reading, diameters_of
 
 Array = NDArray[np.float64]
 
@@ -84,9 +84,9 @@ Grid = dict[tuple[int, int], tuple[int, TilePage]]
 
 
 @READERS.register(".fab.pdf")
-def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
+def read_fabrication_sheet(data: bytes, name: str, body: Body) -> Reading:
     """Refuse a drawing to scale, in which no dot can be measured."""
-    del data, marker
+    del data, body
     raise InputError(
         "a file with the marker at true size",
         f"the fabrication sheet {brief(name)}, a drawing to scale",
@@ -95,7 +95,7 @@ def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".pdf")
-def read(data: bytes, name: str, marker: Marker) -> Reading:
+def read_pdf(data: bytes, name: str, body: Body) -> Reading:
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
     found = in_child(
         PARSER, "read", Content(name, data), "PDF", f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}"
@@ -104,12 +104,11 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
     sheets = [_sheet(values, found.arrays, index, layers) for index, values in enumerate(found.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if is_tiled(sheets):
-        features = [point.feature for point in marker.control_points]
-        sizes = {500 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size}
-        made = [assemble(sheets, np.array(sorted(sizes)), TILE_TOLERANCE, own) for own in markers_of(sheets)]
-        gaps = tuple(gap for each in made for gap in each.gaps)
+        radii = np.unique([diameter / 2 for diameter in diameters_of(body)])
+        assemblies = [assemble(sheets, radii, TILE_TOLERANCE, indices) for indices in markers_of(sheets)]
+        gaps = tuple(gap for assembly in assemblies for gap in assembly.gaps)
         papers = tuple(page.size for page in pages)
-        return Reading("PDF", tuple(each.page for each in made), tagged=True, papers=papers, gaps=gaps)
+        return Reading("PDF", tuple(assembly.page for assembly in assemblies), tagged=True, papers=papers, gaps=gaps)
     return Reading("PDF", pages, tagged=True)
 
 

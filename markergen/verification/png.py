@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from markergen.drawing.scene import FilledPath
 from markergen.errors import InputError, brief
+from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import opened
 from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of
+from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of, diameters_of
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -80,15 +81,15 @@ DRAWN_PX = 60
 
 
 @READERS.register(".png")
-def read(data: bytes, name: str, marker: Marker) -> Reading:
+def read_png(data: bytes, name: str, body: Body) -> Reading:
     """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)
-    sizes = np.array([1e3 * size for p in marker.control_points for size in
-                      (p.feature.diameter, p.feature.inner_diameter) if size])  # fmt: skip
+    sizes = np.array(diameters_of(body))
+    gap = min(_least_gap(plate.marker) for plate in body.plates)
 
     def circles(wanted: Array | None) -> Array:
-        measured = [_measure(grey, box, dark, scale) for box, dark in _blobs(grey, scale, wanted, _least_gap(marker))]
+        measured = [_measure(grey, box, dark, scale) for box, dark in _blobs(grey, scale, wanted, gap)]
         return circles_of([each for each in measured if each is not None], name)
 
     size = width / scale[0], height / scale[1]

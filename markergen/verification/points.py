@@ -9,6 +9,7 @@ import numpy as np
 
 from markergen.errors import InputError, brief
 from markergen.guard import Content, check_size, text_of
+from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.tag import FAMILIES
 from markergen.verification.reading import READERS, Page, Reading, circles_of
@@ -28,8 +29,9 @@ APRILTAG = "apriltag:"
 
 
 @READERS.register(".csv")
-def read_csv(data: bytes, name: str, marker: Marker) -> Reading:
+def read_csv(data: bytes, name: str, body: Body) -> Reading:
     """Read points from a table with the columns x_m, y_m, z_m."""
+    marker = body.plates[0].marker
     lines = [line for line in _text(data, name).splitlines() if line.strip() and not line.startswith("#")]
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     try:
@@ -44,8 +46,9 @@ def read_csv(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".json")
-def read_json(data: bytes, name: str, marker: Marker) -> Reading:
+def read_json(data: bytes, name: str, body: Body) -> Reading:
     """Read the control points of a marker.json."""
+    marker = body.plates[0].marker
     try:
         content = json.loads(_text(data, name))
         rows = [[point[key] for key in "xyz"] for point in content["control_points"]]
@@ -60,8 +63,9 @@ def read_json(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".opencv.yaml")
-def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
+def read_opencv(data: bytes, name: str, body: Body) -> Reading:
     """Read the object points and the tag of an OpenCV FileStorage."""
+    marker = body.plates[0].marker
     text = _text(data, name)
     values = _matrix(text, "object_points")
     if not values or len(values) % 3:
@@ -79,8 +83,9 @@ def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".kalibr.yaml")
-def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:
+def read_kalibr(data: bytes, name: str, body: Body) -> Reading:
     """Read the points of a target in the style of Kalibr."""
+    marker = body.plates[0].marker
     try:
         points = _yaml(data, name)["points"]
         rows, ids = [[point[key] for key in "xyz"] for point in points], [point.get("id") for point in points]
@@ -90,8 +95,9 @@ def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".ros2.yaml")
-def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
+def read_ros2(data: bytes, name: str, body: Body) -> Reading:
     """Read the landmarks and the tag of ROS 2 parameters."""
+    marker = body.plates[0].marker
     try:
         nodes = [node["ros__parameters"] for node in _yaml(data, name).values()]
         (landmarks,) = [node for node in nodes if "ids" in node]
@@ -105,8 +111,9 @@ def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 @READERS.register(".apriltag.yaml")
-def read_bundle(data: bytes, name: str, marker: Marker) -> Reading:
+def read_bundle(data: bytes, name: str, body: Body) -> Reading:
     """Read the bundles of apriltag_ros, which have tags but no dots."""
+    marker = body.plates[0].marker
     told = _yaml(data, name)
     try:
         tags = [tag for bundle in told["tag_bundles"] for tag in bundle["layout"]]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.model.marker import Marker
+from markergen.model.body import Body
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.surface import Surface
@@ -142,8 +142,8 @@ class Reading:
     flaws: tuple[str, ...] = ()
 
 
-Reader = Callable[[bytes, str, Marker], Reading]
-"""Function that reads a file's bytes; the name is for messages, and the marker gives the sizes of the dots."""
+Reader = Callable[[bytes, str, Body], Reading]
+"""Function that reads a file's bytes; the name is for messages, and the body gives the sizes of the dots."""
 
 READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification")
 """Readers by suffix, dot included."""
@@ -159,6 +159,12 @@ def suffix_of(path: Path) -> str:
 def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
     return READERS[suffix_of(path)]
+
+
+def diameters_of(body: Body) -> list[float]:
+    """Diameters in mm of all circles of a body's dots, those of the holes of rings among them."""
+    features = [point.feature for plate in body.plates for point in plate.marker.control_points]
+    return [1e3 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size]
 
 
 def round_shape(points: Array) -> tuple[float, float, float] | None:

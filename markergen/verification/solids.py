@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
+from markergen.model.body import Body
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
@@ -203,12 +204,15 @@ def flaws_of(surface: Surface) -> tuple[str, ...]:
     return tuple(flaws[:MOST_LISTED])
 
 
-def reading_of(kind: str, surface: Surface, marker: Marker) -> Reading:
-    """Reading of a solid in mm."""
-    sizes = [500 * point.feature.diameter for point in marker.control_points]
-    surface = replace(surface, loose=_is_loose(surface, max(sizes, default=0.0)))
-    page = Page(np.zeros((0, 3)), surface=surface)
-    return Reading(kind, (page,), PRINTABLE, tagged=True, flaws=flaws_of(surface))
+def reading_of(kind: str, views: Sequence[Surface], body: Body) -> Reading:
+    """Reading of a solid in mm, seen from above or, for a body of several plates, from all sides."""
+    pages = tuple(Page(np.zeros((0, 3)), surface=classified(surface, body)) for surface in views)
+    return Reading(kind, pages, PRINTABLE, tagged=True, flaws=flaws_of(views[0]) if views else ())
+
+
+def classified(surface: Surface, body: Body) -> Surface:
+    """Surface that knows whether there is a plate around the body's dots."""
+    return replace(surface, loose=_is_loose(surface, 1e3 * float(body.radii.max(initial=0.0))))
 
 
 def _is_loose(surface: Surface, radius: float) -> bool:
@@ -247,8 +251,7 @@ def level_face(
 
 def mapped(marker: Marker, reading: Reading, surface: Surface) -> Reading:
     """Return the reading of a solid with another surface."""
-    other = reading_of(reading.kind, surface, marker)
-    return replace(reading, pages=other.pages, flaws=reading.flaws)
+    return replace(reading, pages=reading_of(reading.kind, [surface], marker).pages)
 
 
 def in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:

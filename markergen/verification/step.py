@@ -4,7 +4,7 @@ Open CASCADE crashes on some broken files and never finishes on others.
 """
 
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,11 @@ import numpy as np
 import markergen.read.meshes
 from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import Content, in_child
-from markergen.model.marker import Marker
+from markergen.model.body import Body
 from markergen.occt import missing_kernel
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
-from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, View
+from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface
 
 PARSER = Path(markergen.read.meshes.__file__).with_name("step_parser.py")
 
@@ -25,16 +25,18 @@ HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
 """Quoted strings, to skip, and numbers beyond 1e10 outside of them, on which Open CASCADE never finishes."""
 
 
-@READERS.register(".step", ".stp")
-def read(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the parts of a STEP file with names and colors, placed as its assemblies have them."""
-    return reading_of("STEP", Surface(read_step(data, name), _turned("STEP", data, name)), marker)
+def _read(kind: str, data: bytes, name: str, body: Body) -> Reading:
+    """Read the parts of a STEP file with names and colors, placed as its assemblies have them, or of a BREP file."""
+    views = partial(_views, kind, data, name)
+    if body.frame != "marker":
+        CHECKS[kind](data, name)
+        return reading_of(kind, views("sides"), body)
+    parts = {"STEP": read_step, "BREP": read_brep}[kind](data, name)
+    return reading_of(kind, [Surface(parts, partial(views, "turned"))], body)
 
 
-@READERS.register(".brep")
-def read_native(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read the parts of a BREP file."""
-    return reading_of("BREP", Surface(read_brep(data, name), _turned("BREP", data, name)), marker)
+for _suffix, _kind in ((".step", "STEP"), (".stp", "STEP"), (".brep", "BREP")):
+    READERS.register(_suffix)(partial(_read, _kind))
 
 
 def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]:
@@ -70,26 +72,17 @@ def _check_brep(data: bytes, name: str) -> None:
         raise InputError(f"a BREP file of Open CASCADE in {name}", "something else", "export it again")
 
 
-def _turned(called: str, data: bytes, name: str) -> Callable[[], list[View]]:
-    """Views of the same solids with their largest area up and down, from the kernel when they are asked for."""
-
-    def views() -> list[View]:
-        found = _asked(called, f"{called.lower()}_turned", data, name)["views"]
-        return [(np.array(each["turn"]), Surface(_parts(each["parts"], name))) for each in found]
-
-    return views
+CHECKS = {"STEP": _check_step, "BREP": _check_brep}
 
 
-def sides_of(called: str, data: bytes, name: str) -> list[View]:
-    """Views of a ``STEP`` or ``BREP`` with each of its larger level areas up; raises as `read_step` does."""
-    check = {"STEP": _check_step, "BREP": _check_brep}[called]
-    check(data, name)
-    found = _asked(called, f"{called.lower()}_sides", data, name)["views"]
-    return [(np.array(each["turn"]), Surface(_parts(each["parts"], name))) for each in found]
+def _views(kind: str, data: bytes, name: str, which: str) -> list[Surface]:
+    """Views of the solids: ``turned`` with their largest level area up and down, ``sides`` with each larger one up."""
+    views = _asked(kind, f"{kind.lower()}_{which}", data, name)["views"]
+    return [Surface(_parts(view["parts"], name), rotation=np.array(view["turn"])) for view in views]
 
 
-def _asked(called: str, function: str, data: bytes, name: str) -> dict[str, Any]:
-    wanted = f"a {called} file that Open CASCADE reads in {name}"
+def _asked(kind: str, function: str, data: bytes, name: str) -> dict[str, Any]:
+    wanted = f"a {kind} file that Open CASCADE reads in {name}"
     try:
         return in_child(PARSER, function, Content(name, data), "CAD", wanted).values
     except MissingLibraryError as error:

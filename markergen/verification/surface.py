@@ -158,7 +158,7 @@ class SolidPart:
         return [(about[0], about[1], z, about[2]) for z, about in found if about is not None]
 
 
-def _no_views() -> "list[View]":
+def _no_views() -> "list[Surface]":
     return []
 
 
@@ -169,24 +169,26 @@ class Surface:
     Attributes
     ----------
     views : callable
-        Returns other views of the same solid, with another of its sides up: rotations (3, 3) from the frame of the
-        file to that of the view, and the view.
+        Returns other views of the same solid, with another of its sides up.
     mapped : callable or None
         Returns the plan view of the solid after a linear map (3, 3); None for solids that are only scaled.
     loose : bool
         True for parts of dots without a plate around them.
+    rotation : array (3, 3)
+        From the frame of the file to that of the view.
     """
 
     parts: tuple[SolidPart, ...] = field(default=())
-    views: "Callable[[], list[View]]" = _no_views
+    views: "Callable[[], list[Surface]]" = _no_views
     mapped: "Callable[[Array], Surface] | None" = None
     loose: bool = False
+    rotation: Array = field(default_factory=lambda: np.eye(3))
 
     def scaled(self, factor: float) -> "Surface":
         """Scale by a factor."""
         if self.mapped is not None:
-            return self.mapped(factor * np.eye(3))
-        return Surface(tuple(part.scaled(factor) for part in self.parts), loose=self.loose)
+            return replace(self.mapped(factor * np.eye(3)), rotation=self.rotation)
+        return Surface(tuple(part.scaled(factor) for part in self.parts), loose=self.loose, rotation=self.rotation)
 
     def look(self, places: Array) -> tuple[NDArray[np.intp], Array, list[Color | None]]:
         """Look down vertically at points (m, 2).
@@ -218,11 +220,7 @@ class Surface:
         return part, z, colors
 
 
-View = tuple[Array, Surface]
-"""A rotation and the plan view that it leads to."""
-
-
-def upright(direction: Array) -> Array:
+def rotation_up(direction: Array) -> Array:
     """Rotation (3, 3) by the smallest angle that turns a unit vector (3,) up; over the x-axis if it points down."""
     x, y, z = direction
     if z < -1 + 1e-9:

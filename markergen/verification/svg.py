@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from markergen.drawing.colors import luma
 from markergen.errors import InputError
 from markergen.guard import Content, check_size
-from markergen.model.marker import Marker
+from markergen.model.body import Body
 from markergen.read.outlines.curves import Arc, Bezier, Curve
 from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, Piece
 from markergen.read.outlines.svg import parse
@@ -54,7 +54,7 @@ _EFFECT = re.compile(
 
 
 @READERS.register(".svg")
-def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read_svg(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (every reader is called alike)
     """Read the circles, corners and lines of an SVG, and what shows of it."""
     check_size(Content(name, data), "SVG")
     file = OutlineFile(name, data, PATIENCE)

@@ -14,7 +14,7 @@ from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.verification import verify
-from markergen.verification.verification import Verification
+from markergen.verification.result import Verification
 
 TEXTS = (".svg", ".dxf", ".step", ".csv", ".json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
 SUFFIXES = (*TEXTS, ".pdf", ".png", ".stl", ".3mf", ".glb")

@@ -1,8 +1,4 @@
-"""Triangles of mesh files of other programs, within limits that are checked before memory is taken.
-
-GLB and 3MF are parsed here, not by trimesh: it would unpack whatever a file declares, pictures included, drop the
-colors of base materials, which distinguish a dot from the plate, and take as long to import as most files take to read.
-"""
+"""Triangles of mesh files and parts of CAD files of other programs, parsed in a child process."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,14 +1,15 @@
-"""Result of a verification, to print, save and iterate over."""
+"""Results of a verification: the check of each file, and all of them to print, save and iterate over."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, overload
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from markergen.files import Written
 from markergen.presentation.results import SavableResult, StrPath, json_bytes
 from markergen.presentation.tables import Table, data_frame
-from markergen.verification.check import Check
+from markergen.verification.words import Finding
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -23,6 +24,81 @@ _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
 
 _SHOWN = 8
 """Maximum number of files that a repr lists."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Result of verifying one file.
+
+    Attributes
+    ----------
+    kind : str
+        File format, such as ``PDF``.
+    dots : int
+        Number of dots found with sizes of the marker's dots.
+    copies : int
+        Number of times that the marker is in the file.
+    largest : float
+        Largest distance in m between a dot and its position in marker.json, after the best rigid motion (no scale); nan
+        if the dots are not the marker's.
+    worst : int, str or None
+        Id of that dot; of a rig with the name of its marker, ``+x/3``.
+    scale : (x, y)
+        Ratio of the distances between dots in the file to those in marker.json, along the marker's axes.
+    pages : tuple of (width, height) or None
+        Paper sizes in mm.
+    tolerance : float
+        Tolerance in m that was applied.
+    findings : tuple of Finding
+        What is wrong; empty if the file passes.
+    notes : tuple of str
+        Remarks for the user that are not errors.
+    error : str
+        Why the file could not be used; empty otherwise.
+    """
+
+    path: str
+    kind: str = ""
+    dots: int = 0
+    copies: int = 0
+    largest: float = np.nan
+    worst: int | str | None = None
+    scale: tuple[float, float] = (np.nan, np.nan)
+    pages: tuple[tuple[float, float] | None, ...] = ()
+    tolerance: float = np.nan
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    error: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """True if the file could be used and has no findings."""
+        return not self.error and not self.findings
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values; missing values are null."""
+        return {
+            "file": self.path,
+            "format": self.kind or None,
+            "passed": self.passed,
+            "error": self.error or None,
+            "largest_m": _number(self.largest),
+            "worst_dot": self.worst,
+            "tolerance_m": _number(self.tolerance),
+            "scale_x": _number(self.scale[0]),
+            "scale_y": _number(self.scale[1]),
+            "dots": self.dots,
+            "copies": self.copies,
+            "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
+            "findings": [
+                {"kind": each.kind, "sentence": each.sentence, "remedy": each.remedy} for each in self.findings
+            ],
+            "notes": list(self.notes),
+        }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 class Verification(SavableResult, Sequence[Check]):

@@ -1,0 +1,533 @@
+"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.mesh`.
+
+trimesh parses STL. Because it accepts malformed files, the keywords of a text STL are checked first. GLB and 3MF are
+parsed here, within limits that are checked before memory is taken. What was tried instead:
+
+- trimesh for GLB reads files that are refused here (nodes in a cycle, required extensions, no scene), unpacks pictures,
+  draws a node once that a scene lists 20,000 times, and rounds colors to 8 bits. The checks against it are most of the
+  parser.
+- lib3mf for 3MF is twice as fast and takes 1.6 times the memory, but holds corners in single precision, takes an
+  unknown unit for millimeters, reads a model that is cut short or has an invalid color without an error, and gives
+  codes instead of what is wrong. PrusaSlicer's parts are not its business, so that the XML parser stays.
+"""
+
+import json
+import posixpath
+import struct
+import warnings
+import zipfile
+import zlib
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, NamedTuple, NoReturn
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError, brief
+from markergen.guard import MOST_TRIANGLES
+from markergen.read.meshes import LONGEST, MOST_OBJECTS, Color, MeshObject
+
+Array = NDArray[np.float64]
+Attributes = dict[str, str]
+
+Reply = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+"""Names and colors of a file's objects, and arrays keyed ``corners`` or ``paints`` plus the object's number."""
+
+STL_WORDS = {b"solid", b"endsolid", b"facet", b"outer", b"vertex", b"endloop", b"endfacet"}
+
+
+def _reply(meshes: list[MeshObject]) -> Reply:
+    arrays: dict[str, NDArray[Any]] = {f"corners{k}": each.corners for k, each in enumerate(meshes)}
+    arrays |= {f"paints{k}": each.paints for k, each in enumerate(meshes) if each.paints is not None}
+    objects = [{"name": each.name, "color": each.color, "palette": each.palette, "tool": each.tool} for each in meshes]
+    return {"objects": objects}, arrays
+
+
+def read_stl(data: bytes) -> Reply:
+    """Read the triangles of a binary or text STL; its normals are ignored."""
+    # An STL has no unit, color or parts.
+    count = int.from_bytes(data[80:84], "little")
+    is_binary = len(data) >= 84 and len(data) == 84 + 50 * count
+    if not is_binary:
+        _check_text(data)
+    elif not count:
+        return _reply([])
+    from trimesh.exchange.stl import load_stl
+
+    with warnings.catch_warnings():
+        # numpy only warns where it stops reading.
+        warnings.simplefilter("error")
+        try:
+            found = load_stl(BytesIO(data))
+        except (ValueError, DeprecationWarning):
+            raise InputError("numbers", "something else", "export it again") from None
+    bodies = [found] if "vertices" in found else list(found["geometry"].values())
+    corners = [body["vertices"][body["faces"]] for body in bodies]
+    whole = np.concatenate(corners) if corners else np.zeros((0, 3, 3))
+    if not is_binary and len(whole) != data.lower().count(b"endfacet"):
+        raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
+    return _reply([MeshObject(whole)])
+
+
+def _check_text(data: bytes) -> None:
+    """Refuse anything but the keywords of a text STL, since trimesh skips unknown lines."""
+    if data.lstrip()[:5].lower() != b"solid":
+        count = int.from_bytes(data[80:84], "little")
+        found = f"{len(data)} bytes where the header implies {84 + 50 * count}"
+        raise InputError("a complete STL", found, "export it again")
+    firsts = [line.split(None, 1)[0].lower() for line in data.splitlines() if line.strip()]
+    if not set(firsts) <= STL_WORDS:
+        raise InputError("an STL", "lines of another kind", "export it again")
+    facets = firsts.count(b"endfacet")
+    if facets > MOST_TRIANGLES:
+        raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "export it with a larger tolerance")
+    if firsts[-1] != b"endsolid" or firsts.count(b"vertex") != 3 * facets:
+        raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
+
+
+# --- GLB --------------------------------------------------------------------------------------------------------------
+
+MOST_NODES, DEEPEST_NODE = 20_000, 50
+
+LARGEST_JSON = 10_000_000
+"""Maximum size in bytes of the text in a GLB: 15,000 parts."""
+
+INTEGERS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
+FLOAT, TRIANGLES = 5126, 4
+"""Types of numbers and of primitives in a glTF."""
+
+FRAME = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Rotation from glTF's axes (y up, z toward the viewer) to those of simulators and of the marker (z up)."""
+
+
+def read_glb(data: bytes) -> Reply:
+    """Read the meshes of a GLB's scene, in mm, marker frame; the primitives of a mesh differ in material."""
+    document, binary = _parts_of_glb(data)
+    try:
+        nodes = list(_glb_nodes(document))
+        counts = [_glb_count(document, each) for node, _ in nodes for each in _glb_primitives(document, node)]
+        if sum(counts) > MOST_TRIANGLES:
+            raise InputError(f"at most {MOST_TRIANGLES} triangles", str(sum(counts)), "export the marker alone")
+        if len(counts) > MOST_OBJECTS:
+            raise InputError(f"at most {MOST_OBJECTS} meshes", str(len(counts)), "export the marker alone")
+        meshes = [_glb_mesh(document, binary, node, matrix) for node, matrix in nodes if "mesh" in node]
+    # What Python raises for entries of a document that are missing or of another kind.
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError):
+        raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
+    return _reply([mesh for mesh in meshes if len(mesh.corners)])
+
+
+def _parts_of_glb(data: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Document and binary buffer of a GLB; raises InputError if it is none, or not one file on its own."""
+    if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
+        raise InputError("a GLB of glTF 2.0", brief(repr(data[:8])), "export it again")
+    if int.from_bytes(data[8:12], "little") != len(data):
+        raise InputError("a complete GLB", f"{len(data)} bytes", "export it again")
+    size = int.from_bytes(data[12:16], "little")
+    if size > LARGEST_JSON:
+        raise InputError(f"at most {LARGEST_JSON // 10**6} MB of text in a GLB", "more", "export the marker alone")
+    try:
+        document = json.loads(data[20 : 20 + size])
+        if required := document.get("extensionsRequired"):
+            raise InputError("a GLB without extensions", brief(str(required)), "export it without them")
+        if any("uri" in each for each in document.get("buffers", [])):
+            raise InputError("one file", "a buffer in another file", "export it as one GLB")
+    except (TypeError, ValueError, AttributeError, RecursionError):
+        raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
+    start = 20 + size
+    return document, memoryview(data)[start + 8 : start + 8 + int.from_bytes(data[start : start + 4], "little")]
+
+
+def _at(entries: list[Any], index: int) -> Any:
+    """Entry of a list; Python would count negative indices from the end."""
+    if not (isinstance(index, int) and index >= 0):
+        raise IndexError(index)
+    return entries[index]
+
+
+def _glb_nodes(document: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Array]]:
+    """Nodes of the scene with their matrices (4, 4), for column vectors."""
+    scene = _at(document["scenes"], document.get("scene", 0))
+    todo = [(index, np.eye(4), 0) for index in scene["nodes"]]
+    for index, matrix, depth in todo:
+        if depth > DEEPEST_NODE or len(todo) > MOST_NODES:
+            raise InputError(f"at most {MOST_NODES} nodes", "more, or a cycle", "check it")
+        node = _at(document["nodes"], index)
+        here = matrix @ _glb_matrix(node)
+        todo += [(child, here, depth + 1) for child in node.get("children", [])]
+        yield node, here
+
+
+def _glb_matrix(node: dict[str, Any]) -> Array:
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=float).reshape(4, 4).T
+    matrix = np.eye(4)
+    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=float)
+    turn = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, :3] = np.array(turn) * np.array(node.get("scale", (1, 1, 1)), dtype=float)
+    matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=float)
+    return matrix
+
+
+def _glb_primitives(document: dict[str, Any], node: dict[str, Any]) -> list[dict[str, Any]]:
+    primitives = _at(document["meshes"], node["mesh"])["primitives"] if "mesh" in node else []
+    return [each for each in primitives if each.get("mode", TRIANGLES) == TRIANGLES]
+
+
+def _glb_count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
+    """Number of triangles of a primitive, at least a third of the number of its corners."""
+    attributes = primitive["attributes"]
+    counts = []
+    for index in (attributes["POSITION"], primitive.get("indices", attributes["POSITION"])):
+        accessor = _at(document["accessors"], index)
+        # Before any array is made: each number takes a byte at least.
+        if not 0 <= accessor["count"] <= _at(document["bufferViews"], accessor["bufferView"])["byteLength"]:
+            raise ValueError(accessor)
+        counts.append(int(accessor["count"]))
+    return max(counts) // 3
+
+
+def _glb_mesh(document: dict[str, Any], binary: memoryview, node: dict[str, Any], matrix: Array) -> MeshObject:
+    corners, paints = [np.zeros((0, 3, 3))], [np.zeros(0, dtype=np.int64)]
+    palette: list[Color | None] = []
+    for primitive in _glb_primitives(document, node):
+        places = _glb_array(document, binary, primitive["attributes"]["POSITION"], 3)
+        indices = primitive.get("indices")
+        order = np.arange(len(places)) if indices is None else _glb_array(document, binary, indices, 1).astype(np.int64)
+        faces = order.reshape(-1, 3)
+        moved = 1e3 * (places @ matrix[:3, :3].T + matrix[:3, 3]) @ FRAME.T
+        corners.append(moved[faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1]])
+        paints.append(np.full(len(faces), len(palette)))
+        palette.append(_glb_color(document, primitive))
+    every, paint, name = np.concatenate(corners), np.concatenate(paints), str(node.get("name", ""))[:LONGEST]
+    # Most triangles determine the color of the part.
+    main = int(np.argmax(np.bincount(paint, minlength=1)))
+    colors = [color for color in palette if color is not None]
+    if len(colors) < len(palette) or not colors:
+        return MeshObject(every, name, palette[main] if palette else None)
+    return MeshObject(every, name, palette[main], np.where(paint == main, -1, paint), colors)
+
+
+def _glb_array(document: dict[str, Any], binary: memoryview, index: int, width: int) -> NDArray[Any]:
+    """Numbers (count, width) of an accessor."""
+    accessor = _at(document["accessors"], index)
+    kind = "<f4" if width > 1 else INTEGERS[accessor["componentType"]]
+    if accessor["type"] != ("VEC3" if width > 1 else "SCALAR") or "sparse" in accessor:
+        raise ValueError(accessor["type"])
+    if width > 1 and accessor["componentType"] != FLOAT:
+        raise ValueError(accessor["componentType"])
+    view = _at(document["bufferViews"], accessor["bufferView"])
+    size = np.dtype(kind).itemsize * width
+    start, inner, step = view.get("byteOffset", 0), accessor.get("byteOffset", 0), view.get("byteStride", size)
+    if view["buffer"] != 0 or min(start, inner, view["byteLength"]) < 0 or step < size:
+        raise ValueError(view)
+    inside = binary[start : start + view["byteLength"]]
+    return np.array(np.ndarray((accessor["count"], width), kind, inside, inner, (step, size // width)))
+
+
+def _glb_color(document: dict[str, Any], primitive: dict[str, Any]) -> Color | None:
+    if "material" not in primitive:
+        return None
+    material = _at(document["materials"], primitive["material"])
+    factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))
+    red, green, blue = (float(each) for each in factor[:3])
+    return red, green, blue
+
+
+# --- 3MF --------------------------------------------------------------------------------------------------------------
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+ROOT = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+VOLUMES = "metadata/slic3r_pe_model.config"
+"""Where PrusaSlicer finds the parts of a mesh: ranges of triangles, with names and extruders."""
+
+UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
+"""Units of a model, in mm."""
+
+LARGEST = 200_000_000
+"""Maximum size of the unpacked model, in bytes."""
+
+PIECE = 1 << 18
+"""Number of bytes that are unpacked and parsed at a time, and the maximum size of an XML tag."""
+
+MOST_ENTRIES = 1_000
+"""Maximum number of files in a 3MF, which has some ten."""
+
+DEEPEST_COMPONENT = 10
+"""Maximum depth of components in components."""
+
+MOST_CORNERS = MOST_TRIANGLES
+"""A closed mesh has half as many corners as triangles."""
+
+
+@dataclass
+class _Object:
+    """An object being read: a mesh, or components (object, transform). Arrays are flat."""
+
+    name: str
+    paint: int
+    group: str
+    vertices: "array[float]" = field(default_factory=lambda: array("d"))
+    triangles: "array[int]" = field(default_factory=lambda: array("i"))
+    paints: "array[int]" = field(default_factory=lambda: array("i"))
+    components: list[tuple[str, Array]] = field(default_factory=list)
+
+
+class _Volume(NamedTuple):
+    """A range of triangles that PrusaSlicer takes as a part of its own."""
+
+    first: int
+    last: int
+    name: str
+    tool: str
+
+
+def read_3mf(data: bytes) -> Reply:
+    """Read the objects in the build of a 3MF, in mm."""
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as package:
+            infos = package.infolist()
+            if len(infos) > MOST_ENTRIES:
+                raise InputError(f"at most {MOST_ENTRIES} files in a 3MF", str(len(infos)), "export it again")
+            names = {info.filename.lower(): info for info in infos}
+            root = _Root()
+            if links := names.get("_rels/.rels"):
+                _parse_xml(_pieces(package, links), root.start, lambda _: None)
+            info = names.get(root.path.lower())
+            if info is None:
+                raise InputError("a 3MF", "a package without a model", "export it again")
+            if info.file_size > LARGEST:
+                raise InputError(f"a model of at most {LARGEST // 10**6} MB", "a larger one", "export the marker alone")
+            model = _Model()
+            _parse_xml(_pieces(package, info), model.start, model.end)
+            ranges = _Ranges()
+            if volumes := names.get(VOLUMES):
+                _parse_xml(_pieces(package, volumes), ranges.start, ranges.end)
+    # zipfile, zlib and struct raise these for broken packages; RuntimeError is for encrypted ones.
+    except (zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError) as error:
+        raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
+    return _reply(model.built(ranges.volumes))
+
+
+def _pieces(package: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[bytes]:
+    """Unpack an entry piece by piece; raises InputError beyond `LARGEST`, whatever size it declares."""
+    left = LARGEST
+    with package.open(info) as stream:
+        while piece := stream.read(PIECE):
+            left -= len(piece)
+            if left < 0:
+                raise InputError(f"a model of at most {LARGEST // 10**6} MB", "a larger one", "export the marker alone")
+            yield piece
+
+
+def _parse_xml(pieces: Iterable[bytes], start: Callable[[str, Attributes], None], end: Callable[[str], None]) -> None:
+    """Parse XML, refusing document types and thus entities, and endless tags; names are ``namespace name``."""
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def refuse(*_: object) -> NoReturn:
+        raise InputError("plain XML", "a document type", "export it again")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    fed = 0
+    try:
+        for piece in pieces:
+            parser.Parse(piece, False)
+            fed += len(piece)
+            if fed - parser.CurrentByteIndex > 2 * PIECE:
+                raise InputError("plain XML", "a tag or text without an end", "export it again")
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        raise InputError("complete XML", brief(str(error)), "export it again") from None
+    except (ValueError, KeyError, OverflowError):
+        raise InputError("the numbers of a 3MF", "missing or invalid ones", "export it again") from None
+
+
+class _Root:
+    """Path of the model that a package's relationships name."""
+
+    def __init__(self) -> None:
+        self.path = "3d/3dmodel.model"
+
+    def start(self, tag: str, attributes: Attributes) -> None:
+        if tag.endswith(" Relationship") and attributes.get("Type") == ROOT:
+            self.path = posixpath.normpath(attributes.get("Target", self.path)).lstrip("/")
+
+
+class _Ranges:
+    """PrusaSlicer's parts by the number of their object."""
+
+    def __init__(self) -> None:
+        self.volumes: dict[str, list[_Volume]] = {}
+        self._object = ""
+
+    def start(self, tag: str, given: Attributes) -> None:
+        own = self.volumes.setdefault(self._object, [])
+        if tag == "object":
+            self._object = given["id"]
+        elif tag == "volume":
+            if sum(map(len, self.volumes.values())) >= MOST_OBJECTS:
+                raise InputError(f"at most {MOST_OBJECTS} parts", "more", "export it again")
+            own.append(_Volume(int(given["firstid"]), int(given["lastid"]), "", ""))
+        elif tag == "metadata" and own and given.get("type") == "volume":
+            if given.get("key") == "name":
+                own[-1] = own[-1]._replace(name=given["value"][:LONGEST])
+            elif given.get("key") == "extruder":
+                own[-1] = own[-1]._replace(tool=given["value"][:LONGEST])
+
+    def end(self, tag: str) -> None:
+        """Do nothing."""
+
+
+class _Model:
+    """Model of a 3MF, collected while its XML is parsed."""
+
+    def __init__(self) -> None:
+        self.unit = 1.0
+        self.palette: list[Color] = []
+        self.first: dict[str, int] = {}
+        self.objects: dict[str, _Object] = {}
+        self.items: list[tuple[str, Array]] = []
+        self._current: _Object | None = None
+        self._corners = self._triangles = self._components = self._steps = 0
+        self._starts = {
+            f"{CORE} {word}": getattr(self, f"_{word}")
+            for word in ("vertex", "triangle", "model", "basematerials", "base", "object", "component", "item")
+        }
+
+    def start(self, tag: str, given: Attributes) -> None:
+        """Collect objects, materials and build items."""
+        if (known := self._starts.get(tag)) is not None:
+            known(given)
+
+    def end(self, tag: str) -> None:
+        """Leave an object."""
+        if tag == f"{CORE} object":
+            self._current = None
+
+    def _vertex(self, given: Attributes) -> None:
+        if self._current:
+            self._current.vertices.extend((float(given["x"]), float(given["y"]), float(given["z"])))
+            self._corners += 1
+            if self._corners > MOST_CORNERS:
+                raise InputError(f"at most {MOST_CORNERS} corners", "more", "export it with a larger tolerance")
+
+    def _triangle(self, given: Attributes) -> None:
+        current = self._current
+        if not current:
+            return
+        current.triangles.extend((int(given["v1"]), int(given["v2"]), int(given["v3"])))
+        current.paints.append(
+            self._paint(given.get("pid", current.group), given["p1"]) if "p1" in given else current.paint
+        )
+        self._triangles += 1
+        if self._triangles > MOST_TRIANGLES:
+            raise InputError(f"at most {MOST_TRIANGLES} triangles", "more", "export it with a larger tolerance")
+
+    def _model(self, given: Attributes) -> None:
+        unit = given.get("unit", "millimeter")
+        if unit not in UNITS:
+            raise InputError("a unit of length", brief(unit), f"use one of {', '.join(UNITS)}")
+        self.unit = UNITS[unit]
+
+    def _basematerials(self, given: Attributes) -> None:
+        self.first[given["id"]] = len(self.palette)
+
+    def _base(self, given: Attributes) -> None:
+        self.palette.append(_color(given["displaycolor"]))
+        self._bounded(len(self.palette), "materials")
+
+    def _object(self, given: Attributes) -> None:
+        group = given.get("pid", "")
+        paint = self._paint(group, given.get("pindex", "0")) if group else -1
+        self._current = self.objects[given["id"]] = _Object(given.get("name", "")[:LONGEST], paint, group)
+        self._bounded(len(self.objects), "objects")
+
+    def _paint(self, group: str, number: str) -> int:
+        """Index of a material in the palette; -1 for none."""
+        index = self.first.get(group, -1 - MOST_OBJECTS) + int(number)
+        return index if 0 <= index < len(self.palette) else -1
+
+    def _bounded(self, count: int, what: str) -> None:
+        if count > MOST_OBJECTS:
+            raise InputError(f"at most {MOST_OBJECTS} {what}", "more", "export it again")
+
+    def _component(self, given: Attributes) -> None:
+        if self._current:
+            self._current.components.append((given["objectid"], _matrix_of(given.get("transform"))))
+            self._components += 1
+            self._bounded(self._components, "components")
+
+    def _item(self, given: Attributes) -> None:
+        self.items.append((given["objectid"], _matrix_of(given.get("transform"))))
+        self._bounded(len(self.items), "items to build")
+
+    def built(self, volumes: dict[str, list[_Volume]]) -> list[MeshObject]:
+        """Triangles in mm of all build items; of a single one without its shift, which is its place on the bed."""
+        placed: list[tuple[str, Array]] = []
+        if len(self.items) == 1:
+            self.items[0][1][3, :3] = 0
+        for key, transform in self.items:
+            self._place(placed, key, transform, 0)
+        total = sum(len(self.objects[key].triangles) for key, _ in placed) // 3
+        if total > MOST_TRIANGLES:
+            raise InputError(f"at most {MOST_TRIANGLES} triangles", str(total), "export the marker alone")
+        return [part for key, transform in placed for part in self._meshes(key, transform, volumes.get(key, []))]
+
+    def _place(self, placed: list[tuple[str, Array]], key: str, transform: Array, depth: int) -> None:
+        """Find the meshes of an object and their transforms, for at most `MOST_OBJECTS` steps."""
+        each = self.objects.get(key)
+        self._steps += 1
+        if each is None or depth > DEEPEST_COMPONENT or self._steps > MOST_OBJECTS:
+            raise InputError("objects that exist", f"object {brief(key)}", "export it again")
+        for part, move in each.components:
+            # Points are rows, so the leftmost transform applies first.
+            self._place(placed, part, move @ transform, depth + 1)
+        if each.triangles:
+            placed.append((key, transform))
+
+    def _meshes(self, key: str, transform: Array, volumes: list[_Volume]) -> list[MeshObject]:
+        each = self.objects[key]
+        triangles = np.array(each.triangles).reshape(-1, 3)
+        vertices = np.array(each.vertices).reshape(-1, 3)
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise InputError("triangles between corners", "a corner that is missing", "export it again")
+        vertices = self.unit * (vertices @ transform[:3, :3] + transform[3, :3])
+        corners = vertices[triangles if np.linalg.det(transform[:3, :3]) > 0 else triangles[:, ::-1]]
+        paints = np.array(each.paints, dtype=np.int64)
+        color = self.palette[each.paint] if each.paint >= 0 else None
+        paints[paints == each.paint] = -1
+        inside = [part for part in volumes if 0 <= part.first <= part.last < len(corners)]
+        ranges = inside or [_Volume(0, len(corners) - 1, each.name, "")]
+        return [
+            MeshObject(
+                corners[part.first : part.last + 1], part.name, color, paints[part.first : part.last + 1], self.palette,
+                part.tool,
+            )
+            for part in ranges
+        ]  # fmt: skip
+
+
+def _matrix_of(text: str | None) -> Array:
+    """Matrix (4, 4), for row vectors, from its twelve numbers."""
+    matrix = np.eye(4)
+    if text is not None:
+        matrix[:, :3] = np.array([float(word) for word in text.split()]).reshape(4, 3)
+    return matrix
+
+
+def _color(text: str) -> Color:
+    """Red, green and blue of ``#RRGGBB`` or ``#RRGGBBAA``."""
+    if not (text.startswith("#") and len(text) in (7, 9)):
+        raise ValueError(text)
+    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
