@@ -15,8 +15,7 @@ from markergen.guard import Content, check_size
 from markergen.model.body import Body
 from markergen.read.outlines.curves import Arc, Bezier, Curve
 from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, Piece
-from markergen.read.outlines.svg import parse
-from markergen.read.outlines.svg_shapes import fraction
+from markergen.read.outlines.svg import fraction, parse_svg
 from markergen.verification.lines import Seek, among
 from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
@@ -94,7 +93,7 @@ def read_svg(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (e
             elif len(points) >= 3:
                 corners.append(points)
         painted = [_Painted.of(list(pieces), scale) for _, pieces in groupby(drawing.pieces, _shape_of)]
-    root = parse(file)
+    root = parse_svg(file)
     size = _size(root.get("width"), root.get("height"))
     is_cut = np.array(cut, dtype=np.bool_)
     page = Page(

@@ -80,7 +80,7 @@ def test_path_data_as_svgelements_sees_it(data):
     from svgelements import Path as SvgPath
 
     from markergen.read.outlines.formats import OutlineFile
-    from markergen.read.outlines.svg_shapes import Element, Shapes
+    from markergen.read.outlines.svg import Element, Shapes
 
     def numbers(count):
         return " ".join(f"{data.draw(st.floats(-60, 60)):.2f}" for _ in range(count))
