@@ -251,7 +251,7 @@ def find_images(patterns: Sequence[str | Path], warn: Callable[[str], None] | No
     """Expand files, folders and globs to image paths, in this order and without repetition.
 
     A folder or a glob stands for its image files, sorted by name, without hidden ones. The path of an image
-    that does not exist is returned, too; reading it will report that. `warn` is told of HEIC files beside images.
+    that does not exist is returned, too; reading it will report that. `warn` gets the HEIC files beside images.
 
     Raises
     ------
@@ -260,11 +260,11 @@ def find_images(patterns: Sequence[str | Path], warn: Callable[[str], None] | No
     """
     if not patterns:
         raise InputError("one or more images", "none", "name image files or a folder")
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for pattern in map(str, patterns):
         for path in _matches(pattern, warn):
-            found.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links with other names are other images
-    return list(found.values())
+            paths.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links with other names are other images
+    return list(paths.values())
 
 
 def _matches(pattern: str, warn: Callable[[str], None] | None) -> list[Path]:
@@ -278,19 +278,19 @@ def _matches(pattern: str, warn: Callable[[str], None] | None) -> list[Path]:
             return [path]
         else:
             raise InputError(f"an image or a folder of images at {pattern}", "nothing", "check the path")
-        shown = [each for each in candidates if not each.name.startswith(".") and not each.is_dir()]
-        images = sorted(each for each in shown if each.suffix.lower() in SUFFIXES)
+        files = [path for path in candidates if not path.name.startswith(".") and not path.is_dir()]
+        images = sorted(path for path in files if path.suffix.lower() in SUFFIXES)
     except (OSError, ValueError) as error:
         raise InputError(f"a readable folder at {pattern}", reason_of(error), "check the path") from None
-    count = sum(each.suffix.lower() in UNREAD for each in shown)
-    files, verb = f"{count} HEIC file{'s' * (count > 1)}", "are" if count > 1 else "is"
+    count = sum(path.suffix.lower() in UNREAD for path in files)
+    unread, verb = f"{count} HEIC file{'s' * (count > 1)}", "are" if count > 1 else "is"
     remedy = _NO_HEIC.format("them" if count > 1 else "it")
     if not images:
         if count:
-            raise InputError(f"images at {pattern}", f"{files}, which {verb} not read", remedy)
+            raise InputError(f"images at {pattern}", f"{unread}, which {verb} not read", remedy)
         raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder with some")
     if count and warn:
-        warn(f"{pattern}: {files} {verb} not read: {remedy}")
+        warn(f"{pattern}: {unread} {verb} not read: {remedy}")
     return images
 
 
@@ -322,7 +322,7 @@ def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
 
 def _depth(image: "PillowImage") -> int:
     """Bits of a channel in the file, 8 or 16; Pillow's mode has 8 for color of 16."""
-    coded = [each.args if isinstance(each.args, str) else each.args[0] for each in vars(image).get("tile", ())]
+    coded = [tile.args if isinstance(tile.args, str) else tile.args[0] for tile in vars(image).get("tile", ())]
     return 16 if any("16" in str(mode) for mode in (image.mode, *coded)) else 8
 
 
@@ -365,10 +365,10 @@ def _examine(path: Path, data: bytes) -> _Header:
             header = _Header(width, height, str(image.format), _orientation(image))
             image.load()
     except UnidentifiedImageError:
-        found, remedy = "another format or depth", "convert the image to PNG"
+        problem, remedy = "another format or depth", "convert the image to PNG"
         if _HEIC.match(data):
-            found, remedy = "a HEIC file, which is not read", _NO_HEIC.format("it")
-        raise InputError(f"a {_KNOWN} image of 8 or 16 bits in {path}", found, remedy) from None
+            problem, remedy = "a HEIC file, which is not read", _NO_HEIC.format("it")
+        raise InputError(f"a {_KNOWN} image of 8 or 16 bits in {path}", problem, remedy) from None
     if header.format == "PNG":
         _check_chunks(data)
     return header

@@ -44,18 +44,18 @@ def read_layout(path: Any) -> Rows:
             "name them, with their unit, as in x_mm,y_mm",
         )
     used = [columns[axis] for axis in AXES if axis in columns]
-    found = []
-    for number, words in body:
+    points = []
+    for number, cells in body:
         try:
-            found.append([float(words[index]) * unit for index, unit in used])
+            points.append([float(cells[index]) * unit for index, unit in used])
         except (ValueError, IndexError):
             place = f"line {number} of {content.name}"
             raise InputError(
-                f"numbers for {', '.join(columns)} at {place}", brief(",".join(words)), "correct it"
+                f"numbers for {', '.join(columns)} at {place}", brief(",".join(cells)), "correct it"
             ) from None
     # A flat marker's own table has z = 0.
-    flat = len(used) == 3 and not any(row[2] for row in found)
-    return layout_of([row[:2] for row in found] if flat else found)
+    flat = len(used) == 3 and not any(row[2] for row in points)
+    return layout_of([row[:2] for row in points] if flat else points)
 
 
 def layout_of(value: object) -> Rows:
@@ -77,11 +77,11 @@ def layout_of(value: object) -> Rows:
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise ValueError("write x,y; x,y; ... with a unit, such as 0mm,50mm; -40mm,-30mm")
     try:
-        found = tuple(tuple(parse_length(each) for each in row) for row in rows)
+        lengths = tuple(tuple(parse_length(cell) for cell in row) for row in rows)
     except (InputError, TypeError) as error:
         raise ValueError(error.args[2] if isinstance(error, InputError) else "write lengths such as 50mm") from None
-    if any(len(row) not in (2, 3) for row in found):
+    if any(len(row) not in (2, 3) for row in lengths):
         raise ValueError("give x and y of every dot, and z of those of a relief")
-    if not 4 <= len(found) <= MOST_POINTS:
-        raise ValueError(f"give 4 to {MOST_POINTS} dots, not {len(found)}")
-    return found
+    if not 4 <= len(lengths) <= MOST_POINTS:
+        raise ValueError(f"give 4 to {MOST_POINTS} dots, not {len(lengths)}")
+    return lengths

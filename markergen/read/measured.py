@@ -46,7 +46,7 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     columns = _columns(first, f"line {line} of {name}")
     if not body:
         raise InputError(f"measured dots in {name}", "only the names of columns", "add a row for each dot")
-    return tuple(_dot(words, columns, f"line {line} of {name}") for line, words in body)
+    return tuple(_dot(cells, columns, f"line {line} of {name}") for line, cells in body)
 
 
 def rows_of(content: Content) -> list[tuple[int, list[str]]]:
@@ -60,10 +60,10 @@ def rows_of(content: Content) -> list[tuple[int, list[str]]]:
     return [(number, [word.strip().strip('"') for word in line.split(mark)]) for number, line in lines]
 
 
-def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
+def _columns(cells: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
     """Index and unit size in m of each column by name; 1 without a unit, and for id and rho."""
     columns: dict[str, tuple[int, float]] = {}
-    for index, word in enumerate(words):
+    for index, word in enumerate(cells):
         match = COLUMN.fullmatch(word)
         name = match[1].lower() if match else ""
         if match is None or name not in _FORMS[1] | _FORMS[3]:
@@ -78,24 +78,24 @@ def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
     return columns
 
 
-def _dot(words: Sequence[str], columns: dict[str, tuple[int, float]], place: str) -> MeasuredDot:
-    if len(words) != len(columns):
-        raise InputError(f"{len(columns)} values at {place}", str(len(words)), "correct the line")
+def _dot(cells: Sequence[str], columns: dict[str, tuple[int, float]], place: str) -> MeasuredDot:
+    if len(cells) != len(columns):
+        raise InputError(f"{len(columns)} values at {place}", str(len(cells)), "correct the line")
     values = {}
     for name, (index, unit) in columns.items():
         try:
             # float would read 1_0 as 10, and accept digits of all scripts.
-            value = float(words[index]) * unit if words[index].isascii() and "_" not in words[index] else np.nan
+            value = float(cells[index]) * unit if cells[index].isascii() and "_" not in cells[index] else np.nan
         except ValueError:
             value = np.nan
         if not abs(value) < 2**31:
-            raise InputError(f"a number for {name} at {place}", brief(words[index]), "correct the line")
+            raise InputError(f"a number for {name} at {place}", brief(cells[index]), "correct the line")
         values[name] = value
     if values["id"] != int(values["id"]) or values["id"] < 0:
-        raise InputError(f"a whole number for id at {place}", brief(words[columns["id"][0]]), "correct the line")
+        raise InputError(f"a whole number for id at {place}", brief(cells[columns["id"][0]]), "correct the line")
     sx, sy = (values.get(key, values.get("sigma", np.nan)) for key in ("sx", "sy"))
     rho = values.get("rho", 0.0)
     if min(sx, sy) < 0 or abs(rho) > 1:
-        raise InputError(f"a sigma of 0 or more, and rho of -1 to 1 at {place}", " ".join(words)[:80], "correct it")
+        raise InputError(f"a sigma of 0 or more, and rho of -1 to 1 at {place}", " ".join(cells)[:80], "correct it")
     covariance = None if np.isnan(sx) else (float(sx * sx), float(rho * sx * sy), float(sy * sy))
     return MeasuredDot(int(values["id"]), float(values["x"]), float(values["y"]), covariance)

@@ -91,7 +91,7 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
         except InputError as error:
             findings.append(f"plates[{k}]: {error}")
     names = [plate.name for plate in plates]
-    findings += [f"the name {each} twice" for each in dict.fromkeys(names) if names.count(each) > 1]
+    findings += [f"the name {twice} twice" for twice in dict.fromkeys(names) if names.count(twice) > 1]
     if findings:
         raise InputError(f"a list of plates in {name}", in_one_line(findings), "correct these places")
     normals = np.array([face.rotation for face in faces])[:, :, 2]
@@ -138,29 +138,29 @@ def _rows(text: str, name: str) -> dict[str, Any]:
 
 
 def _boundary(plate: _Plate, marker: Marker | None) -> Boundary:
-    given = [name for name in ("marker", "radius", "boundary") if getattr(plate, name) is not None]
-    if len(given) != 1:
-        raise InputError("a marker, a radius or a boundary", " and ".join(given) or "none", "give one of them")
+    keys = [name for name in ("marker", "radius", "boundary") if getattr(plate, name) is not None]
+    if len(keys) != 1:
+        raise InputError("a marker, a radius or a boundary", " and ".join(keys) or "none", "give one of them")
     if marker is not None:
         return marker.boundary
     return parse_boundary(plate.boundary) if plate.boundary else Circle(plate.radius or 0.0)
 
 
 def _rotation(plate: _Plate) -> tuple[tuple[float, ...], ...]:
-    given = [name for name in ("rotation_vector", "euler_deg", "matrix") if getattr(plate, name) is not None]
-    if len(given) > 1:
-        raise InputError("one form of the rotation", " and ".join(given), "leave out the others")
+    keys = [name for name in ("rotation_vector", "euler_deg", "matrix") if getattr(plate, name) is not None]
+    if len(keys) > 1:
+        raise InputError("one form of the rotation", " and ".join(keys), "leave out the others")
     if plate.matrix is not None:
         matrix = np.array(plate.matrix)
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
             raise InputError("a rotation: orthonormal rows and determinant 1", "another matrix", "correct it")
         # Written with six digits or more; the nearest rotation has them all.
         left, _, right = np.linalg.svd(matrix)
-        turn = left @ right
+        rotation = left @ right
     elif plate.euler_deg is not None:
         roll, pitch, yaw = np.deg2rad(plate.euler_deg)
-        turn = turn_z(np.array(yaw)) @ exponential(np.array([0, pitch, 0])) @ exponential(np.array([roll, 0, 0]))
+        rotation = turn_z(np.array(yaw)) @ exponential(np.array([0, pitch, 0])) @ exponential(np.array([roll, 0, 0]))
     else:
-        turn = exponential(np.array(plate.rotation_vector or [0.0, 0.0, 0.0]))
-    whole = np.round(turn)
-    return tuple(map(tuple, (np.where(np.abs(turn - whole) < 1e-12, whole, turn) + 0.0).tolist()))
+        rotation = exponential(np.array(plate.rotation_vector or [0.0, 0.0, 0.0]))
+    whole = np.round(rotation)
+    return tuple(map(tuple, (np.where(np.abs(rotation - whole) < 1e-12, whole, rotation) + 0.0).tolist()))

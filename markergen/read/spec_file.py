@@ -297,39 +297,39 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
         raise InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places") from None
-    given = {
+    options = {
         key: value for key, value in table.model_dump(exclude_unset=True, exclude={"poses"}).items() if key in _KEPT
     }
-    if "camera" in given:
-        given["camera"] = _camera(table.camera)
-    if given.get("n") == AUTO:
+    if "camera" in options:
+        options["camera"] = _camera(table.camera)
+    if options.get("n") == AUTO:
         raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
-    if count == "auto" or (count is None and "target" in given):
-        given["n"] = AUTO
-    if given.get("points") and count is None:
-        given["n"] = len(given["points"])
+    if count == "auto" or (count is None and "target" in options):
+        options["n"] = AUTO
+    if options.get("points") and count is None:
+        options["n"] = len(options["points"])
     # Other designs do not depend on it.
-    planned = not stored and (given.get("n") == AUTO or "target" in given)
-    if planned or given.get("camera_covariance") is not None:
-        own = calibration if planned else None
-        found = camera_covariance(given.get("camera_covariance"), own, given.get("camera", Spec.camera))
-        given["camera_covariance"] = None if found is None else tuple(map(tuple, found.tolist()))
-    if "image_noise" in given:
-        given["image_noise"] = ImageNoise(**given["image_noise"])
+    planned = not stored and (options.get("n") == AUTO or "target" in options)
+    if planned or options.get("camera_covariance") is not None:
+        measured = calibration if planned else None
+        covariance = camera_covariance(options.get("camera_covariance"), measured, options.get("camera", Spec.camera))
+        options["camera_covariance"] = None if covariance is None else tuple(map(tuple, covariance.tolist()))
+    if "image_noise" in options:
+        options["image_noise"] = ImageNoise(**options["image_noise"])
     if table.poses is not None:
-        given["poses"] = settled(table.poses) if isinstance(table.poses, str) and not stored else table.poses
-    if "boundary" in given:
-        given["boundary"] = table.boundary.build()
+        options["poses"] = settled(table.poses) if isinstance(table.poses, str) and not stored else table.poses
+    if "boundary" in options:
+        options["boundary"] = table.boundary.build()
     elif table.radius is not None:
-        given["boundary"] = Circle(table.radius)
-    if "keep_outs" in given:
-        given["keep_outs"] = built(table.keep_outs)
-    if "substrate" in given:
-        given["substrate"] = table.substrate.build()
+        options["boundary"] = Circle(table.radius)
+    if "keep_outs" in options:
+        options["keep_outs"] = built(table.keep_outs)
+    if "substrate" in options:
+        options["substrate"] = table.substrate.build()
         # In older markers an outline from a drawing was not yet the plate's, and may have an edge.
-        if stored and given["substrate"].edge and not given.get("boundary", Spec.boundary).has_measures:
-            given["substrate"] = replace(given["substrate"], edge=None)
-    return Spec(**given)
+        if stored and options["substrate"].edge and not options.get("boundary", Spec.boundary).has_measures:
+            options["substrate"] = replace(options["substrate"], edge=None)
+    return Spec(**options)
 
 
 def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
@@ -372,18 +372,18 @@ def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
     room = _drawn(boundary)
     if room is None and isinstance(boundary, str) and layer is not None:
         parse_boundary(boundary, layer=layer)  # Raises: a shape has no layers.
-    drawn = [text for each in (outline, *keep_outs) if (text := _drawn(each)) is not None]
+    drawn = [text for shape in (outline, *keep_outs) if (text := _drawn(shape)) is not None]
     area, shapes = read_room(room, drawn, unit, layer, origin or "center")
-    found = iter(shapes)
-    outline, *keep_outs = (each if _drawn(each) is None else next(found) for each in (outline, *keep_outs))
+    drawings = iter(shapes)
+    outline, *keep_outs = (shape if _drawn(shape) is None else next(drawings) for shape in (outline, *keep_outs))
     rooms: dict[str, Any] = {}
     if boundary is not None:
         rooms["boundary"] = _table_of(area or boundary)
     if keep_outs:
-        rooms["keep_outs"] = [_table_of(each) for each in keep_outs]
+        rooms["keep_outs"] = [_table_of(shape) for shape in keep_outs]
     if isinstance(plate, Mapping):
-        made = plate if outline is None else {**plate, "outline": _table_of(outline)}
-        rooms["substrate"] = made if room is None else drawn_plate(made)
+        table = plate if outline is None else {**plate, "outline": _table_of(outline)}
+        rooms["substrate"] = table if room is None else drawn_plate(table)
     return rooms
 
 
@@ -463,9 +463,9 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _described(option: Option) -> dict[str, Any]:
-    words = f"{option.help} Default: {option.shown}." if option.shown else option.help
+    text = f"{option.help} Default: {option.shown}." if option.shown else option.help
     default = {} if option.default is None else {"default": option.default}
-    return {**_JSON_TYPES[option.kind], "description": words, **default}
+    return {**_JSON_TYPES[option.kind], "description": text, **default}
 
 
 def _lengths_as_text(schema: Any) -> Any:

@@ -27,11 +27,11 @@ def read_template(name: str) -> dict[str, Any]:
 
 def template_text(name: str) -> str:
     """Return the text of a template, found like `read_template`, including comments."""
-    known = templates()
+    names = templates()
     path = Path(name)
-    if path.suffix != ".toml" and name not in known:
-        raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
-    return text_of(read(known.get(name, path), "spec"))
+    if path.suffix != ".toml" and name not in names:
+        raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(names)}")
+    return text_of(read(names.get(name, path), "spec"))
 
 
 def templates() -> dict[str, Path]:

@@ -146,13 +146,13 @@ def open_capture(source: str, kind: str) -> Capture:
         else:
             capture = cv2.VideoCapture(int(source) if source.isdecimal() and kind == "camera" else source)
     if not capture.isOpened():
-        found, remedy = {
+        problem, remedy = {
             "camera": ("none that opens", "check its number, its cable, and that no other program uses it"),
             "stream": ("none that opens", "check the address and the network"),
             "pipeline": ("one that does not start", "try it with gst-launch-1.0, and end it in appsink"),
             "file": ("one that is damaged or not a video", "convert it to .mp4 or .avi"),
         }[kind]
-        raise InputError(expected, found, remedy)
+        raise InputError(expected, problem, remedy)
     return capture
 
 
@@ -219,8 +219,8 @@ class Video:
                 self._changed.notify_all()
             yield frame
         if self._failure is not None:
-            found = " ".join(str(self._failure).split())[:80] or type(self._failure).__name__
-            raise InputError(f"frames from {self.name}", found, "convert a file to .mp4 or .avi, restart a camera")
+            problem = " ".join(str(self._failure).split())[:80] or type(self._failure).__name__
+            raise InputError(f"frames from {self.name}", problem, "convert a file to .mp4 or .avi, restart a camera")
         if self.live:
             raise InputError(f"frames from {self.name}", "its end", "check the camera and its connection")
 

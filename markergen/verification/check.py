@@ -23,7 +23,7 @@ from markergen.verification.findings import (
     frame_findings,
     judge,
 )
-from markergen.verification.flat import flat_findings, only_told
+from markergen.verification.flat import flat_findings, informative
 from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, moved
 from markergen.verification.placement import (
@@ -159,7 +159,7 @@ def verify_all(check: Callable[[Path], Check], paths: Sequence[Path]) -> list[Ch
 
 def best_check(marker: Marker, reading: Reading, tolerance: float) -> Check:
     """Check a reading as it is, as the design or as a print of it, whichever has fewer findings."""
-    checks = [_against(each, reading, tolerance) for each in _wanted(marker, reading)]
+    checks = [_against(wanted, reading, tolerance) for wanted in _wanted(marker, reading)]
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
@@ -187,15 +187,15 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
 
 def _sorted_out(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Separate errors from remarks."""
-    errors = tuple(each for each in findings if each.kind != REMARK)
-    return errors, tuple(each.sentence for each in findings if each.kind == REMARK)
+    errors = tuple(finding for finding in findings if finding.kind != REMARK)
+    return errors, tuple(finding.sentence for finding in findings if finding.kind == REMARK)
 
 
-def changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
-    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than `found` does."""
-    apart = sum(finding.kind == "shifted" for finding in found.findings)
-    if not is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
-        return found
+def changed(marker: Marker, reading: Reading, tolerance: float, plain: Check) -> Check:
+    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than the check as it is."""
+    apart = sum(finding.kind == "shifted" for finding in plain.findings)
+    if not is_strange(plain) and apart < min(len(marker) / 2, MOST_LISTED):
+        return plain
     expected = expected_dots(marker)
     if any(page.of_any_size for page in reading.pages):
         pages = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
@@ -205,47 +205,51 @@ def changed(marker: Marker, reading: Reading, tolerance: float, found: Check) ->
         check = best_check(marker, moved(reading, undo), tolerance)
         if is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
             continue
-        said = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
+        change_errors = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
         # Lines and edges at the wrong scale mean nothing.
-        rest = tuple(each for each in check.findings if each.kind in ("mirrored", "missing", "kind", "extra"))
+        rest = tuple(finding for finding in check.findings if finding.kind in ("mirrored", "missing", "kind", "extra"))
         scale = (float(change[0, 0]), float(change[1, 1]))
-        return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*said, *rest))
-    return found
+        return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*change_errors, *rest))
+    return plain
 
 
 def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
     """Check a file of the dark or of the light parts alone whose dots are not all there; None if it is not one."""
-    found = in_part(marker.as_designed, surface, 1e3 * tolerance)
-    if found is None:
+    part = in_part(marker.as_designed, surface, 1e3 * tolerance)
+    if part is None:
         return None
-    findings, note, dots = found
+    findings, note, dots = part
     flaws = [Finding("solid", flaw) for flaw in reading.flaws]
     return Check(
         "", reading.kind, dots=dots, pages=(None,), tolerance=tolerance, findings=(*flaws, *findings), notes=(note,)
     )  # fmt: skip
 
 
-def _placed(marker: Marker, reading: Reading, surface: Surface, found: Check, tolerance: float) -> Check | None:
+def _placed(marker: Marker, reading: Reading, surface: Surface, plain: Check, tolerance: float) -> Check | None:
     """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
-    strange, mirrored = is_strange(found), any(finding.kind == "mirrored" for finding in found.findings)
+    strange, mirrored = is_strange(plain), any(finding.kind == "mirrored" for finding in plain.findings)
     ways = [turned(marker, reading, surface)] if strange or mirrored else []
     ways += [in_other_units(marker, reading)] if strange else []
     for way in [*ways, stretched(marker, reading, surface)]:
-        checks = [(each, _solid(marker, each.reading, tolerance)) for each in way]
+        checks = [(placement, _solid(marker, placement.reading, tolerance)) for placement in way]
         good = [
-            (len(check.findings), number, each, check)
-            for number, (each, check) in enumerate(checks)
+            (len(check.findings), number, placement, check)
+            for number, (placement, check) in enumerate(checks)
             if not any(finding.kind in (*STRANGE, "mirrored") for finding in check.findings)
-            and (strange or len(check.findings) + 1 < len(found.findings) + mirrored)
+            and (strange or len(check.findings) + 1 < len(plain.findings) + mirrored)
         ]
         if good:
-            _, _, each, check = min(good, key=lambda entry: entry[:2])
-            scale = (check.scale[0] / each.times, check.scale[1] / each.times)
-            largest = check.largest if each.times == 1.0 else np.nan
-            worst = check.worst if each.times == 1.0 else None
+            _, _, placement, check = min(good, key=lambda entry: entry[:2])
+            scale = (check.scale[0] / placement.times, check.scale[1] / placement.times)
+            largest = check.largest if placement.times == 1.0 else np.nan
+            worst = check.worst if placement.times == 1.0 else None
             # The kernel drops edges of a CAD file that are too short for it, if that is in a wrong unit.
-            kept = [one for one in check.findings if surface.mapped or each.times == 1.0 or one.kind in ABOUT_DOTS]
-            return replace(check, largest=largest, worst=worst, scale=scale, findings=(each.finding, *kept))
+            kept = [
+                finding
+                for finding in check.findings
+                if surface.mapped or placement.times == 1.0 or finding.kind in ABOUT_DOTS
+            ]
+            return replace(check, largest=largest, worst=worst, scale=scale, findings=(placement.finding, *kept))
     return None
 
 
@@ -284,17 +288,17 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     count = 0
     notes = [note] if note else []
     for page in reading.pages:
-        found = _dots(page, expected)
+        dots = _dots(page, expected)
         # A page may have no dots, such as assembly instructions.
-        if not len(found) and len(reading.pages) > 1:
+        if not len(dots) and len(reading.pages) > 1:
             continue
-        count += len(found)
-        room = room_of(page.surface, found, expected) if page.surface is not None else 0.0
-        cored = bool(room and found.rings.any())
-        here = copies(recesses(expected, room, cored) if room else expected, ids, found, tolerance, reading, page)
+        count += len(dots)
+        room = room_of(page.surface, dots, expected) if page.surface is not None else 0.0
+        cored = bool(room and dots.rings.any())
+        here = copies(recesses(expected, room, cored) if room else expected, ids, dots, tolerance, reading, page)
         if page.surface is not None and page.surface.loose:
             notes.append(DARK)
-        if page.surface is not None and not room and is_light_alone(page.surface, found):
+        if page.surface is not None and not room and is_light_alone(page.surface, dots):
             notes.append(LIGHT)
         if cored:
             notes.append(f"{LIGHT}; there are {1e3 * room:.4g} um of room around these")
@@ -303,31 +307,31 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         elif marker.tag is not None and reading.tagged:
             here = with_tag(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
-            here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
+            here = [_made(verdict, marker, page.surface, None if room else dots, tolerance) for verdict in here]
         elif reading.drawn:
-            here, said_of_page, remarks = flat_findings(marker, factor, page, found, here, tolerance)
+            here, said_of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
             findings += said_of_page
             notes += remarks
         verdicts += here
-        known = np.concatenate([*(each.used for each in here), only_told(page, found)])
-        findings += extras(found, known, here[0].motion, holes)
-        explained = reading.flaws or any(each.kind in UNTAGGED for each in here[0].findings)
+        explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
+        findings += extras(dots, explained_dots, here[0].motion, holes)
+        explained = reading.flaws or any(finding.kind in UNTAGGED for finding in here[0].findings)
         if reading.placed and here[0].motion is not None and not explained:
             findings += frame_findings(expected, here[0].motion, tolerance)
     hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
-    worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
-    if hidden and any(each.kind in LACKING for v in verdicts for each in v.findings):
+    worst = max(verdicts, key=lambda verdict: np.nan_to_num(verdict.largest, nan=np.inf))
+    if hidden and any(finding.kind in LACKING for v in verdicts for finding in v.findings):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
-    said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
-    errors, told = _sorted_out([*findings, *said])
+    of_copies = [_of_copy(finding, k, verdicts) for k, verdict in enumerate(verdicts) for finding in verdict.findings]
+    errors, verdict_remarks = _sorted_out([*findings, *of_copies])
     return Check(
-        "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
+        "", reading.kind, count, sum(len(verdict.used) > 0 for verdict in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
-        reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, errors, tuple(dict.fromkeys([*notes, *told])),
+        reading.papers or tuple(page.size for page in reading.pages),
+        tolerance, errors, tuple(dict.fromkeys([*notes, *verdict_remarks])),
     )  # fmt: skip
 
 
@@ -335,24 +339,24 @@ def _dots(page: Page, expected: DotSet) -> DotSet:
     return dots_on_page(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
 
 
-def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
+def _made(verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet | None, tolerance: float) -> Verdict:
     """Add to a solid's verdict the findings about all but the places and sizes of its dots."""
-    if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
+    if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
         return verdict
-    dots = found.take(verdict.used) if found is not None else None
-    said = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
-    return replace(verdict, findings=(*verdict.findings, *said))
+    dots = page_dots.take(verdict.used) if page_dots is not None else None
+    made_findings = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *made_findings))
 
 
 def copies(
-    expected: DotSet, ids: list[int], found: DotSet, tolerance: float, reading: Reading, page: Page
+    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, reading: Reading, page: Page
 ) -> list[Verdict]:
     """Verdicts on all copies of the marker; at least one."""
     verdicts: list[Verdict] = []
-    left = np.arange(len(found))
+    left = np.arange(len(dots))
     while len(verdicts) < MOST_COPIES:
         verdict = judge(
-            expected, ids, found.take(left), tolerance,
+            expected, ids, dots.take(left), tolerance,
             ordered=reading.ordered, upright=page.upright, pixels=reading.pixels,
         )  # fmt: skip
         if not len(verdict.used):
@@ -372,25 +376,27 @@ def with_tag(
     judged = []
     for verdict in verdicts:
         # Without the marker's dots the tag's position is not known.
-        if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
+        if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
             judged.append(verdict)
             continue
-        rotation, shift = verdict.motion
+        rotation, translation = verdict.motion
 
-        def to_page(points: Array, rotation: Array = rotation, shift: Array = shift) -> Array:
-            return 1e3 * points * factor @ rotation.T + shift
+        def to_page(points: Array, rotation: Array = rotation, translation: Array = translation) -> Array:
+            return 1e3 * points * factor @ rotation.T + translation
 
-        found = tag_findings(tag, page, to_page, 1e3 * tolerance)
-        judged.append(replace(verdict, findings=(*verdict.findings, *found)))
+        errors = tag_findings(tag, page, to_page, 1e3 * tolerance)
+        judged.append(replace(verdict, findings=(*verdict.findings, *errors)))
     return judged
 
 
 def _own_tags(verdicts: list[Verdict]) -> list[Verdict]:
     """Accept other tags on the copies if one has the right tag: a family of markers on one sheet."""
-    wrong = [any(each.kind == "tag" for each in verdict.findings) for verdict in verdicts]
+    wrong = [any(finding.kind == "tag" for finding in verdict.findings) for verdict in verdicts]
     if all(wrong):
         return verdicts
-    kept = [tuple(each for each in verdict.findings if not each.sentence.endswith(ABSENT)) for verdict in verdicts]
+    kept = [
+        tuple(finding for finding in verdict.findings if not finding.sentence.endswith(ABSENT)) for verdict in verdicts
+    ]
     return [replace(verdict, findings=findings) for verdict, findings in zip(verdicts, kept, strict=True)]
 
 

@@ -70,8 +70,8 @@ def read_dxf(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (e
             if len(cut) > MOST_PIECES:
                 raise InputError(f"at most {MOST_PIECES} pieces of lines to cut in {name}", "more", "simplify it")
     points = np.concatenate(corners) if corners else np.zeros((0, 2))
-    found = np.array(circles, dtype=float).reshape(-1, 3)
-    good = (np.abs(found[:, :2]) < FARTHEST).all(axis=-1)
+    table = np.array(circles, dtype=float).reshape(-1, 3)
+    good = (np.abs(table[:, :2]) < FARTHEST).all(axis=-1)
     page = Page(
         circles_of(circles, name),
         None,
@@ -175,10 +175,10 @@ def _circles(
         return [(x, y, hypot(dx, dy) * ratio**0.5)] if whole else []
     if kind in ("LWPOLYLINE", "POLYLINE"):
         points = _polyline(entity)
-        found = round_shape(points) if len(points) else None
-        if found is None and len(points) >= 3:
+        circle = round_shape(points) if len(points) else None
+        if circle is None and len(points) >= 3:
             corners.append(points * [unit_x, unit_y])
-        return [found] if found else []
+        return [circle] if circle else []
     return []
 
 

@@ -22,7 +22,7 @@ MIRRORED = "print or cut it without mirroring: looked at from the printed side i
 AGAIN = "export it again, and do not edit its dots"
 
 UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
-"""Findings that imply a wrong tag, so that nothing is said about it."""
+"""Findings that imply a wrong tag, so that it is not reported."""
 
 FAR = 2.0
 """Reach of a marker, in radii of what its dots fill, within which others disturb it."""
@@ -67,14 +67,14 @@ NOTHING = np.zeros(0, dtype=np.intp)
 
 
 def judge(
-    expected: DotSet, ids: list[int], found: DotSet, tolerance: float, *,
+    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, *,
     ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
 ) -> Verdict:  # fmt: skip
     """Compare found dots with expected ones, aligned by the best rigid motion of the plane (no scale).
 
     Parameters
     ----------
-    expected, found : DotSet
+    expected, dots : DotSet
         mm.
     ids : list of int
         Ids of the expected dots.
@@ -86,67 +86,69 @@ def judge(
         True if the dots were measured in pixels, which widens the tolerance of diameters.
     """
     tol = 1e3 * tolerance
-    labels = best_match(expected, found, ordered and found.ordered, upright)
+    labels = best_match(expected, dots, ordered and dots.ordered, upright)
     n = len(expected)
     if labels is None or labels.count < 3 or 2 * labels.count < n:
         seen = 0 if labels is None else labels.count
-        some = (
-            f"{len(found)} dots of about its sizes, of which {seen} are in its layout of {n}" if len(found) else "none"
+        content = (
+            f"{len(dots)} dots of about its sizes, of which {seen} are in its layout of {n}" if len(dots) else "none"
         )
-        kind = "another marker" if len(found) else "no dots"
-        said = f"another marker: found {some}" if len(found) else "no dots of the marker's sizes"
-        return Verdict(np.nan, None, (np.nan, np.nan), (Finding(kind, said),), None, NOTHING)
-    here = np.flatnonzero(labels.found >= 0)
-    source, own = expected.centers[here], found.take(labels.found[here])
-    agreed, scale, is_scaled = _explain(source, own.centers, labels.mirror, tol)
+        kind = "another marker" if len(dots) else "no dots"
+        sentence = f"another marker: found {content}" if len(dots) else "no dots of the marker's sizes"
+        return Verdict(np.nan, None, (np.nan, np.nan), (Finding(kind, sentence),), None, NOTHING)
+    here = np.flatnonzero(labels.indices >= 0)
+    source, matched = expected.centers[here], dots.take(labels.indices[here])
+    agreed, scale, is_scaled = _explain(source, matched.centers, labels.mirror, tol)
     trusted = bool(agreed.any())
     agreed = agreed if trusted else np.ones_like(agreed)
-    rotation, shift = rigid_motion(source[agreed], own.centers[agreed], labels.mirror)
+    rotation, translation = rigid_motion(source[agreed], matched.centers[agreed], labels.mirror)
     if is_scaled:
-        rotation, shift = rigid_motion(source, own.centers, labels.mirror)
-    off = (own.centers - shift) @ rotation - source
+        rotation, translation = rigid_motion(source, matched.centers, labels.mirror)
+    off = (matched.centers - translation) @ rotation - source
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))
     names = [ids[k] for k in here]
     findings = [Finding("mirrored", "mirrored", MIRRORED)] if labels.mirror else []
     factor = 1.0
     if is_scaled:
-        turned, by, moved = scaled_motion(source[agreed], own.centers[agreed], labels.mirror)
+        turned, by, moved = scaled_motion(source[agreed], matched.centers[agreed], labels.mirror)
         factor = float(np.sqrt(by[0] * by[1]))
         findings.append(scale_finding(float(by[0]), float(by[1]), np.ptp(source, axis=0) / 2, tol, pixels))
-        off = ((own.centers - moved) @ turned) / by - source
+        off = ((matched.centers - moved) @ turned) / by - source
     apart = np.linalg.norm(off, axis=-1)
     diameter = 2 * float(expected.radii.min())
     if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
-        said = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
+        sentence = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
         return Verdict(
-            distance[worst] / 1e3, int(here[worst]), scale, (Finding("another marker", said),), None, NOTHING
+            distance[worst] / 1e3, int(here[worst]), scale, (Finding("another marker", sentence),), None, NOTHING
         )
-    if is_scaled and _resized(own, expected.take(here), factor):
+    if is_scaled and _resized(matched, expected.take(here), factor):
         times = f"{factor:.4f}".rstrip("0")
-        said = f"another marker: its dots are as large as this one's, but {times} times as far apart"
-        findings.append(Finding("another marker", said))
+        sentence = f"another marker: its dots are as large as this one's, but {times} times as far apart"
+        findings.append(Finding("another marker", sentence))
     findings += _off(names, off, apart, tol)
     findings += _absent(ids, labels)
-    findings += _features(names, own, expected.take(here), factor, tol, DIAMETER[pixels])
+    findings += _features(names, matched, expected.take(here), factor, tol, DIAMETER[pixels])
     return Verdict(
-        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, shift), labels.found[here],
+        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, translation), labels.indices[here],
         tuple(names),
     )  # fmt: skip
 
 
 def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: float) -> list[Finding]:
     """Say how the file's frame differs from the marker's, where it moves a dot by more than the tolerance in m."""
-    rotation, shift = motion
-    off = np.linalg.norm(expected.centers @ rotation.T + shift - expected.centers, axis=-1).max()
+    rotation, translation = motion
+    off = np.linalg.norm(expected.centers @ rotation.T + translation - expected.centers, axis=-1).max()
     if not off > 1e3 * tolerance:
         return []
     angle = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
     ways = [f"turned by {angle:.4g} degrees"] if abs(angle) > 1e-5 else []
-    axes = [f"{axis} {value:+.4g} mm" for axis, value in zip("xy", shift, strict=True) if abs(value) > tolerance * 100]
+    axes = [
+        f"{axis} {value:+.4g} mm" for axis, value in zip("xy", translation, strict=True) if abs(value) > tolerance * 100
+    ]
     ways += [f"off by {' and '.join(axes)}"] if axes else []
-    said = f"its frame is not the marker's: the marker is {' and '.join(ways) or 'not in its place'} in it"
-    return [Finding("frame", said)]
+    sentence = f"its frame is not the marker's: the marker is {' and '.join(ways) or 'not in its place'} in it"
+    return [Finding("frame", sentence)]
 
 
 def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: bool) -> list[Finding]:
@@ -156,33 +158,33 @@ def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: b
     slant = float(change[0, 1] / change[1, 1])
     findings = []
     if abs(slant) * half.max() > tolerance:
-        said = f"sheared by {abs(np.degrees(np.arctan(slant))):.3g} degrees: its axes are not at right angles"
-        findings.append(Finding("sheared", said, "undo the skew, or export it again"))
+        sentence = f"sheared by {abs(np.degrees(np.arctan(slant))):.3g} degrees: its axes are not at right angles"
+        findings.append(Finding("sheared", sentence, "undo the skew, or export it again"))
     if max(abs(x - 1), abs(y - 1)) * half.max() > tolerance:
         findings.append(scale_finding(x, y, half, tolerance, pixels))
     return findings
 
 
 def extras(
-    found: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
+    dots: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
 ) -> list[Finding]:
     """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped.
 
     So are those far from a small marker on a large sheet: at the size of its dots, letters are round.
     """
-    left = np.setdiff1d(np.arange(len(found)), used)
+    left = np.setdiff1d(np.arange(len(dots)), used)
     if not len(left) or motion is None:
         return []
-    rotation, shift = motion
-    places = (found.centers[left] - shift) @ rotation
+    rotation, translation = motion
+    places = (dots.centers[left] - translation) @ rotation
     if len(used):
-        own = (found.centers[used] - shift) @ rotation
-        middle = own.mean(axis=0)
-        reach = FAR * (np.linalg.norm(own - middle, axis=-1).max() + 10 * found.radii[used].max())
+        inner = (dots.centers[used] - translation) @ rotation
+        middle = inner.mean(axis=0)
+        reach = FAR * (np.linalg.norm(inner - middle, axis=-1).max() + 10 * dots.radii[used].max())
         close = np.linalg.norm(places - middle, axis=-1) <= reach
         left, places = left[close], places[close]
     if holes is not None and len(holes):
-        places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > found.radii[left] / 2]
+        places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > dots.radii[left] / 2]
     if not len(places):
         return []
     listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])
@@ -213,20 +215,20 @@ def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Ma
     # No consensus: call it scaled if that explains most of the error, and otherwise trust no dot.
     none = np.zeros(len(source), dtype=bool)
     if len(source) >= 4:
-        off, without = (float(np.max(each(source, target, everything, mirror))) for each in (_scaled_off, _rigid_off))
-        if off < without / 4:
+        worst_scaled, worst_rigid = (off(source, target, everything, mirror).max() for off in (_scaled_off, _rigid_off))
+        if worst_scaled < worst_rigid / 4:
             return everything, scales(everything), True
     return none, scales(everything), False
 
 
 def _rigid_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
-    rotation, shift = rigid_motion(source[chosen], target[chosen], mirror)
-    return np.linalg.norm(source @ rotation.T + shift - target, axis=-1)
+    rotation, translation = rigid_motion(source[chosen], target[chosen], mirror)
+    return np.linalg.norm(source @ rotation.T + translation - target, axis=-1)
 
 
 def _scaled_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
-    rotation, by, shift = scaled_motion(source[chosen], target[chosen], mirror)
-    return np.nan_to_num(np.linalg.norm(source * by @ rotation.T + shift - target, axis=-1), nan=np.inf)
+    rotation, by, translation = scaled_motion(source[chosen], target[chosen], mirror)
+    return np.nan_to_num(np.linalg.norm(source * by @ rotation.T + translation - target, axis=-1), nan=np.inf)
 
 
 def _subsets(m: int, size: int) -> list[tuple[int, ...]]:
@@ -242,12 +244,12 @@ def _consensus(source: Array, target: Array, mirror: bool, tol: float, size: int
         chosen = np.zeros(len(source), dtype=bool)
         chosen[list(subset)] = True
         # A small subset predicts the other dots less accurately than the full consensus.
-        near = off(source, target, chosen, mirror) <= 3 * tol
-        if near.sum() <= max(best.sum(), size):
+        agreed = off(source, target, chosen, mirror) <= 3 * tol
+        if agreed.sum() <= max(best.sum(), size):
             continue
-        near = off(source, target, near, mirror) <= tol
-        if near.sum() > best.sum():
-            best = near
+        agreed = off(source, target, agreed, mirror) <= tol
+        if agreed.sum() > best.sum():
+            best = agreed
         if best.all():
             break
     return best
@@ -261,47 +263,47 @@ def _scaled_consensus(source: Array, target: Array, mirror: bool, tol: float) ->
     return _consensus(source, target, mirror, tol, 3, _scaled_off)
 
 
-def _resized(own: DotSet, expected: DotSet, factor: float) -> bool:
+def _resized(dots: DotSet, expected: DotSet, factor: float) -> bool:
     """True if the dots keep their size while the distances between them are scaled."""
-    known = np.isfinite(own.radii) & (expected.radii > 0)
-    if not known.any():
+    sized = np.isfinite(dots.radii) & (expected.radii > 0)
+    if not sized.any():
         return False
-    grown = float(np.median(own.radii[known] / expected.radii[known]))
+    grown = float(np.median(dots.radii[sized] / expected.radii[sized]))
     return abs(np.log(factor)) > 0.002 and abs(np.log(grown)) < abs(np.log(factor)) / 4
 
 
 def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding]:
     wrong = [k for k in np.argsort(-apart, kind="stable") if apart[k] > tol]
-    said = [
+    sentences = [
         f"dot {names[k]} is {short_length(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
         for k in wrong[:MOST_LISTED]
     ]
     if len(wrong) > MOST_LISTED:
-        said.append(f"{len(wrong) - MOST_LISTED} more dots are off by less")
-    return [Finding("shifted", each, AGAIN) for each in said]
+        sentences.append(f"{len(wrong) - MOST_LISTED} more dots are off by less")
+    return [Finding("shifted", sentence, AGAIN) for sentence in sentences]
 
 
 def _absent(ids: list[int], labels: Match) -> list[Finding]:
-    missing = [ids[k] for k in np.flatnonzero(labels.found < 0)]
+    missing = [ids[k] for k in np.flatnonzero(labels.indices < 0)]
     if not missing:
         return []
     return [Finding("missing", f"{listed_ids(missing)} missing", AGAIN)]
 
 
 def _features(
-    names: list[int], own: DotSet, expected: DotSet, factor: float, tol: float, share: float
+    names: list[int], dots: DotSet, expected: DotSet, factor: float, tol: float, share: float
 ) -> list[Finding]:
     """Findings about diameters, kinds, heights, and off-center circles of a dot."""
     findings = []
-    known = np.isfinite(own.radii)
-    for k in np.flatnonzero(known & (own.rings != expected.rings))[:MOST_LISTED]:
-        is_, not_ = ("a ring", "a dot") if own.rings[k] else ("a dot", "a ring")
+    sized = np.isfinite(dots.radii)
+    for k in np.flatnonzero(sized & (dots.rings != expected.rings))[:MOST_LISTED]:
+        is_, not_ = ("a ring", "a dot") if dots.rings[k] else ("a dot", "a ring")
         findings.append(Finding("kind", f"dot {names[k]} is {is_}, not {not_}"))
     for what, have, want in (
-        ("a diameter", own.radii, expected.radii),
-        ("an inner diameter", own.inner, expected.inner),
+        ("a diameter", dots.radii, expected.radii),
+        ("an inner diameter", dots.inner, expected.inner),
     ):
-        both = known & (have > 0) & (want > 0)
+        both = sized & (have > 0) & (want > 0)
         wrong = np.flatnonzero(both & (np.abs(have - factor * want) > share * tol / 2))
         if len(wrong) == len(names) > 1:
             sizes = (
@@ -315,13 +317,13 @@ def _features(
             )
             continue
         for k in wrong[:MOST_LISTED]:
-            said = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
-            findings.append(Finding("diameter", said))
-    for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
-        findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(own.spread[k])} apart"))
-    if own.heights is not None and expected.heights is not None:
+            sentence = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
+            findings.append(Finding("diameter", sentence))
+    for k in np.flatnonzero(sized & (dots.spread > tol))[:MOST_LISTED]:
+        findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(dots.spread[k])} apart"))
+    if dots.heights is not None and expected.heights is not None:
         # In every format with heights they are measured from the marker's plane.
-        rise = own.heights / factor - expected.heights
+        rise = dots.heights / factor - expected.heights
         wrong = np.flatnonzero(np.abs(rise) > tol)
         together = len(wrong) == len(names) > 1 and np.ptp(rise) <= 2 * tol
         for k in wrong[: 1 if together else MOST_LISTED]:

@@ -51,8 +51,8 @@ THIN = 0.05
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
-TOLD_ON = "INFO"
-"""Layer of a DXF of what is only told."""
+INFO_ON = "INFO"
+"""Layer of a DXF of what is drawn for information only."""
 
 STILL_TRUE = {"shifted", "missing", "diameter", "kind", "twice", "tag"}
 """Kinds of findings that leave the rest of the page comparable."""
@@ -62,7 +62,7 @@ def flat_findings(
     marker: Marker,
     factor: tuple[float, float],
     page: Page,
-    found: DotSet,
+    dots: DotSet,
     verdicts: Sequence[Verdict],
     tolerance: float,
 ) -> tuple[list[Verdict], list[Finding], list[str]]:
@@ -72,7 +72,7 @@ def flat_findings(
     ----------
     factor : (x, y)
         Ratio of drawn to true lengths.
-    found : DotSet
+    dots : DotSet
         All dots of the page, mm.
     tolerance : float
         m.
@@ -85,29 +85,29 @@ def flat_findings(
         with suppress(InputError):
             kinds.append(plate_lines(marker))
     for verdict in verdicts:
-        if verdict.motion is None or not {each.kind for each in verdict.findings} <= STILL_TRUE:
+        if verdict.motion is None or not {finding.kind for finding in verdict.findings} <= STILL_TRUE:
             judged.append(verdict)
             continue
-        said = _on_layers(page, found.take(verdict.used), verdict.names)
+        flaws = _on_layers(page, dots.take(verdict.used), verdict.names)
         lines, wanted = _lines(kinds, page, verdict.motion, expected_dots(marker), factor, tol)
-        said += lines
+        flaws += lines
         if page.picture is not None:
             around = _around(marker, wanted, verdict.motion, factor, tol + 1.5 * page.picture.grain)
-            others = np.delete(np.arange(len(found)), verdict.used)
-            crowd = np.column_stack([found.centers[others], found.radii[others]])
-            shown, remarks = shown_findings(
-                found.take(verdict.used), verdict.names, page.picture, verdict.motion, tol,
+            others = np.delete(np.arange(len(dots)), verdict.used)
+            crowd = np.column_stack([dots.centers[others], dots.radii[others]])
+            appearance, remarks = shown_findings(
+                dots.take(verdict.used), verdict.names, page.picture, verdict.motion, tol,
                 np.concatenate([around, crowd]),
             )  # fmt: skip
-            said += shown
+            flaws += appearance
             notes.update(dict.fromkeys(remarks))
-        said += _unread(page, marker, verdict.motion, factor)
-        misplaced = any(each.kind == "layer" for each in said)
+        flaws += _unread(page, marker, verdict.motion, factor)
+        misplaced = any(finding.kind == "layer" for finding in flaws)
         if page.cut is not None and page.lines is not None and not misplaced:
-            own = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
-            strange = own if strange is None else strange & own
+            stray = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
+            strange = stray if strange is None else strange & stray
         seen = verdict if page.picture is None else _explained(verdict, marker, page.picture)
-        judged.append(replace(verdict, findings=(*seen.findings, *said)))
+        judged.append(replace(verdict, findings=(*seen.findings, *flaws)))
     extra = []
     if strange is not None and strange.any() and page.lines is not None:
         x, y = page.lines[page.cut][strange].mean(axis=1)[0]
@@ -123,10 +123,13 @@ def _explained(verdict: Verdict, marker: Marker, picture: PagePicture) -> Verdic
     if not absent or verdict.motion is None:
         return verdict
     seen = damaged_findings(expected_dots(marker), absent, picture, verdict.motion)
-    kept = [each for each in verdict.findings if each.kind != "missing"]
+    kept = [finding for finding in verdict.findings if finding.kind != "missing"]
     left = [ids[k] for k in absent if k not in seen]
     missing = [Finding("missing", f"{listed_ids(left)} missing", AGAIN)] if left else []
-    named = [replace(each, sentence=each.sentence.replace(f"dot {k} ", f"dot {ids[k]} ")) for k, each in seen.items()]
+    named = [
+        replace(finding, sentence=finding.sentence.replace(f"dot {k} ", f"dot {ids[k]} "))
+        for k, finding in seen.items()
+    ]
     return replace(verdict, findings=(*kept, *missing, *named))
 
 
@@ -147,16 +150,16 @@ def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
     return findings
 
 
-def only_told(page: Page, dots: DotSet) -> NDArray[np.intp]:
+def informative(page: Page, dots: DotSet) -> NDArray[np.intp]:
     """Indices of dots that are only drawn where nothing is made, such as keep-outs of their size."""
-    told = [k for k in range(len(dots)) if _layers_of(page, dots, k) == {TOLD_ON}] if TOLD_ON in page.layers else []
-    return np.array(told, dtype=np.intp)
+    indices = [k for k in range(len(dots)) if _layers_of(page, dots, k) == {INFO_ON}] if INFO_ON in page.layers else []
+    return np.array(indices, dtype=np.intp)
 
 
 def _layers_of(page: Page, dots: DotSet, k: int) -> set[str]:
-    near = np.linalg.norm(page.circles[:, :2] - dots.centers[k], axis=1) < CONCENTRIC * dots.radii[k]
+    is_here = np.linalg.norm(page.circles[:, :2] - dots.centers[k], axis=1) < CONCENTRIC * dots.radii[k]
     size = np.abs(page.circles[:, 2] / dots.radii[k] - 1) < 0.05
-    return {page.layers[index] for index in np.flatnonzero(near & size)}
+    return {page.layers[index] for index in np.flatnonzero(is_here & size)}
 
 
 def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tuple[float, float]) -> list[Finding]:
@@ -169,15 +172,15 @@ def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tup
         bounded = np.isfinite(corners).all()
         low, high = corners.min(axis=0), corners.max(axis=0)
         away = np.linalg.norm(places - np.clip(places, low, high), axis=1)
-        near = ids[~(away >= 2 * expected.radii)].tolist() if bounded else []
+        crossed = ids[~(away >= 2 * expected.radii)].tolist() if bounded else []
         square = _to_page(1e3 * tag.corners[:, :2], motion, factor) if tag else np.zeros((0, 2))
         over = bounded and len(square) and (square.min(axis=0) <= high).all() and (square.max(axis=0) >= low).all()
-        if bounded and not near and not over:
+        if bounded and not crossed and not over:
             continue
-        dots = f"dot{'s' * (len(near) > 1)} {', '.join(map(str, near[:MOST_LISTED]))}" if near else ""
+        dots = f"dot{'s' * (len(crossed) > 1)} {', '.join(map(str, crossed[:MOST_LISTED]))}" if crossed else ""
         covered = " and ".join(part for part in (dots, "the tag" if over else "") if part) or "the marker"
         remedy = "convert it to paths, or move it away" if name.startswith("the text") else "move it away"
-        remedy = f"explode it, or move it to the layer {TOLD_ON}" if page.layers else remedy
+        remedy = f"explode it, or move it to the layer {INFO_ON}" if page.layers else remedy
         findings.append(Finding("covered", f"{name} is not read, and may cover {covered}", remedy))
     return findings
 
@@ -199,8 +202,8 @@ def _lines(
         points = np.concatenate([sampled(line.contour)[0][::4] for line in kinds[0]])
         places = _to_page(points[~free(points)], motion, factor)
         if len(places) and np.isnan(page.picture.sample(places)).mean() > 0.01:
-            said = "the outline reaches beyond the visible page: the page is cropped"
-            return [Finding("hidden", said, "print or save the whole page")], kinds[0]
+            sentence = "the outline reaches beyond the visible page: the page is cropped"
+            return [Finding("hidden", sentence, "print or save the whole page")], kinds[0]
     if page.lines is not None:
         lines = page.lines if page.cut is None else page.lines[page.cut]
         seek = among(_to_marker(lines, motion, factor))
@@ -218,8 +221,8 @@ def _lines(
     findings, wanted = min(results, key=lambda result: len(result[0]))
     seen = page.picture if page.lines is not None and not findings else None
     if seen is not None and len(places) and lines_hidden(places, seen):
-        said = "the lines to cut do not show: their layer is switched off, or they are covered"
-        findings = [Finding("hidden", said, "switch the layer cut on")]
+        sentence = "the lines to cut do not show: their layer is switched off, or they are covered"
+        findings = [Finding("hidden", sentence, "switch the layer cut on")]
     return findings, wanted
 
 
@@ -228,7 +231,7 @@ def _around(
 ) -> Array:
     """Circles (m, 3) on the page that cover the tag and all lines to cut, which may be in quiet zones."""
     points = [sampled(line.contour)[0] for line in wanted]
-    disks = [np.column_stack([each, np.full(len(each), 1.0 + spare)]) for each in points]
+    disks = [np.column_stack([line_points, np.full(len(line_points), 1.0 + spare)]) for line_points in points]
     if marker.tag is not None:
         grid = (np.stack(np.meshgrid(np.arange(9), np.arange(9)), axis=-1).reshape(-1, 2) - 4) / 8
         cells = 1e3 * (marker.tag.side * grid + marker.tag.center)
@@ -304,7 +307,7 @@ def shown_findings(
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
     inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
     on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)
-    ink, paper = (picture.sample(each.reshape(-1, 2)).reshape(len(dots), -1) for each in (on, off))
+    ink, paper = (picture.sample(sites.reshape(-1, 2)).reshape(len(dots), -1) for sites in (on, off))
     hidden = np.isnan(ink).mean(axis=1) > COVERED
     findings = _cut_off([name for name, is_ in zip(names, hidden, strict=True) if is_])
     # There may be a fine cross in the middle of the marker.
@@ -312,26 +315,26 @@ def shown_findings(
     crowd = np.concatenate([np.column_stack([dots.centers, dots.radii + edge]), around])
     for k in range(len(dots)):
         others = np.delete(crowd, k, axis=0)
-        near = others[np.linalg.norm(others[:, :2] - dots.centers[k], axis=1) < 2 * dots.radii[k] + others[:, 2]]
-        away = np.linalg.norm(off[k][:, None] - near[:, :2], axis=2) - near[:, 2]
+        nearby = others[np.linalg.norm(others[:, :2] - dots.centers[k], axis=1) < 2 * dots.radii[k] + others[:, 2]]
+        away = np.linalg.norm(off[k][:, None] - nearby[:, :2], axis=2) - nearby[:, 2]
         paper[k, (away < 0).any(axis=1)] = np.nan
-    shown = np.flatnonzero(~hidden)
-    if not len(shown):
+    visible = np.flatnonzero(~hidden)
+    if not len(visible):
         return findings, []
-    ground = np.array([_median(row) for row in paper[shown]])
+    ground = np.array([_median(row) for row in paper[visible]])
     # A dot in a crowd takes the paper of the others.
     ground = np.where(np.isfinite(ground), ground, _median(np.append(ground, picture.paper)))
-    level = np.array([_level(row, paper) for row, paper in zip(ink[shown], ground, strict=True)])
-    said, notes, good = _contrasts(ground - level, [names[k] for k in shown.tolist()], picture)
-    findings += said
+    level = np.array([_level(row, paper) for row, paper in zip(ink[visible], ground, strict=True)])
+    contrast_findings, notes, good = _contrasts(ground - level, [names[k] for k in visible.tolist()], picture)
+    findings += contrast_findings
     for place in np.flatnonzero(good):
-        k, levels = int(shown[place]), (float(level[place]), float(ground[place]))
+        k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
         if not picture.whole:
             continue
         stroked = [] if picture.measured else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
         most = STROKE if stroked else COVERED
         more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
-        findings += more if any(each.kind == "covered" for each in more) else stroked or more
+        findings += more if any(finding.kind == "covered" for finding in more) else stroked or more
     return findings[: 2 * MOST_LISTED], notes
 
 
@@ -357,8 +360,8 @@ def _level(ink: Array, ground: float) -> float:
 def _cut_off(names: list[int]) -> list[Finding]:
     if not names:
         return []
-    said = f"{listed_ids(names)} outside the visible page: the page is cropped"
-    return [Finding("hidden", said, PRINT_ALL)]
+    sentence = f"{listed_ids(names)} outside the visible page: the page is cropped"
+    return [Finding("hidden", sentence, PRINT_ALL)]
 
 
 def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:
@@ -367,20 +370,20 @@ def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple
     unseen = strength < UNSEEN
     lost = [name for name, gone in zip(names, unseen, strict=True) if gone]
     if unseen.all() and len(lost) > 1:
-        said = "no dot shows: their layer is switched off, or they are white or covered"
-        return [Finding("hidden", said, "switch the layer dots on")], [], ~unseen
+        sentence = "no dot shows: their layer is switched off, or they are white or covered"
+        return [Finding("hidden", sentence, "switch the layer dots on")], [], ~unseen
     findings = []
     if lost:
-        said = f"{listed_ids(lost)} invisible: white, covered, or on a layer that is switched off"
-        findings.append(Finding("pale", said, "make it black, and remove what covers it"))
+        sentence = f"{listed_ids(lost)} invisible: white, covered, or on a layer that is switched off"
+        findings.append(Finding("pale", sentence, "make it black, and remove what covers it"))
     usual = float(np.median(strength[~unseen])) if (~unseen).any() else 0.0
     pale = ~unseen & (strength < ALIKE * strength.max())
     for name, share in zip(np.array(names)[pale], strength[pale] / strength.max(), strict=True):
-        said = f"dot {name} is grey: {100 * share:.0f} % as dark as the darkest dot"
-        findings.append(Finding("pale", said, "give all dots the same ink"))
+        sentence = f"dot {name} is grey: {100 * share:.0f} % as dark as the darkest dot"
+        findings.append(Finding("pale", sentence, "give all dots the same ink"))
     if usual < LEAST_CONTRAST and (~unseen).any():
-        said = f"all dots are pale: {usual:.0f} of 255 grey levels from their ground"
-        findings.append(Finding("pale", said, f"use at least {LEAST_CONTRAST}"))
+        sentence = f"all dots are pale: {usual:.0f} of 255 grey levels from their ground"
+        findings.append(Finding("pale", sentence, f"use at least {LEAST_CONTRAST}"))
     light = ~unseen & (contrast < 0)
     notes = []
     if light.sum() == (~unseen).sum() > 0:
@@ -391,8 +394,8 @@ def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple
             remedy = "invert it back, or export it with --colors inverted if light dots are meant"
             findings.append(Finding("inverted", "light and dark are swapped: even the paper is dark", remedy))
     elif light.any():
-        said = f"{listed_ids([name for name, is_ in zip(names, light, strict=True) if is_])} light on a dark ground"
-        findings.append(Finding("inverted", f"{said}, unlike the others", "export it again"))
+        sentence = f"{listed_ids([name for name, is_ in zip(names, light, strict=True) if is_])} light on a dark ground"
+        findings.append(Finding("inverted", f"{sentence}, unlike the others", "export it again"))
     return findings, notes, ~unseen & ~light if not light.all() else ~unseen
 
 
@@ -406,13 +409,13 @@ def _covers(
     seen = ink[np.isfinite(ink)]
     share = float((np.abs(seen - level) > step).mean()) if len(seen) else 0.0
     if share > most:
-        said = f"{100 * share:.0f} % of dot {name} is covered"
-        findings.append(Finding("covered", said, "remove what is drawn over it"))
+        sentence = f"{100 * share:.0f} % of dot {name} is covered"
+        findings.append(Finding("covered", sentence, "remove what is drawn over it"))
     inked = np.abs(np.nan_to_num(paper - ground)) > step
     if inked.mean() > INKED:
         x, y = places[inked].mean(axis=0)
-        said = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
-        findings.append(Finding("quiet", said, "keep a ring half a diameter wide around each dot free"))
+        sentence = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
+        findings.append(Finding("quiet", sentence, "keep a ring half a diameter wide around each dot free"))
     return findings
 
 
@@ -430,7 +433,7 @@ def damaged_findings(
     """
     places = expected.centers @ motion[0].T + motion[1]
     on, off = (_spread(places, low * expected.radii, high * expected.radii) for low, high in ((0.6, 0.95), (1.1, 1.6)))
-    ink, paper = (picture.sample(each.reshape(-1, 2)).reshape(len(places), -1) for each in (on, off))
+    ink, paper = (picture.sample(sites.reshape(-1, 2)).reshape(len(places), -1) for sites in (on, off))
     ground = np.array([_median(row) for row in paper])
     contrast = np.abs(ground - [_level(row, level) for row, level in zip(ink, ground, strict=True)])
     findings = {}
@@ -440,20 +443,20 @@ def damaged_findings(
             findings[k] = _cut_off([k])[0]
         if not share > 1 - ALIKE:
             continue
-        said = f"{100 * contrast[k] / np.nanmax(contrast):.0f} % as dark as the darkest dot"
+        sentence = f"{100 * contrast[k] / np.nanmax(contrast):.0f} % as dark as the darkest dot"
         if share < ALIKE:
-            said = f"{100 * (1 - share):.0f} % of dot {k} is covered"
-            findings[k] = Finding("covered", said, "remove what is drawn over it")
+            sentence = f"{100 * (1 - share):.0f} % of dot {k} is covered"
+            findings[k] = Finding("covered", sentence, "remove what is drawn over it")
         elif contrast[k] < ALIKE * np.nanmax(contrast):
-            findings[k] = Finding("pale", f"dot {k} is grey: {said}", "give all dots the same ink")
+            findings[k] = Finding("pale", f"dot {k} is grey: {sentence}", "give all dots the same ink")
     return findings
 
 
-def lines_hidden(found: Array, picture: PagePicture) -> bool:
+def lines_hidden(points: Array, picture: PagePicture) -> bool:
     """Tell whether most of points (m, 2) on thin lines do not show."""
     reach = np.linspace(-LINE, LINE, 9)
     cross = np.concatenate([np.stack([reach, 0 * reach], axis=-1), np.stack([0 * reach, reach], axis=-1)])
-    seen = picture.sample((found[:, None] + cross).reshape(-1, 2)).reshape(len(found), -1)
+    seen = picture.sample((points[:, None] + cross).reshape(-1, 2)).reshape(len(points), -1)
     seen = seen[np.isfinite(seen).all(axis=1)]
     return bool(len(seen) and (np.ptp(seen, axis=1) < FAINTEST).mean() > 0.5)
 
@@ -467,14 +470,14 @@ def _edges(
     if width < 3 * picture.grain:
         return []
     angle = 2 * np.pi * (np.arange(RAYS) + 0.5) / RAYS
-    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     # Each ray starts a little farther out, so that together they resolve a fraction of a step.
     steps = (np.arange(64)[None] + (np.arange(RAYS) / RAYS)[:, None]) / 64 * 2 * width - width
-    seen = picture.sample((center + (radius + steps)[..., None] * turn[:, None]).reshape(-1, 2)).reshape(RAYS, -1)
+    seen = picture.sample((center + (radius + steps)[..., None] * directions[:, None]).reshape(-1, 2)).reshape(RAYS, -1)
     level, ground = levels
     share = np.clip((seen - ground) / (level - ground), 0, 1)
-    shown = radius - width + 2 * width * float(np.nanmedian(np.nanmean(share, axis=1)))
-    if abs(shown - radius) <= max(tolerance, 0.12 * picture.grain):
+    edge_radius = radius - width + 2 * width * float(np.nanmedian(np.nanmean(share, axis=1)))
+    if abs(edge_radius - radius) <= max(tolerance, 0.12 * picture.grain):
         return []
-    said = f"dot {name} shows with a diameter of {2 * shown:.4g} mm, not {2 * radius:.6g} mm"
-    return [Finding("diameter", f"{said}: it has a stroke", "remove the stroke")]
+    sentence = f"dot {name} shows with a diameter of {2 * edge_radius:.4g} mm, not {2 * radius:.6g} mm"
+    return [Finding("diameter", f"{sentence}: it has a stroke", "remove the stroke")]

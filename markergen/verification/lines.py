@@ -53,9 +53,8 @@ class CutLine:
 
 def sheet_lines(marker: Marker) -> list[CutLine]:
     """Lines to cut out of a printed sheet: the boundary and all holes."""
-    outer = [placed(each, 1e3, digits=9) for each in marker.boundary.contours() if area(each) > 0]
-    holes = [CutLine(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
-    return [*_outlines(outer), *holes]
+    outer = [placed(contour, 1e3, digits=9) for contour in marker.boundary.contours() if area(contour) > 0]
+    return [*_outlines(outer), *map(_line_of, openings(marker))]
 
 
 def plate_lines(marker: Marker) -> list[CutLine]:
@@ -66,22 +65,18 @@ def plate_lines(marker: Marker) -> list[CutLine]:
     InputError
         If the plate cannot be made.
     """
-    contours = [each for outline in plate_of(marker).outlines for each in outline]
-    holes = [
-        CutLine(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole
-    ]
-    for inner in (each for each in contours if area(each) < 0):
+    contours = [contour for outline in plate_of(marker).outlines for contour in outline]
+    holes = [_line_of(opening) for opening in openings(marker) if opening.hole]
+    for inner in (contour for contour in contours if area(contour) < 0):
         holes.append(CutLine(str(Opening(placed(backward(inner), 1e-3))), inner, hole=True))
-    return [*_outlines([each for each in contours if area(each) > 0]), *holes]
+    return [*_outlines([contour for contour in contours if area(contour) > 0]), *holes]
 
 
-def _called(opening: Opening) -> str:
-    hole = opening.hole
-    return (
-        f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
-        if hole
-        else str(opening)
-    )
+def _line_of(opening: Opening) -> CutLine:
+    name, hole = str(opening), opening.hole
+    if hole:
+        name = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+    return CutLine(name, placed(opening.contour, 1e3, digits=9), hole=True)
 
 
 def _outlines(contours: Sequence[Contour]) -> list[CutLine]:
@@ -102,8 +97,8 @@ def _short(value: float) -> str:
 def pieces_of(contours: Sequence[Contour]) -> Array:
     """Straight pieces (k, 2, 2) of closed contours, within `EXACT` of them."""
     rings = [np.array(flattened(contour, EXACT)) for contour in contours]
-    found = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
-    return np.concatenate(found) if found else np.zeros((0, 2, 2))
+    pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
+    return np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))
 
 
 def among(segments: Array) -> Seek:
@@ -121,8 +116,8 @@ def among(segments: Array) -> Seek:
 
     def seek(points: Array, normals: Array) -> Array:
         del normals
-        near = of[tree.query(points, k=min(CANDIDATES, len(of)))[1].reshape(len(points), -1)]
-        start, way = segments[near, 0], along[near]
+        candidates = of[tree.query(points, k=min(CANDIDATES, len(of)))[1].reshape(len(points), -1)]
+        start, way = segments[candidates, 0], along[candidates]
         square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
         place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
         feet = start + place[..., None] * way
@@ -142,8 +137,8 @@ def in_picture(sample: Callable[[Array], Array], grain: float) -> Seek:
         ink = np.abs(np.nan_to_num(np.nanmedian(seen, axis=1, keepdims=True) - seen))
         strength = ink.max(axis=1)
         # The nearest line, as there may be others beside it, and of its pixels the darkest.
-        near = np.argmin(np.where(ink >= strength[:, None] / 2, np.abs(steps), np.inf), axis=1)
-        peak = np.argmax(np.where(np.abs(steps - steps[near, None]) <= 2 * grain, ink, -1.0), axis=1)
+        nearest = np.argmin(np.where(ink >= strength[:, None] / 2, np.abs(steps), np.inf), axis=1)
+        peak = np.argmax(np.where(np.abs(steps - steps[nearest, None]) <= 2 * grain, ink, -1.0), axis=1)
         # The centroid of the peak alone: ticks and digits may be near.
         ink[np.abs(steps - steps[peak, None]) > 2 * grain] = 0.0
         off = ink @ steps / np.maximum(ink.sum(axis=1), 1e-9)
@@ -178,8 +173,10 @@ def line_findings(
     """
     findings = []
     for line in wanted:
-        said = _compared(line, seek, tolerance, free, outliers)
-        findings += [Finding("hole" if line.hole else "outline", f"{line.name} {each}", DRAW_AGAIN) for each in said]
+        sentences = _compared(line, seek, tolerance, free, outliers)
+        findings += [
+            Finding("hole" if line.hole else "outline", f"{line.name} {sentence}", DRAW_AGAIN) for sentence in sentences
+        ]
     if len(findings) > MOST_LISTED:
         rest = len(findings) - MOST_LISTED
         findings = [*findings[:MOST_LISTED], Finding("outline", f"{rest} more lines are wrong", DRAW_AGAIN)]
@@ -197,27 +194,27 @@ def _compared(
         return []
     left, bottom, right, top = box(line.contour)
     reach = float(np.clip(min(right - left, top - bottom) / 4, NEAREST, FARTHEST))
-    found = seek(points, normals)
-    away = np.nan_to_num(np.linalg.norm(found - points, axis=1), nan=np.inf)
+    feet = seek(points, normals)
+    away = np.nan_to_num(np.linalg.norm(feet - points, axis=1), nan=np.inf)
     there = away <= reach
     if there.mean() < 0.5:
         # A drawing without any line there, or with one that has nothing to do with this.
         return ["is missing"]
-    said = []
+    sentences = []
     if (~there).mean() > GAP + outliers:
         x, y = points[~there][np.argmax(away[~there])]
-        said.append(f"is not complete: nothing at x {_short(x)}, y {_short(y)} mm")
+        sentences.append(f"is not complete: nothing at x {_short(x)}, y {_short(y)} mm")
     there &= away <= np.quantile(away[there], 1 - outliers)
-    points, found, away = points[there], found[there], away[there]
+    points, feet, away = points[there], feet[there], away[there]
     if away.max() <= tolerance:
-        return said
+        return sentences
     whole = line.contour.as_circle
-    return [*said, *(_of_circle(whole, found, tolerance) if whole else _of_shape(line.contour, points, found, away))]
+    return [*sentences, *(_of_circle(whole, feet, tolerance) if whole else _of_shape(line.contour, points, feet, away))]
 
 
-def _of_circle(whole: tuple[float, float, float], found: Array, tolerance: float) -> list[str]:
+def _of_circle(whole: tuple[float, float, float], feet: Array, tolerance: float) -> list[str]:
     x, y, radius = whole
-    offset = found - [x, y]
+    offset = feet - [x, y]
     rows = np.column_stack([2 * offset, np.ones(len(offset))])
     (a, b, c), *_ = np.linalg.lstsq(rows, np.sum(offset**2, axis=1), rcond=None)
     fitted = float(np.sqrt(max(c + a * a + b * b, 0.0)))
@@ -226,17 +223,17 @@ def _of_circle(whole: tuple[float, float, float], found: Array, tolerance: float
     if rough > tolerance:
         worst = float(np.abs(np.hypot(*offset.T) - radius).max())
         return [f"is not round: its sides are up to {short_length(worst)} off the circle of {2 * radius:.6g} mm"]
-    said = []
+    sentences = []
     if apart > tolerance:
-        said.append(f"is {short_length(apart)} off (x {a:+.4g} mm, y {b:+.4g} mm)")
-    if abs(fitted - radius) > tolerance or not said:
-        said.append(f"has a diameter of {2 * fitted:.6g} mm, not {2 * radius:.6g} mm")
-    return said
+        sentences.append(f"is {short_length(apart)} off (x {a:+.4g} mm, y {b:+.4g} mm)")
+    if abs(fitted - radius) > tolerance or not sentences:
+        sentences.append(f"has a diameter of {2 * fitted:.6g} mm, not {2 * radius:.6g} mm")
+    return sentences
 
 
-def _of_shape(contour: Contour, points: Array, found: Array, away: Array) -> list[str]:
+def _of_shape(contour: Contour, points: Array, feet: Array, away: Array) -> list[str]:
     left, bottom, right, top = box(contour)
-    (x0, y0), (x1, y1) = found.min(axis=0), found.max(axis=0)
+    (x0, y0), (x1, y1) = feet.min(axis=0), feet.max(axis=0)
     worst = int(np.argmax(away))
     place = f"at x {_short(points[worst, 0])}, y {_short(points[worst, 1])} mm"
     width, height = right - left, top - bottom

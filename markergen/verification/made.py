@@ -103,21 +103,21 @@ def solid_findings(
 def seats_of(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: float) -> list[Seat]:
     """How each dot is made, as seen from above."""
     angle = np.pi * (np.arange(8) + 0.25) / 4
-    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    places = dots.centers[:, None] + ((dots.radii + dots.inner) / 2)[:, None, None] * turn
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    places = dots.centers[:, None] + ((dots.radii + dots.inner) / 2)[:, None, None] * directions
     part, z, colors = surface.look(places.reshape(-1, 2))
     seats = []
     heights = dots.heights if dots.heights is not None else np.zeros(len(dots))
     for k, name in enumerate(names):
-        own, over = part[8 * k : 8 * k + 8], z[8 * k : 8 * k + 8]
-        main = int(Counter(own.tolist()).most_common(1)[0][0])
+        seen_parts, over = part[8 * k : 8 * k + 8], z[8 * k : 8 * k + 8]
+        main = int(Counter(seen_parts.tolist()).most_common(1)[0][0])
         seen = surface.parts[main] if main >= 0 else None
         x, y = dots.centers[k].tolist()
-        height, color = float(heights[k]), colors[8 * k + int(np.flatnonzero(own == main)[0])]
+        height, color = float(heights[k]), colors[8 * k + int(np.flatnonzero(seen_parts == main)[0])]
         if seen is None:
             seats.append(Seat(name, main, "open", -np.inf, height, False, None))
             continue
-        level = float(np.median(over[own == main]))
+        level = float(np.median(over[seen_parts == main]))
         if seen.balls:
             seats.append(Seat(name, main, "ball", seen.low[2], height, False, color))
             continue
@@ -149,29 +149,29 @@ def _round(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: fl
         if rough > tolerance and (about := edge.as_circle)
     ]
     table = np.array(edges, dtype=float).reshape(-1, 5)
-    found = []
+    findings = []
     for k, name in enumerate(names):
         away = np.linalg.norm(table[:, :2] - dots.centers[k], axis=-1)
         size = np.abs(table[:, 2:3] - [dots.radii[k], dots.inner[k]]).min(axis=-1)
         level = np.abs(table[:, 3] - (dots.heights[k] if dots.heights is not None else 0.0)) < max(tolerance, FLUSH)
-        own = (away < tolerance) & (size < tolerance) & level
-        if own.any():
-            off = short_length(float(table[own, 4].max()))
-            found.append(
+        is_rim = (away < tolerance) & (size < tolerance) & level
+        if is_rim.any():
+            off = short_length(float(table[is_rim, 4].max()))
+            findings.append(
                 Finding("diameter", f"dot {name} is not round: its sides are up to {off} off its circle", FINER)
             )
     return _few(
-        found,
+        findings,
         f"all dots are polygons, up to {short_length(float(table[:, 4].max(initial=0.0)))} off a circle",
         len(names),
     )
 
 
-def _few(found: list[Finding], together: str, count: int) -> list[Finding]:
+def _few(findings: list[Finding], together: str, count: int) -> list[Finding]:
     """The findings, or one in their place if they are about all dots."""
-    if len(found) == count > 1:
-        return [Finding(found[0].kind, together, found[0].remedy)]
-    return found[:MOST_LISTED]
+    if len(findings) == count > 1:
+        return [Finding(findings[0].kind, together, findings[0].remedy)]
+    return findings[:MOST_LISTED]
 
 
 def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float) -> list[Finding]:
@@ -195,8 +195,10 @@ def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float)
             )
     for kind in ("part", "floor"):
         for ring in (False, True):
-            some = [seat for seat, each in zip(seats, dots.rings, strict=True) if seat.kind == kind and each == ring]
-            findings += _thinner(some, tolerance)
+            alike = [
+                seat for seat, is_ring in zip(seats, dots.rings, strict=True) if seat.kind == kind and is_ring == ring
+            ]
+            findings += _thinner(alike, tolerance)
     return findings[:MOST_LISTED]
 
 
@@ -208,8 +210,8 @@ def _tag_inlays(marker: Marker, surface: Surface, motion: Motion, seats: list[Se
         return []
     row, column = np.nonzero(tag.ink)
     cells = np.stack([(column + 0.5) / tag.cells - 0.5, 0.5 - (row + 0.5) / tag.cells], axis=-1)
-    rotation, shift = motion
-    seen, heights, _ = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + shift)
+    rotation, translation = motion
+    seen, heights, _ = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + translation)
     if (seen != plate_of(surface)).any() or (heights > face.z - FLUSH).any():
         return []
     return [Finding("tag", "the tag has no inlays: its pockets are empty", WHOLE)]
@@ -249,13 +251,13 @@ def color_findings(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Fi
     plate = surface.parts[plate_of(surface)].color
     if plate is None or surface.loose or not seats:
         return []
-    known = [(seat, _darker(seat.color, plate)) for seat in seats if seat.color is not None]
-    lighter = [seat.name for seat, by in known if by < -CONTRAST]
-    if lighter and len(lighter) == len(known):
-        said = "light and dark are swapped: the dots are lighter than the plate"
-        return [Finding("inverted", said, "swap the two materials, or export it again")]
+    contrasts = [(seat, _darker(seat.color, plate)) for seat in seats if seat.color is not None]
+    lighter = [seat.name for seat, by in contrasts if by < -CONTRAST]
+    if lighter and len(lighter) == len(contrasts):
+        sentence = "light and dark are swapped: the dots are lighter than the plate"
+        return [Finding("inverted", sentence, "swap the two materials, or export it again")]
     findings = [Finding("inverted", f"dot {name} is lighter than the plate", AGAIN) for name in lighter]
-    same = [seat.name for seat, by in known if abs(by) <= CONTRAST]
+    same = [seat.name for seat, by in contrasts if abs(by) <= CONTRAST]
     findings += _few(
         [Finding("color", f"dot {name} has the color of the plate", AGAIN) for name in same],
         "dots and plate have the same color", len(seats),
@@ -263,8 +265,8 @@ def color_findings(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Fi
     _, _, colors = surface.look(dots.centers)
     for seat, ring, color in zip(seats, dots.rings, colors, strict=True):
         if ring and color is not None and _darker(color, plate) > CONTRAST:
-            said = f"the middle of dot {seat.name} does not have the color of the plate"
-            findings.append(Finding("color", said, AGAIN))
+            sentence = f"the middle of dot {seat.name} does not have the color of the plate"
+            findings.append(Finding("color", sentence, AGAIN))
     tools = {surface.parts[seat.part].tool for seat in seats if seat.kind == "part"} - {""}
     if tools and surface.parts[plate_of(surface)].tool in tools:
         findings.append(Finding("inverted", "dots and plate are printed by the same extruder", AGAIN))
@@ -280,14 +282,14 @@ def _named(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Finding]:
     middle = surface.look(dots.centers)[0]
     findings = []
     for seat, ring, core in zip(seats, dots.rings, middle, strict=True):
-        own = [(seat.part, False)] if seat.kind in ("part", "ball") else []
-        own += [(int(core), True)] if ring and core not in (seat.part, plate_of(surface), -1) else []
-        for part, is_core in own:
+        named_parts = [(seat.part, False)] if seat.kind in ("part", "ball") else []
+        named_parts += [(int(core), True)] if ring and core not in (seat.part, plate_of(surface), -1) else []
+        for part, is_core in named_parts:
             called = surface.parts[part].name
-            told = DOT.search(called)
-            right = told is not None and int(told[1]) == seat.name and bool(told[2]) == is_core
+            match = DOT.search(called)
+            right = match is not None and int(match[1]) == seat.name and bool(match[2]) == is_core
             # Other programs number parts, or give all the name of the file.
-            if not right and (told or called.startswith(("plate", "tag-"))):
+            if not right and (match or called.startswith(("plate", "tag-"))):
                 place = f"the middle of dot {seat.name}" if is_core else f"dot {seat.name}"
                 findings.append(
                     Finding("part", f"the part called {called!r} is {place}", "give the parts their own names")
@@ -314,11 +316,11 @@ def _layers(marker: Marker, surface: Surface, seats: list[Seat], tolerance: floa
     face, back = faces_of(surface)
     if face is None or back is None:
         return []
-    found, wanted = face.z - back.z, 1e3 * marker.substrate.thickness
+    thickness, wanted = face.z - back.z, 1e3 * marker.substrate.thickness
     findings = []
-    if abs(found - wanted) > tolerance:
-        said = f"the plate is {found:.5g} mm thick, where marker.json says {wanted:.6g} mm"
-        findings.append(Finding(REMARK, said))
+    if abs(thickness - wanted) > tolerance:
+        sentence = f"the plate is {thickness:.5g} mm thick, where marker.json says {wanted:.6g} mm"
+        findings.append(Finding(REMARK, sentence))
     rise = {point.id: 1e3 * point.z for point in marker.control_points}
     flat = [seat.height - rise[seat.name] for seat in seats if seat.kind in ("part", "floor", "flush")]
     if len(flat) >= 3 and np.ptp(flat) < tolerance and abs(off := face.z - float(np.median(flat))) > tolerance:
@@ -334,23 +336,23 @@ def sheet_plate_findings(marker: Marker, surface: Surface, tolerance: float) -> 
     face, _ = faces_of(surface)
     findings = _layers(marker, surface, [], tolerance)
     if face is not None and abs(face.z) > tolerance:
-        said = f"the plate is {short_length(abs(face.z))} too {'high' if face.z > 0 else 'low'}"
-        findings.append(Finding("height", said, "move its face to z = 0"))
+        sentence = f"the plate is {short_length(abs(face.z))} too {'high' if face.z > 0 else 'low'}"
+        findings.append(Finding("height", sentence, "move its face to z = 0"))
     return [*findings, *plate_findings(marker, surface, (np.eye(2), np.zeros(2)), tolerance)]
 
 
 def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: float) -> list[Finding]:
     """Errors of the outline and the holes, in the face and through to the back; mm."""
-    rotation, shift = motion
+    rotation, translation = motion
     holes = hole_findings(surface, marker.substrate.holes, motion, tolerance)
     # A hole that is wrong in the face is wrong in the back, too.
-    told = tuple(each.sentence.partition(" mm ")[0] for each in holes)
+    wrong_holes = tuple(hole.sentence.partition(" mm ")[0] for hole in holes)
     back = back_of(surface)
     wanted = plate_lines(marker)
-    rings = [(ring - shift) @ rotation for ring in back.rings]
+    rings = [(ring - translation) @ rotation for ring in back.rings]
     pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
     lines = line_findings(wanted, among(np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))), tolerance)
-    lines = [each for each in lines if not (told and each.sentence.startswith(told))]
+    lines = [line for line in lines if not (wrong_holes and line.sentence.startswith(wrong_holes))]
     return [*lines, *holes, *_rough(wanted, surface, motion), *_strange(marker, wanted, back, motion)]
 
 
@@ -361,7 +363,7 @@ def back_of(surface: Surface) -> Region:
 
 def _rough(wanted: list[CutLine], surface: Surface, motion: Motion) -> list[Finding]:
     """Round lines of the plate that are polygons with few sides."""
-    rotation, shift = motion
+    rotation, translation = motion
     findings = []
     backs = [face for part in surface.parts for face in (*part.backs, *part.faces)]
     edges = [
@@ -373,24 +375,24 @@ def _rough(wanted: list[CutLine], surface: Surface, motion: Motion) -> list[Find
     for line in wanted:
         if (whole := line.contour.as_circle) is None:
             continue
-        x, y = rotation @ whole[:2] + shift
+        x, y = rotation @ whole[:2] + translation
         off = [rough for u, v, r, rough in edges if max(abs(u - x), abs(v - y), abs(r - whole[2])) < ROUGHEST]
         if off:
-            said = f"{line.name} is not round: its sides are up to {short_length(max(off))} off its circle"
-            findings.append(Finding("hole" if line.hole else "outline", said, FINER))
+            sentence = f"{line.name} is not round: its sides are up to {short_length(max(off))} off its circle"
+            findings.append(Finding("hole" if line.hole else "outline", sentence, FINER))
     return findings
 
 
 def _strange(marker: Marker, wanted: list[CutLine], back: Region, motion: Motion) -> list[Finding]:
     """Holes through the plate that the marker does not have."""
-    rotation, shift = motion
-    known = [Region.of_contour(line.contour, (), FLUSH) for line in wanted if line.hole]
-    known += [Region.disk(1e3 * p.x, 1e3 * p.y, 650 * p.feature.diameter, 16) for p in marker.control_points]
+    rotation, translation = motion
+    expected = [Region.of_contour(line.contour, (), FLUSH) for line in wanted if line.hole]
+    expected += [Region.disk(1e3 * p.x, 1e3 * p.y, 650 * p.feature.diameter, 16) for p in marker.control_points]
     findings = []
     for piece in back.pieces:
         for ring in piece.rings[1:]:
-            hole = Region.polygon((ring - shift) @ rotation, mend=True)
-            if hole.area < SLIVER or any(each.meets(hole) for each in known):
+            hole = Region.polygon((ring - translation) @ rotation, mend=True)
+            if hole.area < SLIVER or any(region.meets(hole) for region in expected):
                 continue
             left, bottom, right, top = hole.box
             place = f"x {(left + right) / 2:.5g}, y {(bottom + top) / 2:.5g} mm"

@@ -91,14 +91,14 @@ def dots_on_page(page: Page, expected: DotSet) -> DotSet:
         none = np.zeros(len(circles))
         return DotSet(circles[:, :2], none + np.nan, none, none, page.heights)
     radii = np.unique(expected.radii)
-    near = np.abs(np.log(np.maximum(circles[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
-    free, rows = near.copy(), []
-    for index in np.flatnonzero(near):
+    is_dot = np.abs(np.log(np.maximum(circles[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
+    free, rows = is_dot.copy(), []
+    for index in np.flatnonzero(is_dot):
         if not free[index]:
             continue
         distance = np.linalg.norm(circles[:, :2] - circles[index, :2], axis=-1)
         mine = distance <= CONCENTRIC * np.minimum(circles[:, 2], circles[index, 2])
-        same = mine & near
+        same = mine & is_dot
         free &= ~same
         # Of several circles the best fit is the dot, as for a ring's outer circle inside a white one.
         sizes = circles[same]
@@ -119,7 +119,7 @@ class Match:
 
     Attributes
     ----------
-    found : array (n,) of int
+    indices : array (n,) of int
         Index of the found dot for each of the marker's dots, or -1.
     strange : int
         Number of rings in place of disks and of disks in place of rings.
@@ -129,7 +129,7 @@ class Match:
         Rotation angle of the motion, rad.
     """
 
-    found: Indices
+    indices: Indices
     mirror: bool
     strange: int
     rms: float
@@ -138,64 +138,64 @@ class Match:
     @property
     def count(self) -> int:
         """Number of matched dots, less those of the wrong kind."""
-        return int(np.sum(self.found >= 0)) - self.strange
+        return int(np.sum(self.indices >= 0)) - self.strange
 
     @property
     def ordered(self) -> bool:
         """True if the file lists the dots in the marker's order."""
-        return bool(np.all(np.diff(self.found[self.found >= 0]) > 0))
+        return bool(np.all(np.diff(self.indices[self.indices >= 0]) > 0))
 
 
 def best_match(
-    expected: DotSet, found: DotSet, ordered: bool, upright: Callable[[], bool | None] | None
+    expected: DotSet, dots: DotSet, ordered: bool, upright: Callable[[], bool | None] | None
 ) -> Match | None:
     """Match the dots, mirrored only if no other match fits.
 
     If a layout maps onto itself by a rotation or a reflection, the reading direction of the page or else the order of
     the dots in the file decides, and then the smallest rotation.
     """
-    plain, mirrored = (_matches(expected, found, mirror) for mirror in (False, True))
+    plain, mirrored = (_matches(expected, dots, mirror) for mirror in (False, True))
     if not plain or not mirrored:
         return min([*plain, *mirrored], key=_turn, default=None)
     if mirrored[0].count != plain[0].count:
         return min(plain if plain[0].count > mirrored[0].count else mirrored, key=_turn)
-    least = min(each.rms for each in (*plain, *mirrored))
-    alike = [each for each in (*plain, *mirrored) if each.rms <= 1.5 * least + 1e-3]
-    both = len({each.mirror for each in alike}) == 2
+    least = min(match.rms for match in (*plain, *mirrored))
+    alike = [match for match in (*plain, *mirrored) if match.rms <= 1.5 * least + 1e-3]
+    both = len({match.mirror for match in alike}) == 2
     reads = upright() if both and upright is not None else None
     if reads is not None:
-        alike = [each for each in alike if each.mirror != reads]
-    elif ordered and any(each.ordered for each in alike):
-        alike = [each for each in alike if each.ordered]
-    return min(alike, key=lambda each: (each.mirror, _turn(each)))
+        alike = [match for match in alike if match.mirror != reads]
+    elif ordered and any(match.ordered for match in alike):
+        alike = [match for match in alike if match.ordered]
+    return min(alike, key=lambda match: (match.mirror, _turn(match)))
 
 
-def _turn(each: Match) -> tuple[float, float]:
-    return round(abs(each.angle), 3), each.rms
+def _turn(match: Match) -> tuple[float, float]:
+    return round(abs(match.angle), 3), match.rms
 
 
-def _matches(expected: DotSet, found: DotSet, mirror: bool) -> list[Match]:
+def _matches(expected: DotSet, dots: DotSet, mirror: bool) -> list[Match]:
     """Matches by motions that are all mirrored or all not: those with the most dots that fit about equally well.
 
     A pair of the marker's dots is laid on every pair of found dots at the same distance, up to `STRETCH`. The resulting
     motion maps the other dots, and each takes the found dot nearest to it.
     """
-    if len(found) < 2:
+    if len(dots) < 2:
         return []
     reach = _reach(expected)
     matches: list[Match] = []
     for pair in _base_pairs(expected):
-        for turn, shift in _guesses(expected, found, pair, mirror, reach):
-            candidate = _labels(expected, found, mirror, turn, shift, reach)
+        for factor, offset in _guesses(expected, dots, pair, mirror, reach):
+            candidate = _labels(expected, dots, mirror, factor, offset, reach)
             if candidate is not None:
                 matches.append(candidate)
-        if any(each.count == len(expected) for each in matches):
+        if any(match.count == len(expected) for match in matches):
             break
-    most = max((each.count for each in matches), default=0)
-    matches = [each for each in matches if each.count == most]
-    least = min((each.rms for each in matches), default=0.0)
+    most = max((match.count for match in matches), default=0)
+    matches = [match for match in matches if match.count == most]
+    least = min((match.rms for match in matches), default=0.0)
     # Matches that fit equally well are symmetries of a regular layout.
-    return [each for each in matches if each.rms <= 1.5 * least + 1e-3]
+    return [match for match in matches if match.rms <= 1.5 * least + 1e-3]
 
 
 def _reach(expected: DotSet) -> float:
@@ -225,16 +225,16 @@ def _base_pairs(expected: DotSet) -> list[tuple[int, int]]:
 
 
 def _guesses(
-    expected: DotSet, found: DotSet, pair: tuple[int, int], mirror: bool, reach: float
+    expected: DotSet, dots: DotSet, pair: tuple[int, int], mirror: bool, reach: float
 ) -> list[tuple[complex, complex]]:
-    """Motions w = turn z + shift (of conjugate z if mirrored) that best fit a few spread-out dots."""
+    """Motions w = factor z + offset (of conjugate z if mirrored) that best fit a few spread-out dots."""
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
-    target = found.centers @ np.array([1, 1j])
+    target = dots.centers @ np.array([1, 1j])
     across = source[pair[1]] - source[pair[0]]
     gaps = target[None, :] - target[:, None]
     stretch = np.abs(np.abs(gaps) / abs(across) - 1)
-    known = np.isfinite(found.radii)
-    kinds = [(found.rings == expected.rings[index]) | ~known for index in pair]
+    sized = np.isfinite(dots.radii)
+    kinds = [(dots.rings == expected.rings[index]) | ~sized for index in pair]
     for wanted in (kinds[0][:, None] & kinds[1], np.ones_like(stretch, dtype=bool)):
         a, b = np.nonzero((stretch < STRETCH) & wanted & (gaps != 0))
         if len(a):
@@ -243,13 +243,13 @@ def _guesses(
         return []
     nearest = np.argsort(stretch[a, b], kind="stable")[:MOST_GUESSES]
     a, b = a[nearest], b[nearest]
-    turn = gaps[a, b] / across
-    shift = target[a] - turn * source[pair[0]]
+    factor = gaps[a, b] / across
+    offset = target[a] - factor * source[pair[0]]
     check = _spread(expected.centers)
-    distance = _nearest(found.centers, turn[:, None] * source[check] + shift[:, None])[0]
-    near = np.sum(distance < reach, axis=-1)
-    order = np.lexsort((np.minimum(distance, reach).sum(axis=-1), -near))[:KEPT]
-    return [(complex(turn[k]), complex(shift[k])) for k in order]
+    distance = _nearest(dots.centers, factor[:, None] * source[check] + offset[:, None])[0]
+    reached = np.sum(distance < reach, axis=-1)
+    order = np.lexsort((np.minimum(distance, reach).sum(axis=-1), -reached))[:KEPT]
+    return [(complex(factor[k]), complex(offset[k])) for k in order]
 
 
 def _spread(points: Array) -> Indices:
@@ -269,9 +269,11 @@ def _nearest(points: Array, places: NDArray[np.complex128]) -> tuple[Array, Indi
     return distance, index
 
 
-def _labels(expected: DotSet, found: DotSet, mirror: bool, turn: complex, shift: complex, reach: float) -> Match | None:
+def _labels(
+    expected: DotSet, dots: DotSet, mirror: bool, factor: complex, offset: complex, reach: float
+) -> Match | None:
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
-    distance, index = _nearest(found.centers, turn * source + shift)
+    distance, index = _nearest(dots.centers, factor * source + offset)
     index = np.where(distance < reach, index, -1)
     # A found dot nearest to several positions goes to the closest of them.
     for dot in np.unique(index[index >= 0]):
@@ -280,10 +282,10 @@ def _labels(expected: DotSet, found: DotSet, mirror: bool, turn: complex, shift:
     used = index >= 0
     if np.sum(used) < 2:
         return None
-    rotation, moved = rigid_motion(expected.centers[used], found.centers[index[used]], mirror)
-    off = expected.centers[used] @ rotation.T + moved - found.centers[index[used]]
-    known = np.isfinite(found.radii[index[used]])
-    strange = int(np.sum(known & (found.rings[index[used]] != expected.rings[used])))
+    rotation, moved = rigid_motion(expected.centers[used], dots.centers[index[used]], mirror)
+    off = expected.centers[used] @ rotation.T + moved - dots.centers[index[used]]
+    sized = np.isfinite(dots.radii[index[used]])
+    strange = int(np.sum(sized & (dots.rings[index[used]] != expected.rings[used])))
     rms = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
     angle = float(np.arctan2(*(rotation[[1, 0], 0] * (-1 if mirror else 1))))
     return Match(index.astype(np.intp), mirror, strange, rms, angle)
@@ -311,13 +313,13 @@ def changes(page: Page, expected: DotSet) -> Iterator[tuple[Array, Array]]:
     """
     identity = np.eye(2)
     for ratio in _ratios(page, expected):
-        found = dots_on_page(moved_page(page, identity / ratio), expected)
-        if len(found) < FEWEST:
+        dots = dots_on_page(moved_page(page, identity / ratio), expected)
+        if len(dots) < FEWEST:
             continue
-        change = _stretch(expected, found) if len(found) == len(expected) else None
+        change = _stretch(expected, dots) if len(dots) == len(expected) else None
         if change is not None:
-            turn, shape = change
-            yield turn @ np.linalg.inv(ratio * shape) @ turn.T, ratio * shape
+            rotation, shape = change
+            yield rotation @ np.linalg.inv(ratio * shape) @ rotation.T, ratio * shape
         yield identity / ratio, ratio * identity
 
 
@@ -339,31 +341,31 @@ def _ratios(page: Page, expected: DotSet) -> list[float]:
     return [float(np.median(group)) / usual for group in groups[:MOST_TRIED]]
 
 
-def _stretch(expected: DotSet, found: DotSet) -> tuple[Array, Array] | None:
+def _stretch(expected: DotSet, dots: DotSet) -> tuple[Array, Array] | None:
     """Rotation, possibly mirrored, and upper triangular map, whose product maps the layout onto the found dots.
 
     Both are made equally wide in all directions first, after which a rotation maps one onto the other.
     """
     sides = []
-    for dots in (expected, found):
-        offset = dots.centers - dots.centers.mean(axis=0)
+    for layout in (expected, dots):
+        offset = layout.centers - layout.centers.mean(axis=0)
         value, vector = np.linalg.eigh(offset.T @ offset / len(offset))
         if value.min() <= 1e-9 * value.max():
             return None
         sides.append(offset @ (vector / np.sqrt(value)) @ vector.T)
     scale = float(np.ptp(expected.centers))
-    even, evened = (replace(dots, centers=scale * side) for dots, side in zip((expected, found), sides, strict=True))
-    match = best_match(even, evened, found.ordered, None)
-    if match is None or (match.found < 0).any():
+    even, evened = (replace(layout, centers=scale * side) for layout, side in zip((expected, dots), sides, strict=True))
+    match = best_match(even, evened, dots.ordered, None)
+    if match is None or (match.indices < 0).any():
         return None
     source = expected.centers - expected.centers.mean(axis=0)
-    target = found.centers[match.found] - found.centers.mean(axis=0)
+    target = dots.centers[match.indices] - dots.centers.mean(axis=0)
     matrix = np.linalg.lstsq(source, target, rcond=None)[0].T
     if np.linalg.norm(source @ matrix.T - target, axis=1).max() > ROUGH * scale or np.linalg.det(matrix) == 0:
         return None
-    turn, shape = np.linalg.qr(matrix)
+    rotation, shape = np.linalg.qr(matrix)
     signs = np.sign(np.diag(shape))
-    return turn * signs, shape * signs[:, None]
+    return rotation * signs, shape * signs[:, None]
 
 
 def moved(reading: Reading, matrix: Array) -> Reading:

@@ -83,11 +83,11 @@ def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:
 
     values, arrays = in_child(PARSER, f"read_{kind.lower()}", Content(name, data), "mesh", f"a {kind} in {name}")
     objects = []
-    for k, each in enumerate(values["objects"]):
-        color, palette = each["color"], [(red, green, blue) for red, green, blue in each["palette"]]
+    for k, mesh in enumerate(values["objects"]):
+        color, palette = mesh["color"], [(red, green, blue) for red, green, blue in mesh["palette"]]
         corners, paints = arrays[f"corners{k}"].astype(float), arrays.get(f"paints{k}")
         objects.append(
-            MeshObject(corners, each["name"], tuple(color) if color else None, paints, palette, each["tool"])
+            MeshObject(corners, mesh["name"], tuple(color) if color else None, paints, palette, mesh["tool"])
         )
     return objects
 
@@ -100,18 +100,18 @@ def surface_of(objects: Sequence[MeshObject], name: str, level: float = LEVEL) -
     InputError
         If there are no triangles, too many, or corners that are not finite or lie beyond 10 km.
     """
-    count = sum(len(each.corners) for each in objects)
+    count = sum(len(mesh.corners) for mesh in objects)
     if not count:
         raise InputError(f"triangles in {name}", "none", "export it again")
     if count > MOST_TRIANGLES:
         raise InputError(
             f"at most {MOST_TRIANGLES} triangles in {name}", str(count), "export it with a larger tolerance"
         )
-    if not all((np.abs(each.corners) < 1e7).all() for each in objects):
+    if not all((np.abs(mesh.corners) < 1e7).all() for mesh in objects):
         raise InputError(f"corners within 10 km in {name}", "numbers beyond that or not finite", "export it again")
 
     def mapped(matrix: Array) -> Surface:
-        return surface_of([each.mapped(matrix) for each in objects], name, level)
+        return surface_of([mesh.mapped(matrix) for mesh in objects], name, level)
 
     def views() -> list[Surface]:
         rotations = [rotation_up(normal) for normal in _widest(objects)]
@@ -119,16 +119,16 @@ def surface_of(objects: Sequence[MeshObject], name: str, level: float = LEVEL) -
 
     left = MOST_PARTS
     parts: list[SolidPart] = []
-    for each in objects:
-        parts += _parts(each, left, name, level)
+    for mesh in objects:
+        parts += _parts(mesh, left, name, level)
         left = MOST_PARTS - len(parts)
     return Surface(tuple(parts), views, mapped)
 
 
 def _widest(objects: Sequence[MeshObject]) -> list[Array]:
     """Unit normals of the largest area of parallel triangles, and the opposite one: the two faces of a plate."""
-    areas = np.concatenate([np.cross(each.corners[:, 1] - each.corners[:, 0], each.corners[:, 2] - each.corners[:, 0])
-                            for each in objects])  # fmt: skip
+    areas = np.concatenate([np.cross(mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0])
+                            for mesh in objects])  # fmt: skip
     size = np.linalg.norm(areas, axis=1)
     areas, size = areas[size > 0], size[size > 0]
     if not len(size):
@@ -152,7 +152,7 @@ def views_of(objects: Sequence[MeshObject], body: Body, name: str) -> list[Surfa
 
 def _sides_of(objects: Sequence[MeshObject], ways: Array, name: str) -> list[Surface]:
     """Views with each of the larger level areas up, which may be one of the unit vectors (k, 3) that are expected."""
-    corners = np.concatenate([each.corners for each in objects])
+    corners = np.concatenate([mesh.corners for mesh in objects])
     if not len(corners):
         return []
     # Rotated, coordinates in single precision are off a plane by up to 4e-7 of the largest one.
@@ -173,31 +173,31 @@ def _sides(corners: Array, ways: Array) -> list[Array]:
     if not len(size):
         return []
     _, group = np.unique(np.round(areas / size[:, None] / COARSE), axis=0, return_inverse=True)
-    sums = np.stack([np.bincount(group.ravel(), weights=each) for each in areas.T], axis=1)
+    sums = np.stack([np.bincount(group.ravel(), weights=axis) for axis in areas.T], axis=1)
     total = np.linalg.norm(sums, axis=1)
-    sums, total = (each[np.argsort(-total, kind="stable")] for each in (sums, total))
-    found: list[Array] = []
-    for sum_, one in zip(sums, total, strict=True):
-        if one < SMALLEST_SIDE * total[0] or len(found) == 2 * MOST_SIDES:
+    sums, total = (array[np.argsort(-total, kind="stable")] for array in (sums, total))
+    normals: list[Array] = []
+    for sum_, area in zip(sums, total, strict=True):
+        if area < SMALLEST_SIDE * total[0] or len(normals) == 2 * MOST_SIDES:
             break
-        way = sum_ / one
-        near = ways[np.linalg.norm(ways - way, axis=1) < SNAP] if len(ways) else ways
-        way = near[0] if len(near) else way
-        if all(np.linalg.norm(way - other) > SNAP for other in found):
-            found.append(way)
-    return found
+        way = sum_ / area
+        snapped = ways[np.linalg.norm(ways - way, axis=1) < SNAP] if len(ways) else ways
+        way = snapped[0] if len(snapped) else way
+        if all(np.linalg.norm(way - normal) > SNAP for normal in normals):
+            normals.append(way)
+    return normals
 
 
-def _parts(each: MeshObject, most: int, name: str, flat: float) -> list[SolidPart]:
+def _parts(mesh: MeshObject, most: int, name: str, flat: float) -> list[SolidPart]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    places, index = _welded(each.corners)
+    places, index = _welded(mesh.corners)
     triangles = index.reshape(-1, 3)
     a, b, c = triangles.T
     proper = (a != b) & (b != c) & (c != a)
     triangles = triangles[proper]
-    paints = np.full(len(proper), -1) if each.paints is None else each.paints
+    paints = np.full(len(proper), -1) if mesh.paints is None else mesh.paints
     paints = paints[proper]
     if not len(triangles):
         return []
@@ -207,18 +207,18 @@ def _parts(each: MeshObject, most: int, name: str, flat: float) -> list[SolidPar
         triangles = triangles[:, ::-1]
     neighbors = _neighbors(places, triangles, name)
     m = len(triangles)
-    known = neighbors >= 0
-    rows = np.repeat(np.arange(m), 3).reshape(m, 3)[known]
-    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, neighbors[known])), shape=(m, m))
+    is_shared = neighbors >= 0
+    rows = np.repeat(np.arange(m), 3).reshape(m, 3)[is_shared]
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, neighbors[is_shared])), shape=(m, m))
     total, shell = connected_components(links, directed=False)
     if total > most:
         raise InputError(f"at most {MOST_PARTS} separate bodies in {name}", "more", "export the marker alone")
-    faces, backs = (_faces(places, triangles, neighbors, level, paints, each.palette, name)
+    faces, backs = (_faces(places, triangles, neighbors, level, paints, mesh.palette, name)
                     for level in _level(places, triangles, flat))  # fmt: skip
     fronts_of: list[list[LevelFace]] = [[] for _ in range(total)]
     backs_of: list[list[LevelFace]] = [[] for _ in range(total)]
-    for found, of in ((faces, fronts_of), (backs, backs_of)):
-        for first, face in found:
+    for level_faces, of in ((faces, fronts_of), (backs, backs_of)):
+        for first, face in level_faces:
             of[shell[first]].append(face)
     parts = []
     for number, group in enumerate(_grouped(shell, total)):
@@ -226,15 +226,15 @@ def _parts(each: MeshObject, most: int, name: str, flat: float) -> list[SolidPar
         p, q, r = np.moveaxis(corners, 1, 0)
         volume = float(np.einsum("ij,ij->", p, np.cross(q, r)) / 6)
         low, high = corners.min(axis=(0, 1)).tolist(), corners.max(axis=(0, 1)).tolist()
-        closed = bool(known[group].all())
-        own = np.bincount(paints[group] + 1, minlength=1)
-        main = int(np.argmax(own)) - 1
+        closed = bool(is_shared[group].all())
+        painted = np.bincount(paints[group] + 1, minlength=1)
+        main = int(np.argmax(painted)) - 1
         parts.append(
             SolidPart(
-                each.name, each.palette[main] if main >= 0 else each.color, volume, closed and not inside_out, closed,
+                mesh.name, mesh.palette[main] if main >= 0 else mesh.color, volume, closed and not inside_out, closed,
                 (low[0], low[1], low[2]), (high[0], high[1], high[2]), tuple(fronts_of[number]),
-                _balls(corners, each.palette[main] if main >= 0 else None), tuple(backs_of[number]),
-                each.tool,
+                _balls(corners, mesh.palette[main] if main >= 0 else None), tuple(backs_of[number]),
+                mesh.tool,
             )
         )  # fmt: skip
     return parts
@@ -243,7 +243,7 @@ def _parts(each: MeshObject, most: int, name: str, flat: float) -> list[SolidPar
 def _welded(corners: Array) -> tuple[Array, Indices]:
     """Different points (n, 3) among corners (m, 3, 3), and the index of each corner's point.
 
-    Points are told apart by a hash of 64 bits, in a fifth of the time that sorting them takes.
+    Points are distinguished by a hash of 64 bits, in a fifth of the time that sorting them takes.
     """
     # Adding 0.0 makes -0.0 and 0.0 the same coordinate.
     points = np.ascontiguousarray(corners.reshape(-1, 3) + 0.0)
@@ -280,12 +280,12 @@ def _neighbors(places: Array, triangles: Indices, name: str) -> Indices:
     order = np.argsort(key, kind="stable")
     first = np.flatnonzero(np.r_[True, np.diff(key[order]) > 0])
     size = np.diff(np.r_[first, len(order)])
-    found = np.full(3 * m, -1, dtype=np.int64)
+    across = np.full(3 * m, -1, dtype=np.int64)
     pair = first[size == 2]
-    one, two = order[pair], order[pair + 1]
-    opposed = start[one] != start[two]
-    one, two = one[opposed], two[opposed]
-    found[one], found[two] = owner[two], owner[one]
+    first_side, second_side = order[pair], order[pair + 1]
+    opposed = start[first_side] != start[second_side]
+    first_side, second_side = first_side[opposed], second_side[opposed]
+    across[first_side], across[second_side] = owner[second_side], owner[first_side]
     if np.sum(size[size > 2]) > MOST_SHARED:
         raise InputError(
             f"at most {MOST_SHARED // 4} edges in {name} that bodies share", "more", "export each body on its own"
@@ -293,8 +293,8 @@ def _neighbors(places: Array, triangles: Indices, name: str) -> Indices:
     for where, many in zip(first[size > 2], size[size > 2], strict=True):
         sides = order[where : where + many]
         for closing, opening in _wedges(places, triangles, sides, low[sides[0]], high[sides[0]], start, owner):
-            found[closing], found[opening] = owner[opening], owner[closing]
-    return found.reshape(m, 3)
+            across[closing], across[opening] = owner[opening], owner[closing]
+    return across.reshape(m, 3)
 
 
 def _wedges(
@@ -367,15 +367,15 @@ def _faces(
     starts = triangles[mine][~inner]
     ends = np.roll(triangles[mine], -1, axis=1)[~inner]
     borders = _grouped(face[np.nonzero(~inner)[0]], total)
-    found = []
+    faces = []
     for border, members in zip(borders, _grouped(face, total), strict=True):
         rings = [places[ring, :2] for ring in _rings(starts[border], ends[border])]
         paint = int(paints[mine[members[0]]])
         if rings:
             z = float(np.median(places[triangles[mine[members]], 2]))
             face_color = palette[paint] if paint >= 0 else None
-            found.append((int(mine[members[0]]), level_face(z, [(ring, None, True) for ring in rings], face_color)))
-    return found
+            faces.append((int(mine[members[0]]), level_face(z, [(ring, None, True) for ring in rings], face_color)))
+    return faces
 
 
 def _rings(starts: Indices, ends: Indices) -> list[Indices]:
@@ -523,22 +523,25 @@ class _Tree(TreeBuilder):
 class SimulatorModel:
     """Meshes that a model shows, mm, in the frame of its link, and what is wrong with it; sites (3,) by name, m."""
 
-    shown: tuple[MeshObject, ...]
+    meshes: tuple[MeshObject, ...]
     flaws: tuple[str, ...]
     sites: dict[str | None, Array] | None
 
     @property
     def whole(self) -> MeshObject:
         """All meshes as one: a plate may be put together from two; its color is that of the widest."""
-        corners, colors = [each.corners for each in self.shown], [each.color or (0.5, 0.5, 0.5) for each in self.shown]
-        paints = np.repeat(np.arange(len(corners)), [len(each) for each in corners])
-        widths = [float(np.ptp(each[..., 0])) if len(each) else 0.0 for each in corners]
+        corners, colors = (
+            [mesh.corners for mesh in self.meshes],
+            [mesh.color or (0.5, 0.5, 0.5) for mesh in self.meshes],
+        )
+        paints = np.repeat(np.arange(len(corners)), [len(triangles) for triangles in corners])
+        widths = [float(np.ptp(triangles[..., 0])) if len(triangles) else 0.0 for triangles in corners]
         return MeshObject(np.concatenate(corners), color=colors[int(np.argmax(widths))], paints=paints, palette=colors)
 
     @property
     def pieces(self) -> tuple[MeshObject, ...]:
         """The meshes one by one if each is closed, which spares the work on edges that they share; else as one."""
-        return self.shown if all(is_closed(each.corners) for each in self.shown) else (self.whole,)
+        return self.meshes if all(is_closed(mesh.corners) for mesh in self.meshes) else (self.whole,)
 
 
 def _read_model(kind: str, data: bytes, name: str, body: Body) -> Reading:
@@ -561,46 +564,46 @@ def model_of(kind: str, data: bytes, name: str) -> SimulatorModel:
     try:
         parser.feed(data)
         root = parser.close()
-        shown, sites = shown_in(root), _sites(root) if kind == "MJCF" else None
+        visuals, sites = shown_in(root), _sites(root) if kind == "MJCF" else None
     except (ParseError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-        found = brief(str(error)) if isinstance(error, ParseError) else "something else"
-        raise InputError(f"a {kind} of one link with meshes in {name}", found, "export it again") from None
-    numbers = np.array([[*each.rotation.flat, *each.translation, *each.scale] for each in shown])
-    if not len(shown) or not np.isfinite(numbers).all():
-        raise InputError(f"meshes at finite places in {name}", "none" if not shown else "others", "export it again")
-    meshes = tuple(MeshObject(_corners(each, Path(name)), color=each.color) for each in shown)
-    return SimulatorModel(meshes, tuple(_pose_flaws(shown)), sites)
+        problem = brief(str(error)) if isinstance(error, ParseError) else "something else"
+        raise InputError(f"a {kind} of one link with meshes in {name}", problem, "export it again") from None
+    numbers = np.array([[*visual.rotation.flat, *visual.translation, *visual.scale] for visual in visuals])
+    if not len(visuals) or not np.isfinite(numbers).all():
+        raise InputError(f"meshes at finite places in {name}", "none" if not visuals else "others", "export it again")
+    meshes = tuple(MeshObject(_corners(visual, Path(name)), color=visual.color) for visual in visuals)
+    return SimulatorModel(meshes, tuple(_pose_flaws(visuals)), sites)
 
 
-def _corners(shown: ShownMesh, path: Path) -> Array:
+def _corners(visual: ShownMesh, path: Path) -> Array:
     """Triangles (m, 3, 3) of a mesh in mm, in the frame of the link."""
-    inner = shown.path
+    inner = visual.path
     for scheme in ("package://", "model://"):
         # The name of the package or the model is that of a folder which holds this file.
         inner = inner.removeprefix(scheme).partition("/")[2] if inner.startswith(scheme) else inner
     folder = path.parent.resolve()
     target = (folder / inner).resolve()
     if not target.is_relative_to(folder) or target.suffix.lower() != ".stl":
-        found = brief(shown.path)
+        problem = brief(visual.path)
         remedy = "export it again: other formats have axes of their own"
-        raise InputError(f"meshes as .stl in the folder of {path}", found, remedy)
+        raise InputError(f"meshes as .stl in the folder of {path}", problem, remedy)
     (mesh,) = triangles_of("STL", read_content(target, "artifact").data, str(path.parent / inner))
-    return 1e3 * (mesh.corners * shown.scale @ shown.rotation.T + shown.translation)
+    return 1e3 * (mesh.corners * visual.scale @ visual.rotation.T + visual.translation)
 
 
-def _pose_flaws(shown: Sequence[ShownMesh]) -> list[str]:
+def _pose_flaws(visuals: Sequence[ShownMesh]) -> list[str]:
     from scipy.spatial.transform import Rotation
 
     flaws = []
-    for each in shown:
+    for visual in visuals:
         angle, off = (
-            Rotation.from_matrix(each.rotation).magnitude(),
-            float(np.linalg.norm(each.translation)),
+            Rotation.from_matrix(visual.rotation).magnitude(),
+            float(np.linalg.norm(visual.translation)),
         )
-        said = [f"turned by {np.degrees(angle):.4g} degrees"] if angle > POSE_ANGLE else []
-        said += [f"{1e3 * off:.4g} mm off"] if off > POSE_DISTANCE else []
-        if said:
-            flaws.append(f"{each.path} is {' and '.join(said)} in the frame of its link")
+        errors = [f"turned by {np.degrees(angle):.4g} degrees"] if angle > POSE_ANGLE else []
+        errors += [f"{1e3 * off:.4g} mm off"] if off > POSE_DISTANCE else []
+        if errors:
+            flaws.append(f"{visual.path} is {' and '.join(errors)} in the frame of its link")
     return flaws
 
 
@@ -631,8 +634,8 @@ def _site_flaws(model: SimulatorModel, body: Body) -> list[str]:
 
 
 def _of_urdf(root: Element) -> list[ShownMesh]:
-    named = {each.get("name"): each.find("color") for each in root.findall("material")}
-    shown = []
+    named = {material.get("name"): material.find("color") for material in root.findall("material")}
+    visuals = []
     for visual in _link(root, "link").findall("visual"):
         mesh, origin, material = _mesh(visual), visual.find("origin"), visual.find("material")
         color = material.find("color") if material is not None else None
@@ -640,20 +643,20 @@ def _of_urdf(root: Element) -> list[ShownMesh]:
             color = named.get(material.get("name"))
         pose = [*_numbers(_get(origin, "xyz"), 3), *_numbers(_get(origin, "rpy"), 3)]
         scale = _numbers(_get(mesh, "scale"), 3, 1.0)
-        shown.append(_shown(mesh.attrib["filename"], _get(color, "rgba"), pose, scale))
-    return shown
+        visuals.append(_shown(mesh.attrib["filename"], _get(color, "rgba"), pose, scale))
+    return visuals
 
 
 def _of_sdf(root: Element) -> list[ShownMesh]:
-    shown = []
+    visuals = []
     for visual in _link(root, "link").findall("visual"):
         mesh, pose = _mesh(visual), visual.find("pose")
         place = _numbers(pose.text if pose is not None else None, 6)
         if pose is not None and pose.get("degrees") == "true":
             place[3:] = np.radians(place[3:])
         scale = _numbers(mesh.findtext("scale"), 3, 1.0)
-        shown.append(_shown(mesh.findtext("uri", "").strip(), visual.findtext("material/diffuse"), [*place], scale))
-    return shown
+        visuals.append(_shown(mesh.findtext("uri", "").strip(), visual.findtext("material/diffuse"), [*place], scale))
+    return visuals
 
 
 def _of_mjcf(root: Element) -> list[ShownMesh]:
@@ -663,35 +666,35 @@ def _of_mjcf(root: Element) -> list[ShownMesh]:
     folder = _get(compiler, "meshdir")
     meshes = {mesh.get("name"): mesh for mesh in root.findall("asset/mesh")}
     colors = {material.get("name"): material.get("rgba") for material in root.findall("asset/material")}
-    shown = []
+    visuals = []
     for geom in _link(root, "body").findall("geom"):
         if geom.get("mesh") is None:
             continue
         mesh = meshes[geom.get("mesh")]
         if {"axisangle", "xyaxes", "zaxis"} & set(geom.keys()) or {"refpos", "refquat"} & set(mesh.keys()):
             raise ValueError("other orientations")
-        turn = Rotation.from_quat(_numbers(geom.get("quat"), 4, first=1.0)[[1, 2, 3, 0]])
+        rotation = Rotation.from_quat(_numbers(geom.get("quat"), 4, first=1.0)[[1, 2, 3, 0]])
         if geom.get("euler") is not None:
-            turn = Rotation.from_euler("XYZ", _numbers(geom.get("euler"), 3), _get(compiler, "angle") != "radian")
+            rotation = Rotation.from_euler("XYZ", _numbers(geom.get("euler"), 3), _get(compiler, "angle") != "radian")
         color = _color(colors.get(geom.get("material")) or geom.get("rgba"))
         path = f"{folder}/{mesh.attrib['file']}" if folder else mesh.attrib["file"]
-        shift, scale = _numbers(geom.get("pos"), 3), _numbers(mesh.get("scale"), 3, 1.0)
-        shown.append(ShownMesh(path, color, turn.as_matrix(), shift, scale))
-    return shown
+        translation, scale = _numbers(geom.get("pos"), 3), _numbers(mesh.get("scale"), 3, 1.0)
+        visuals.append(ShownMesh(path, color, rotation.as_matrix(), translation, scale))
+    return visuals
 
 
 def _link(root: Element, kind: str) -> Element:
     """Return the marker's link: the only one, or the one of its name among several."""
     links = list(root.iter(kind))
-    (link,) = links if len(links) == 1 else [each for each in links if each.get("name") == LINK]
+    (link,) = links if len(links) == 1 else [link for link in links if link.get("name") == LINK]
     return link
 
 
 def _mesh(visual: Element) -> Element:
-    found = visual.find("geometry/mesh")
-    if found is None:
+    mesh = visual.find("geometry/mesh")
+    if mesh is None:
         raise KeyError("mesh")
-    return found
+    return mesh
 
 
 def _shown(path: str, color: str | None, pose: list[float], scale: Array) -> ShownMesh:
@@ -714,7 +717,7 @@ def _numbers(text: str | None, count: int, default: float = 0.0, first: float | 
     """Numbers of a text; without one all are the default, or the first has a value of its own."""
     if text is None:
         return np.array([default if first is None else first, *[default] * (count - 1)])
-    found = np.array([float(word) for word in text.split()])
-    if found.shape != (count,):
+    numbers = np.array([float(word) for word in text.split()])
+    if numbers.shape != (count,):
         raise ValueError(f"{count} numbers")
-    return found
+    return numbers

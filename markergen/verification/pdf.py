@@ -97,11 +97,11 @@ def read_fabrication_sheet(data: bytes, name: str, body: Body) -> Reading:
 @READERS.register(".pdf")
 def read_pdf(data: bytes, name: str, body: Body) -> Reading:
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
-    found = in_child(
+    reply = in_child(
         PARSER, "read", Content(name, data), "PDF", f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}"
     )
-    layers = found.values["layers"]
-    sheets = [_sheet(values, found.arrays, index, layers) for index, values in enumerate(found.values["pages"])]
+    layers = reply.values["layers"]
+    sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if is_tiled(sheets):
         radii = np.unique([diameter / 2 for diameter in diameters_of(body)])
@@ -182,23 +182,27 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float, pages: 
     circles = [sheet.page.circles + [*shifts[key], 0.0] for key, (_, sheet) in grid.items()]
     corners = [sheet.page.corners + shifts[key] for key, (_, sheet) in grid.items()]
     tiles = [(sheet.page.lines, sheet.page.cut, shifts[key]) for key, (_, sheet) in grid.items()]
-    lines = [each + shift for each, _, shift in tiles if each is not None]
-    cut = [np.zeros(len(each), dtype=np.bool_) if some is None else some for each, some, _ in tiles if each is not None]
-    shown = [(shifts[key], sheet) for key, (_, sheet) in grid.items()]
+    lines = [pieces + offset for pieces, _, offset in tiles if pieces is not None]
+    cut = [
+        np.zeros(len(pieces), dtype=np.bool_) if is_cut is None else is_cut
+        for pieces, is_cut, _ in tiles
+        if pieces is not None
+    ]
+    placed_tiles = [(shifts[key], sheet) for key, (_, sheet) in grid.items()]
     arcs = [arc + shifts[key] for key, (_, sheet) in grid.items() for arc in sheet.arcs]
     whole = np.concatenate([*circles, _joined(arcs, radii)])
     page = Page(
-        whole, None, np.concatenate(corners), picture=PagePicture.of_tiles([_kept(*each) for each in shown]),
+        whole, None, np.concatenate(corners), picture=PagePicture.of_tiles([_kept(*tile) for tile in placed_tiles]),
         lines=np.concatenate(lines), cut=np.concatenate(cut) if np.concatenate(cut).any() else None,
     )  # fmt: skip
     return Assembly(page, gaps)
 
 
-def _kept(shift: Array, sheet: TilePage) -> tuple[PagePicture | None, Array, tuple[float, ...]]:
+def _kept(offset: Array, sheet: TilePage) -> tuple[PagePicture | None, Array, tuple[float, ...]]:
     """Picture of a tile, its shift, and the box that remains after trimming, on the tile."""
     sides = (-np.inf, -np.inf, np.inf, np.inf)
     box = tuple(far if cut is None else cut for cut, far in zip(sheet.trim, sides, strict=True))
-    return sheet.page.picture, shift, box
+    return sheet.page.picture, offset, box
 
 
 def _neighbors(key: tuple[int, int]) -> tuple[tuple[int, int], ...]:
@@ -209,18 +213,18 @@ def _neighbors(key: tuple[int, int]) -> tuple[tuple[int, int], ...]:
 
 def _ties(grid: Grid, key: tuple[int, int], shifts: Mapping[tuple[int, int], Array]) -> Array:
     """Shifts (k, 2) of a tile implied by its marks and those of neighbors that are already placed."""
-    found = [np.zeros((0, 2))]
+    offsets = [np.zeros((0, 2))]
     for side, there in enumerate(_neighbors(key)):
         if there in shifts:
-            mine, other = grid[key][1].marks(side), grid[there][1].marks((side + 2) % 4)
-            if len(mine) == len(other):
-                found.append(other + shifts[there] - mine)
-    return np.concatenate(found)
+            mine, theirs = grid[key][1].marks(side), grid[there][1].marks((side + 2) % 4)
+            if len(mine) == len(theirs):
+                offsets.append(theirs + shifts[there] - mine)
+    return np.concatenate(offsets)
 
 
 def _joined(outlines: Sequence[Array], radii: Array) -> Array:
     """Circles (m, 3) formed by pieces of outlines."""
-    pieces = [found for outline in outlines for radius in radii for found in _piece(outline, radius)]
+    pieces = [piece for outline in outlines for radius in radii for piece in _piece(outline, radius)]
     circles, left = [], list(range(len(pieces)))
     while left:
         center, radius, _ = pieces[left[0]]
@@ -253,14 +257,14 @@ def _piece(outline: Array, radius: float) -> list[tuple[Array, float, Array]]:
     for first in start[np.abs(sides / np.maximum(4 * area, 1e-12) / radius - 1) < 0.05]:
         x, y, r = _circle(outline[[first, (first + span) % m, (first + 2 * span) % m]])
         # Three points of a short piece give only a rough circle.
-        for near in (2e-3, 2e-4):
-            own = outline[np.abs(np.linalg.norm(outline - [x, y], axis=1) - r) < near * radius]
-            if len(own) < LEAST:
+        for tolerance in (2e-3, 2e-4):
+            on_circle = outline[np.abs(np.linalg.norm(outline - [x, y], axis=1) - r) < tolerance * radius]
+            if len(on_circle) < LEAST:
                 break
-            x, y, r = _circle(own)
+            x, y, r = _circle(on_circle)
         else:
-            if best is None or len(own) > len(best[2]):
-                best = np.array([x, y]), radius, own
+            if best is None or len(on_circle) > len(best[2]):
+                best = np.array([x, y]), radius, on_circle
     return [best] if best is not None else []
 
 

@@ -151,10 +151,10 @@ class _Parser:
                 item = get(holder, index)
                 kind = pdfium.FPDFPageObj_GetType(item)
                 self._spend(1)
-                own = pdfium.FS_MATRIX()
-                if not pdfium.FPDFPageObj_GetMatrix(item, own):
+                m = pdfium.FS_MATRIX()
+                if not pdfium.FPDFPageObj_GetMatrix(item, m):
                     continue
-                here = matrix @ np.array([[own.a, own.c, own.e], [own.b, own.d, own.f], [0, 0, 1]])
+                here = matrix @ np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0, 0, 1]])
                 if kind == pdfium.FPDF_PAGEOBJ_PATH:
                     on = self._layer(item) or layer
                     self._spend(paths.add(item, here, on, self.budget, strokes_only=self.layers[on] == TEXT))
@@ -202,19 +202,19 @@ class _Parser:
         half = high - low
         even = half.min(axis=1) >= FLATTEST * half.max(axis=1)
         for index in np.flatnonzero((kind & FILLED > 0) & (count >= 3)):
-            own = slice(starts[index], ends[index])
-            found = None
+            outline = slice(starts[index], ends[index])
+            circle = None
             if even[index]:
                 self.rounds -= 1
                 if self.rounds < 0:
                     raise InputError(f"at most {MOST_ROUND} small shapes", "more", "verify a smaller file")
-                found = round_shape(points[own])
-            if found is not None:
-                circles.append(found)
+                circle = round_shape(points[outline])
+            if circle is not None:
+                circles.append(circle)
                 continue
-            others[own] = True
+            others[outline] = True
             if tiled and count[index] >= LEAST_ARC:
-                arcs.append(points[own])
+                arcs.append(points[outline])
         return circles, points[others & np.isfinite(points).all(axis=1)], arcs
 
 
@@ -332,11 +332,11 @@ def _crosses(points: Array, ends: Numbers, kind: Numbers) -> Array:
         return np.zeros((0, 2))
     middle, along = (points[first] + points[first + 1]) / 2, points[first + 1] - points[first]
     length = np.linalg.norm(along, axis=1)
-    found = []
+    crosses = []
     order = np.lexsort((np.round(middle[:, 1], 2), np.round(middle[:, 0], 2)))
     for a, b in pairwise(order.tolist()):
         alike = abs(length[a] - length[b]) < 0.05 * max(length[a], 1e-9) and length[a] < LONGEST_ARM
         square = abs(along[a] @ along[b]) < 0.01 * length[a] * length[b]
         if alike and square and np.linalg.norm(middle[a] - middle[b]) < 0.02:
-            found.append((middle[a] + middle[b]) / 2)
-    return np.array(found).reshape(-1, 2)
+            crosses.append((middle[a] + middle[b]) / 2)
+    return np.array(crosses).reshape(-1, 2)

@@ -39,7 +39,7 @@ class PagePicture:
     measured: bool = False
 
     @staticmethod
-    def of_pixels(grey: NDArray[np.uint8], matrix: Array, shift: Array, measured: bool = False) -> "PagePicture":
+    def of_pixels(grey: NDArray[np.uint8], matrix: Array, offset: Array, measured: bool = False) -> "PagePicture":
         """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
         size = np.array(grey.shape[::-1])
         inset = np.minimum(np.maximum((CORNER * size).astype(int), 1), size - 1)
@@ -47,34 +47,34 @@ class PagePicture:
         grain = float(1 / np.sqrt(abs(np.linalg.det(matrix))))
 
         def sample(points: Array) -> Array:
-            return _interpolated(grey, points @ matrix.T + shift)
+            return _interpolated(grey, points @ matrix.T + offset)
 
         return PagePicture(sample, grain, float(np.median(corners)), measured=measured)
 
     @staticmethod
-    def of_page(grey: NDArray[np.uint8], shown: Sequence[float], turn: int) -> "PagePicture":
+    def of_page(grey: NDArray[np.uint8], box: Sequence[float], quarter_turns: int) -> "PagePicture":
         """Picture of a page as viewers show it.
 
         Parameters
         ----------
         grey : array (h, w)
-        shown : (left, bottom, right, top)
+        box : (left, bottom, right, top)
             Part of the page that it shows, mm.
-        turn : int
+        quarter_turns : int
             Number of quarter turns clockwise by which viewers turn the page.
         """
         height, width = grey.shape
-        left, bottom, right, top = shown
+        left, bottom, right, top = box
         across, up = right - left, top - bottom
-        if turn % 2:
+        if quarter_turns % 2:
             matrix = np.array([[0.0, width / up], [height / across, 0.0]])
-            shift = np.array([-bottom * width / up, -left * height / across])
+            offset = np.array([-bottom * width / up, -left * height / across])
         else:
             matrix = np.array([[width / across, 0.0], [0.0, -height / up]])
-            shift = np.array([-left * width / across, top * height / up])
-        if turn in (2, 3):
-            matrix, shift = -matrix, np.array([width, height]) - shift
-        return PagePicture.of_pixels(grey, matrix, shift - 0.5)
+            offset = np.array([-left * width / across, top * height / up])
+        if quarter_turns in (2, 3):
+            matrix, offset = -matrix, np.array([width, height]) - offset
+        return PagePicture.of_pixels(grey, matrix, offset - 0.5)
 
     @staticmethod
     def of_tiles(tiles: Sequence[tuple["PagePicture | None", Array, Sequence[float]]]) -> "PagePicture":
@@ -82,11 +82,11 @@ class PagePicture:
 
         def sample(points: Array) -> Array:
             seen = np.full(len(points), np.nan)
-            for picture, shift, (left, bottom, right, top) in tiles:
-                x, y = (points - shift).T
-                own = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
-                if picture is not None and own.any():
-                    seen[own] = picture.sample(points[own] - shift)
+            for picture, offset, (left, bottom, right, top) in tiles:
+                x, y = (points - offset).T
+                is_inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+                if picture is not None and is_inside.any():
+                    seen[is_inside] = picture.sample(points[is_inside] - offset)
             return seen
 
         pictures = [picture for picture, _, _ in tiles if picture is not None]
@@ -108,14 +108,14 @@ def _interpolated(grey: NDArray[np.uint8], places: Array) -> Array:
     high = np.minimum(np.ceil(places.max(axis=0)).astype(int) + 2, size)
     # cv2.remap takes images and rows of points of up to 32767 pixels.
     if (high - low).max() > 32000:
-        near = np.clip(np.rint(places).astype(int), 0, size - 1)
-        seen[inside] = grey[near[:, 1], near[:, 0]]
+        nearest = np.clip(np.rint(places).astype(int), 0, size - 1)
+        seen[inside] = grey[nearest[:, 1], nearest[:, 0]]
         return seen
     window = grey[low[1] : high[1], low[0] : high[0]]
     x, y = (places - low).astype(np.float32).T
     # In rows, so that any number of points fits.
     count = -(-len(x) // 1024) * 1024
-    x, y = (np.resize(each, count).reshape(-1, 1024) for each in (x, y))
+    x, y = (np.resize(coordinates, count).reshape(-1, 1024) for coordinates in (x, y))
     levels = [
         cv2.remap(window, x[k : k + 16000], y[k : k + 16000], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for k in range(0, len(x), 16000)

@@ -88,8 +88,8 @@ def turned(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Place
     """The solid with its largest level area up, and with it down; not the view that the file has."""
     for view in surface.views():
         # The direction in the file of what is up in the view.
-        said = _direction(view.rotation[2], reading.kind)
-        yield Placement(said, replace(reading, pages=mapped(marker, reading, view).pages))
+        finding = _direction(view.rotation[2], reading.kind)
+        yield Placement(finding, replace(reading, pages=mapped(marker, reading, view).pages))
 
 
 def _direction(way: Array, kind: str) -> Finding:
@@ -113,21 +113,21 @@ def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
     """The solid if it was written in one unit and read in another."""
     seen = {1.0}
     size = _size(reading, marker)
-    for own in ("m", "mm") if reading.kind == "GLB" else ("mm",):
+    for usual in ("m", "mm") if reading.kind == "GLB" else ("mm",):
         for unit, factor in UNITS.items():
-            for times, said, remedy in (
-                (factor / UNITS[own], f"{unit} taken for {own}", f"export it in {own}"),
-                (UNITS[own] / factor, f"{own} taken for {unit}", f"open it in {own} where it was saved last"),
+            for times, mistake, remedy in (
+                (factor / UNITS[usual], f"{unit} taken for {usual}", f"export it in {usual}"),
+                (UNITS[usual] / factor, f"{usual} taken for {unit}", f"open it in {usual} where it was saved last"),
             ):
                 if round(times, 9) in seen or (size != 1.0 and not 1 / ROUGHLY < size * times < ROUGHLY):
                     continue
                 seen.add(round(times, 9))
                 try:
-                    other = in_unit(marker, reading, times)
+                    rescaled = in_unit(marker, reading, times)
                 except InputError:
                     continue  # Larger than any marker.
-                sentence = f"scaled by {1 / times:.6g} along x, y and z: {said}"
-                yield Placement(Finding("scaled", sentence, remedy), other, times)
+                sentence = f"scaled by {1 / times:.6g} along x, y and z: {mistake}"
+                yield Placement(Finding("scaled", sentence, remedy), rescaled, times)
 
 
 def _size(reading: Reading, marker: Marker) -> float:
@@ -152,14 +152,15 @@ def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Pl
         finding = Finding("scaled", f"scaled by {by:.5g} along z", "export it again at its size")
         undone = surface.mapped(np.diag([1.0, 1.0, 1 / by]))
         yield Placement(finding, mapped(marker, reading, undone))
-    shift = _middle(box(face.edges[0])) - _middle(box(back.edges[0]))
-    lean = shift / thick
-    if np.linalg.norm(shift) > 1e-3:
+    lean_offset = _middle(box(face.edges[0])) - _middle(box(back.edges[0]))
+    lean = lean_offset / thick
+    if np.linalg.norm(lean_offset) > 1e-3:
         matrix = np.eye(3)
         matrix[:2, 2] = -lean
-        off = short_length(float(np.linalg.norm(shift)))
+        x, y = lean_offset
+        off = short_length(float(np.hypot(x, y)))
         finding = Finding(
-            "sheared", f"sheared: its face lies {off} beside its back (x {shift[0]:+.4g} mm, y {shift[1]:+.4g} mm)",
+            "sheared", f"sheared: its face lies {off} beside its back (x {x:+.4g} mm, y {y:+.4g} mm)",
             "export it again from its marker.json",
         )  # fmt: skip
         yield Placement(finding, mapped(marker, reading, surface.mapped(matrix)))
@@ -173,17 +174,17 @@ def _middle(limits: tuple[float, float, float, float]) -> Array:
 def in_part(marker: Marker, surface: Surface, tolerance: float) -> tuple[list[Finding], str, int] | None:
     """Errors of a file of the dark or of the light parts alone, a note, and the number of dots; None for other files.
 
-    The file is in the marker frame: nothing else tells where the other parts go. Tolerance in mm.
+    The file is in the marker frame: nothing else shows where the other parts go. Tolerance in mm.
     """
     expected = expected_dots(marker)
     ids = [point.id for point in marker.control_points]
     if surface.loose:
-        found = dots_of_surface(surface, expected)
-        note, places = DARK, found.centers
-        nearest = [int(np.argmin(np.linalg.norm(expected.centers - each, axis=1))) for each in places]
+        dots = dots_of_surface(surface, expected)
+        note, places = DARK, dots.centers
+        nearest = [int(np.argmin(np.linalg.norm(expected.centers - place, axis=1))) for place in places]
         rise = np.ones(1)
-        if len(found) and found.heights is not None and expected.heights is not None:
-            rise = found.heights - expected.heights[nearest]
+        if len(dots) and dots.heights is not None and expected.heights is not None:
+            rise = dots.heights - expected.heights[nearest]
     else:
         edges = round_edges(surface)
         nearest, note, rows = list(range(len(expected))), LIGHT, []
@@ -215,7 +216,7 @@ class PlateInFile:
 
     Attributes
     ----------
-    turn, shift : array (3, 3) and (3,)
+    rotation, translation : array (3, 3) and (3,)
         Its pose in the file, mm.
     points : array (m, 3)
         Its dots in the file, mm.
@@ -243,10 +244,10 @@ class Alignment:
     rotation: Array
     translation: Array
 
-    def of(self, each: Plate) -> tuple[Array, Array]:
+    def of(self, plate: Plate) -> tuple[Array, Array]:
         """Pose that a marker has in the file if its place in the rig is right."""
-        place = self.rotation @ (1e3 * each.translation_vector) + self.translation
-        return self.rotation @ each.rotation_matrix, place
+        place = self.rotation @ (1e3 * plate.translation_vector) + self.translation
+        return self.rotation @ plate.rotation_matrix, place
 
 
 def check_sides(body: Body, reading: Reading, tolerance: float) -> Check:
@@ -282,10 +283,10 @@ def _unit(plates: Sequence[Plate], views: Sequence[Surface]) -> tuple[float, lis
     ratio = size / wanted
     if not 0 < ratio < np.inf or abs(np.log(ratio)) < np.log(ROUGHLY) / 2:
         return 1.0, []
-    near = min(KNOWN, key=lambda known: abs(np.log(ratio / known)))
-    if abs(np.log(ratio / near)) > np.log(ROUGHLY) / 2:
+    nearest = min(KNOWN, key=lambda factor: abs(np.log(ratio / factor)))
+    if abs(np.log(ratio / nearest)) > np.log(ROUGHLY) / 2:
         return 1.0, []
-    return 1 / near, [scale_finding(near, near, np.array([wanted, wanted]), 1e-3)]
+    return 1 / nearest, [scale_finding(nearest, nearest, np.array([wanted, wanted]), 1e-3)]
 
 
 def _points_of(plates: Sequence[Plate]) -> Array:
@@ -305,25 +306,27 @@ class _Compared:
 
 def _stretch(compared: _Compared) -> float | None:
     """Factor by which a whole file is scaled, where all its markers are."""
-    scales = np.array([each.scale for each in compared.verdicts])
-    told = [any(one.kind == "scaled" for one in each.findings) for each in compared.verdicts]
-    if not told or not all(told) or not np.isfinite(scales).all() or np.ptp(scales) > 1e-3:
+    scales = np.array([verdict.scale for verdict in compared.verdicts])
+    is_scaled = [any(finding.kind == "scaled" for finding in verdict.findings) for verdict in compared.verdicts]
+    if not is_scaled or not all(is_scaled) or not np.isfinite(scales).all() or np.ptp(scales) > 1e-3:
         return None
     return float(np.median(scales))
 
 
 def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface], tolerance: float) -> _Compared:
     kind, framed = reading.kind, reading.placed
-    found = [_placements(each, views, tolerance) for each in plates]
-    motion = _motion(plates, found, tolerance)
+    placements = [_placements(plate, views, tolerance) for plate in plates]
+    motion = _motion(plates, placements, tolerance)
     if motion is None:
         return _Compared(Check("", kind, findings=(NO_PLATE,)), ())
     chosen = [
-        min(some, key=lambda one: _apart(one, *motion.of(each)), default=None)
-        for each, some in zip(plates, found, strict=True)
+        min(candidates, key=lambda placed: _apart(placed, *motion.of(plate)), default=None)
+        for plate, candidates in zip(plates, placements, strict=True)
     ]
     findings, notes, largest, worst = list[Finding](), list[str](), 0.0, None
-    mirrored = all(any(said.kind == "mirrored" for said in one.verdict.findings) for one in chosen if one)
+    mirrored = all(
+        any(finding.kind == "mirrored" for finding in placed.verdict.findings) for placed in chosen if placed
+    )
     if mirrored:
         findings.append(Finding("mirrored", "mirrored", MIRRORED))
     elif (at := _frame(motion, plates, tolerance)) and (framed or kind != "3MF" or "turned" in at):
@@ -331,38 +334,38 @@ def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface
             findings.append(Finding("frame", f"its frame is not the rig's: the rig is {at} in it", AGAIN))
         else:
             notes.append(f"the rig is {at} in the file")
-    for k, (each, one) in enumerate(zip(plates, chosen, strict=True)):
-        if one is None:
+    for k, (plate, placed) in enumerate(zip(plates, chosen, strict=True)):
+        if placed is None:
             findings.append(
-                Finding("missing", f"{each.name} is missing: its {len(each.marker)} dots are not there", AGAIN)
+                Finding("missing", f"{plate.name} is missing: its {len(plate.marker)} dots are not there", AGAIN)
             )
             continue
-        said = [said for said in one.verdict.findings if not (mirrored and said.kind == "mirrored")]
-        local, remark = _beside(each, one, tolerance)
-        findings += [replace(own, sentence=f"{each.name}: {own.sentence}") for own in (*said, *local)]
+        errors = [finding for finding in placed.verdict.findings if not (mirrored and finding.kind == "mirrored")]
+        local, remark = _beside(plate, placed, tolerance)
+        findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in (*errors, *local)]
         notes += remark
-        if not mirrored and not any(own.kind in UNTAGGED for own in said):
+        if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
             findings += _moved(plates, k, chosen, motion, tolerance)
-        turn, shift = motion.of(each)
-        off = np.linalg.norm(one.points - one.wanted @ turn.T - shift, axis=-1)
+        rotation, translation = motion.of(plate)
+        off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
-            largest, worst = float(off.max()), f"{each.name}/{one.verdict.names[int(np.argmax(off))]}"
-    verdicts = tuple(one.verdict for one in chosen if one)
-    scales = np.array([each.scale for each in verdicts])
+            largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
+    verdicts = tuple(placed.verdict for placed in chosen if placed)
+    scales = np.array([verdict.scale for verdict in verdicts])
     check = Check(
-        "", kind, sum(len(each.used) for each in verdicts), 1, largest / 1e3, worst,
+        "", kind, sum(len(verdict.used) for verdict in verdicts), 1, largest / 1e3, worst,
         (float(scales[:, 0].mean()), float(scales[:, 1].mean())), (None,), tolerance,
         tuple(list(dict.fromkeys(findings))[: 3 * MOST_LISTED]), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
     return _Compared(check, verdicts)
 
 
-def _placements(each: Plate, views: Sequence[Surface], tolerance: float) -> list[PlateInFile]:
+def _placements(plate: Plate, views: Sequence[Surface], tolerance: float) -> list[PlateInFile]:
     """Find all places of a marker's layout in the sides of a file."""
-    wanted = expected_dots(each.marker)
-    ids = [point.id for point in each.marker.control_points]
+    wanted = expected_dots(plate.marker)
+    ids = [point.id for point in plate.marker.control_points]
     flat = bool(np.ptp(wanted.heights) < LAYER) if wanted.heights is not None else True
-    found = []
+    placements = []
     for view in views:
         seen = _visible(view, dots_of_surface(view, wanted))
         for dots in _layers(seen) if flat else [seen]:
@@ -373,11 +376,11 @@ def _placements(each: Plate, views: Sequence[Surface], tolerance: float) -> list
                 )
                 if verdict.motion is None or not len(verdict.used):
                     break
-                found.append(_in_file(wanted, ids, view, dots, replace(verdict, used=left[verdict.used])))
-                left = np.setdiff1d(left, found[-1].verdict.used)
+                placements.append(_in_file(wanted, ids, view, dots, replace(verdict, used=left[verdict.used])))
+                left = np.setdiff1d(left, placements[-1].verdict.used)
                 if len(left) < 3:
                     break
-    return found
+    return placements
 
 
 def _visible(surface: Surface, dots: DotSet) -> DotSet:
@@ -386,8 +389,8 @@ def _visible(surface: Surface, dots: DotSet) -> DotSet:
         return dots
     _, z, _ = surface.look(dots.centers)
     balls = np.array([[b.x, b.y, b.radius] for part in surface.parts for b in part.balls]).reshape(-1, 3)
-    near = np.linalg.norm(dots.centers[:, None] - balls[None, :, :2], axis=-1) < 1.0
-    rise = np.where(near, balls[None, :, 2], 0.0).max(axis=1, initial=0.0)
+    is_on_axis = np.linalg.norm(dots.centers[:, None] - balls[None, :, :2], axis=-1) < 1.0
+    rise = np.where(is_on_axis, balls[None, :, 2], 0.0).max(axis=1, initial=0.0)
     return dots.take(z <= dots.heights + rise + FLUSH)
 
 
@@ -397,7 +400,7 @@ def _layers(dots: DotSet) -> list[DotSet]:
         return []
     order = np.argsort(dots.heights, kind="stable")
     cuts = np.flatnonzero(np.diff(dots.heights[order]) > LAYER) + 1
-    return [dots.take(np.sort(some)) for some in np.split(order, cuts)]
+    return [dots.take(np.sort(rows)) for rows in np.split(order, cuts)]
 
 
 def _in_file(wanted: DotSet, ids: list[int], view: Surface, dots: DotSet, verdict: Verdict) -> PlateInFile:
@@ -405,38 +408,38 @@ def _in_file(wanted: DotSet, ids: list[int], view: Surface, dots: DotSet, verdic
     assert verdict.motion is not None
     assert dots.heights is not None
     assert wanted.heights is not None
-    own = [ids.index(name) for name in verdict.names]
-    have, want = dots.heights[verdict.used], wanted.heights[own]
+    indices = [ids.index(name) for name in verdict.names]
+    have, want = dots.heights[verdict.used], wanted.heights[indices]
     level = float(np.median(have - want))
-    rotation, shift = verdict.motion
-    turn = np.eye(3)
-    turn[:2, :2] = rotation
-    turn[2, 2] = np.linalg.det(rotation)
+    rotation, translation = verdict.motion
+    rotation_in_view = np.eye(3)
+    rotation_in_view[:2, :2] = rotation
+    rotation_in_view[2, 2] = np.linalg.det(rotation)
     back = view.rotation.T
     points = np.column_stack([dots.centers[verdict.used], have]) @ view.rotation
     return PlateInFile(
-        verdict, back @ turn, back @ np.array([*shift, level]), points,
-        np.column_stack([wanted.centers[own], want]), view, dots,
+        verdict, back @ rotation_in_view, back @ np.array([*translation, level]), points,
+        np.column_stack([wanted.centers[indices], want]), view, dots,
     )  # fmt: skip
 
 
-def _motion(plates: Sequence[Plate], found: Sequence[Sequence[PlateInFile]], tolerance: float) -> Alignment | None:
+def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float) -> Alignment | None:
     """Motion from the rig to the file that most markers agree with, by least squares of their dots; None for none."""
     from scipy.spatial.transform import Rotation
 
     best: tuple[float, list[tuple[int, PlateInFile]]] | None = None
-    for k, some in enumerate(found):
-        for one in some:
-            turn = one.rotation @ plates[k].rotation_matrix.T
-            guess = Alignment(turn, one.translation - turn @ (1e3 * plates[k].translation_vector))
+    for k, candidates in enumerate(placements):
+        for placed in candidates:
+            rotation = placed.rotation @ plates[k].rotation_matrix.T
+            guess = Alignment(rotation, placed.translation - rotation @ (1e3 * plates[k].translation_vector))
             agreed, off = [], 0.0
-            for j, others in enumerate(found):
-                away = [(_apart(other, *guess.of(plates[j])), other) for other in others]
-                near, other = min(away, key=lambda pair: pair[0], default=(np.inf, None))
+            for j, others in enumerate(placements):
+                away = [(_apart(candidate, *guess.of(plates[j])), candidate) for candidate in others]
+                distance, nearest = min(away, key=lambda pair: pair[0], default=(np.inf, None))
                 # A marker's own turn is known less well than its place.
-                if other is not None and near < NEARLY * 1e3 * tolerance:
-                    agreed.append((j, other))
-                    off += near
+                if nearest is not None and distance < NEARLY * 1e3 * tolerance:
+                    agreed.append((j, nearest))
+                    off += distance
             score = off - 1e6 * len(agreed)
             if best is None or score < best[0]:
                 best = score, agreed
@@ -444,19 +447,21 @@ def _motion(plates: Sequence[Plate], found: Sequence[Sequence[PlateInFile]], tol
         return None
     agreed = best[1]
     if np.linalg.det(agreed[0][1].rotation) < 0:
-        one = agreed[0][1]
-        turn = one.rotation @ plates[agreed[0][0]].rotation_matrix.T
-        return Alignment(turn, one.translation - turn @ (1e3 * plates[agreed[0][0]].translation_vector))
-    source = np.concatenate([1e3 * plates[j].to_body(one.wanted / 1e3) for j, one in agreed])
-    target = np.concatenate([one.points for _, one in agreed])
+        placed = agreed[0][1]
+        rotation = placed.rotation @ plates[agreed[0][0]].rotation_matrix.T
+        return Alignment(rotation, placed.translation - rotation @ (1e3 * plates[agreed[0][0]].translation_vector))
+    source = np.concatenate([1e3 * plates[j].to_body(placed.wanted / 1e3) for j, placed in agreed])
+    target = np.concatenate([placed.points for _, placed in agreed])
     middle, goal = source.mean(axis=0), target.mean(axis=0)
-    turn = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
-    return Alignment(turn, goal - turn @ middle)
+    rotation = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
+    return Alignment(rotation, goal - rotation @ middle)
 
 
-def _apart(one: PlateInFile, turn: Array, shift: Array) -> float:
+def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:
     """Largest distance in mm of a found marker's dots from where a pose puts them."""
-    return float(np.linalg.norm(one.wanted @ (one.rotation - turn).T + one.translation - shift, axis=-1).max())
+    return float(
+        np.linalg.norm(placed.wanted @ (placed.rotation - rotation).T + placed.translation - translation, axis=-1).max()
+    )
 
 
 def _frame(motion: Alignment, plates: Sequence[Plate], tolerance: float) -> str:
@@ -467,12 +472,12 @@ def _frame(motion: Alignment, plates: Sequence[Plate], tolerance: float) -> str:
     return _motion_words(motion.rotation, motion.translation, 1e3 * tolerance)
 
 
-def _motion_words(turn: Array, shift: Array, tolerance: float) -> str:
+def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
     """A rotation and a shift in mm in words: ``turned by 3 degrees about z, and 1.2 mm off (x +1.2 mm)``."""
     from scipy.spatial.transform import Rotation
 
-    about = Rotation.from_matrix(turn).as_rotvec()
-    angle, said = float(np.linalg.norm(about)), []
+    about = Rotation.from_matrix(rotation).as_rotvec()
+    angle, phrases = float(np.linalg.norm(about)), []
     if angle > TURNED:
         axis = about / angle
         k = int(np.argmax(np.abs(axis)))
@@ -481,69 +486,71 @@ def _motion_words(turn: Array, shift: Array, tolerance: float) -> str:
             if abs(axis[k]) > 0.9999
             else "({:.3g}, {:.3g}, {:.3g})".format(*axis)
         )
-        said.append(f"turned by {np.degrees(angle):.4g} degrees about {way}")
-    if np.linalg.norm(shift) > tolerance:
+        phrases.append(f"turned by {np.degrees(angle):.4g} degrees about {way}")
+    if np.linalg.norm(translation) > tolerance:
         along = " and ".join(
-            f"{axis} {v:+.4g} mm" for axis, v in zip("xyz", shift, strict=True) if abs(v) > tolerance / 10
+            f"{axis} {v:+.4g} mm" for axis, v in zip("xyz", translation, strict=True) if abs(v) > tolerance / 10
         )
-        said.append(f"{short_length(float(np.linalg.norm(shift)))} off ({along})")
-    return ", and ".join(said) or "not quite in its place"
+        phrases.append(f"{short_length(float(np.linalg.norm(translation)))} off ({along})")
+    return ", and ".join(phrases) or "not quite in its place"
 
 
 def _moved(
     plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: Alignment, tolerance: float
 ) -> list[Finding]:
     """Say that a marker is in another place, or in that of another one."""
-    each, one = plates[k], chosen[k]
-    assert one is not None
-    if _apart(one, *motion.of(each)) <= 1e3 * tolerance:
+    plate, placed = plates[k], chosen[k]
+    assert placed is not None
+    if _apart(placed, *motion.of(plate)) <= 1e3 * tolerance:
         return []
-    for j, other in enumerate(plates):
-        if j != k and _apart(one, *motion.of(other)) < NEARLY * 1e3 * tolerance:
+    for j, neighbor in enumerate(plates):
+        if j != k and _apart(placed, *motion.of(neighbor)) < NEARLY * 1e3 * tolerance:
             back = chosen[j]
-            if back is not None and _apart(back, *motion.of(each)) < NEARLY * 1e3 * tolerance:
+            if back is not None and _apart(back, *motion.of(plate)) < NEARLY * 1e3 * tolerance:
                 first, second = sorted((k, j))
                 names = f"{plates[first].name} and {plates[second].name}"
                 return [Finding("relation", f"{names} are swapped", "put each in its own place")]
-            return [Finding("relation", f"{each.name} is in the place of {other.name}", "put it in its own place")]
-    turn, shift = motion.of(each)
-    words = _motion_words(turn.T @ one.rotation, turn.T @ (one.translation - shift), 1e3 * tolerance)
-    return [Finding("relation", f"{each.name} is {words}, in its own frame", "put it in its place")]
+            return [Finding("relation", f"{plate.name} is in the place of {neighbor.name}", "put it in its own place")]
+    rotation, translation = motion.of(plate)
+    displacement = _motion_words(
+        rotation.T @ placed.rotation, rotation.T @ (placed.translation - translation), 1e3 * tolerance
+    )
+    return [Finding("relation", f"{plate.name} is {displacement}, in its own frame", "put it in its place")]
 
 
-def _beside(each: Plate, one: PlateInFile, tolerance: float) -> tuple[list[Finding], list[str]]:
+def _beside(plate: Plate, placed: PlateInFile, tolerance: float) -> tuple[list[Finding], list[str]]:
     """Findings about heights, colors and the tag of a marker that was found, and about dots that it does not have."""
-    assert one.verdict.motion is not None
+    assert placed.verdict.motion is not None
     findings, notes = list[Finding](), list[str]()
-    tol, marker = 1e3 * tolerance, each.marker
-    rise = (one.points - one.translation) @ one.rotation[:, 2] - one.wanted[:, 2]
+    tol, marker = 1e3 * tolerance, plate.marker
+    rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
     findings += [
         Finding(
             "height",
-            f"dot {one.verdict.names[n]} is {short_length(abs(rise[n]))} too {'high' if rise[n] > 0 else 'low'}",
+            f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {'high' if rise[n] > 0 else 'low'}",
         )
         for n in np.flatnonzero(np.abs(rise) > tol)[:MOST_LISTED]
     ]
-    rotation, shift = one.verdict.motion
-    reach = 1e3 * np.concatenate(marker.boundary.outlines()) @ rotation.T + shift
-    surface = classified(_part_of(one.view, reach), marker)
-    dots = one.dots.take(one.verdict.used)
+    rotation, translation = placed.verdict.motion
+    reach = 1e3 * np.concatenate(marker.boundary.outlines()) @ rotation.T + translation
+    surface = classified(_part_of(placed.view, reach), marker)
+    dots = placed.dots.take(placed.verdict.used)
     if surface.loose:
         notes.append(DARK)
     elif is_light_alone(surface, dots):
         notes.append(LIGHT)
     middle = dots.centers + np.column_stack([(dots.radii + dots.inner) / 2 * dots.rings, np.zeros(len(dots))])
-    pale = [one.verdict.names[n] for n in np.flatnonzero(_pale(surface, dots, middle))]
+    pale = [placed.verdict.names[n] for n in np.flatnonzero(_pale(surface, dots, middle))]
     if pale:
         findings.append(Finding("color", f"dots {', '.join(map(str, pale[:MOST_LISTED]))} look like the plate", AGAIN))
-    inside = _within(one.dots.centers, reach)
-    near = one.dots.take(inside)
-    used = np.searchsorted(np.flatnonzero(inside), np.intersect1d(one.verdict.used, np.flatnonzero(inside)))
+    inside = _within(placed.dots.centers, reach)
+    nearby = placed.dots.take(inside)
+    used = np.searchsorted(np.flatnonzero(inside), np.intersect1d(placed.verdict.used, np.flatnonzero(inside)))
     holes = np.array([[1e3 * hole.x, 1e3 * hole.y] for hole in marker.substrate.holes]).reshape(-1, 2)
-    findings += extras(near, used, one.verdict.motion, holes)
-    if marker.tag is not None and not any(said.kind in UNTAGGED for said in one.verdict.findings):
+    findings += extras(nearby, used, placed.verdict.motion, holes)
+    if marker.tag is not None and not any(finding.kind in UNTAGGED for finding in placed.verdict.findings):
         page = Page(np.zeros((0, 3)), surface=surface)
-        findings += tag_findings(marker.tag, page, lambda points: 1e3 * points @ rotation.T + shift, tol)
+        findings += tag_findings(marker.tag, page, lambda points: 1e3 * points @ rotation.T + translation, tol)
     return findings, notes
 
 
@@ -553,9 +560,9 @@ def _pale(surface: Surface, dots: DotSet, middle: Array) -> NDArray[np.bool_]:
         return np.zeros(len(dots), dtype=bool)
     plate = plate_of(surface)
     part, z, colors = surface.look(middle)
-    told = [differ(color, surface.parts[plate].color) for color in colors]
+    contrasts = [differ(color, surface.parts[plate].color) for color in colors]
     flush = (part == plate) & (z > dots.heights - FLUSH)
-    return np.array([bool(flush[k]) if told[k] is None else not told[k] for k in range(len(dots))])
+    return np.array([bool(flush[k]) if contrasts[k] is None else not contrasts[k] for k in range(len(dots))])
 
 
 def _part_of(surface: Surface, reach: Array) -> Surface:

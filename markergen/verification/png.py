@@ -90,7 +90,7 @@ def read_png(data: bytes, name: str, body: Body) -> Reading:
 
     def circles(wanted: Array | None) -> Array:
         measured = [_measure(grey, box, dark, scale) for box, dark in _blobs(grey, scale, wanted, gap)]
-        return circles_of([each for each in measured if each is not None], name)
+        return circles_of([circle for circle in measured if circle is not None], name)
 
     size = width / scale[0], height / scale[1]
     page = Page(
@@ -151,12 +151,12 @@ def _on_white(data: bytes) -> Grey | None:
     """Decode a PNG with transparency as it shows on white paper."""
     import cv2
 
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if found is None or found.ndim != 3:
-        return None if found is None else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
-    largest = np.iinfo(found.dtype).max
-    opacity = found[..., -1].astype(np.float32) / largest
-    color = found[..., :-1]
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim != 3:
+        return None if pixels is None else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
+    largest = np.iinfo(pixels.dtype).max
+    opacity = pixels[..., -1].astype(np.float32) / largest
+    color = pixels[..., :-1]
     grey = cv2.cvtColor(color, cv2.COLOR_BGR2GRAY) if color.shape[2] == 3 else color[..., 0]
     return np.asarray(np.rint(255 * (opacity * (grey / np.float32(largest)) + 1 - opacity)), dtype=np.uint8)
 
@@ -196,12 +196,12 @@ def _blobs(grey: Grey, scale: Array, sizes: Array | None, gap: float) -> Iterato
         sides = stats[1:, 2:4] * step / scale
         size = np.sqrt(sides.prod(axis=1))
         if sizes is None:
-            near = stats[1:, 2:4].min(axis=1) >= LEAST_BLOB
+            is_sized = stats[1:, 2:4].min(axis=1) >= LEAST_BLOB
         else:
-            near = np.abs(np.log(size[:, None] / sizes)).min(axis=1) < np.log(1.2 * ALIKE)
+            is_sized = np.abs(np.log(size[:, None] / sizes)).min(axis=1) < np.log(1.2 * ALIKE)
         even = sides.min(axis=1) > 0.7 * sides.max(axis=1)
         share = stats[1:, 4] / (np.pi / 4 * stats[1:, 2:4].prod(axis=1))
-        for left, top, across, down, _ in stats[1:][near & even & (share > 0.15) & (share < 1.2)].tolist():
+        for left, top, across, down, _ in stats[1:][is_sized & even & (share > 0.15) & (share < 1.2)].tolist():
             count += 1
             if count > MOST_BLOBS:
                 return
@@ -254,8 +254,8 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
     covered = np.clip((ground - window) / (ground - ink), 0, 1)
     covered[inside] = 1
     _, parts = cv2.connectedComponents((covered > 0.5).astype(np.uint8), connectivity=4)
-    own = (parts == parts[inside][0]).astype(np.uint8)
-    covered[cv2.dilate(own, np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)) == 0] = 0
+    blob = (parts == parts[inside][0]).astype(np.uint8)
+    covered[cv2.dilate(blob, np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)) == 0] = 0
     area = float(covered.sum(dtype=float))
     across, down = covered.sum(axis=0, dtype=float), covered.sum(axis=1, dtype=float)
     mx, my = float(across @ x) / area, float(down @ y) / area
@@ -307,8 +307,10 @@ def _votes(ink: NDArray[np.bool_], scale: Array) -> Array:
 
 def _vote(shape: Array) -> Array:
     """(1, 0) for a character, (0, 1) for a mirrored one, (0, 0) for neither or both."""
-    known = _font()
-    plain, mirrored = (float(np.linalg.norm(known - each, axis=-1).min()) for each in (shape, shape * MIRROR))
+    font = _font()
+    plain, mirrored = (
+        float(np.linalg.norm(font - invariants, axis=-1).min()) for invariants in (shape, shape * MIRROR)
+    )
     if min(plain, mirrored) > NEAR or max(plain, mirrored) < CLEAR * min(plain, mirrored):
         return np.zeros(2)
     return np.array([1.0, 0.0]) if plain < mirrored else np.array([0.0, 1.0])

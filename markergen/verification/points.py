@@ -15,7 +15,7 @@ from markergen.model.tag import FAMILIES
 from markergen.verification.reading import READERS, Page, Reading, circles_of
 from markergen.verification.words import listed_ids
 
-Told = tuple[object, object, object]
+StatedTag = tuple[object, object, object]
 """Family, id and corners of a tag as the file states them."""
 
 TOLERANCE = 1e-6
@@ -54,11 +54,11 @@ def read_json(data: bytes, name: str, body: Body) -> Reading:
         rows = [[point[key] for key in "xyz"] for point in content["control_points"]]
         ids = [point["id"] for point in content["control_points"]]
         tag = content.get("tag")
-        told = tag and (tag["family"], tag["id"], [corner[:2] for corner in tag["corners"]])
+        stated = tag and (tag["family"], tag["id"], [corner[:2] for corner in tag["corners"]])
     except (ValueError, RecursionError, KeyError, TypeError):
         raise InputError(f"a marker.json in {name}", "something else", "export it again") from None
     # The file's tag is the designed one, regardless of any measurement of a print.
-    gaps = _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, told)
+    gaps = _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, stated)
     return _reading("JSON", rows, name, gaps, _id_gaps(marker, ids, rows))
 
 
@@ -72,12 +72,12 @@ def read_opencv(data: bytes, name: str, body: Body) -> Reading:
         raise InputError(f"object_points of three columns in {name}", "none", "export it again")
     family = re.search(r'^tag_dictionary_name: *"(\w+)"', text, re.MULTILINE)
     corners = _matrix(text, "tag_corners")
-    told = (
+    stated = (
         (family[1], ",".join(_matrix(text, "tag_ids")).strip(), [corners[k : k + 2] for k in range(0, len(corners), 3)])
         if family
         else None
     )
-    gaps = _tag_gaps(marker, FAMILIES[marker.tag.family] if marker.tag else None, told)
+    gaps = _tag_gaps(marker, FAMILIES[marker.tag.family] if marker.tag else None, stated)
     rows = [values[k : k + 3] for k in range(0, len(values), 3)]
     return _reading("OpenCV", rows, name, gaps, _id_gaps(marker, _matrix(text, "ids"), rows))
 
@@ -103,10 +103,10 @@ def read_ros2(data: bytes, name: str, body: Body) -> Reading:
         (landmarks,) = [node for node in nodes if "ids" in node]
         rows = list(zip(*(landmarks[key] for key in "xyz"), strict=True))
         tag = landmarks.get("tag")
-        told = tag and (tag["family"], tag["id"], list(zip(tag["corner_x"], tag["corner_y"], strict=True)))
+        stated = tag and (tag["family"], tag["id"], list(zip(tag["corner_x"], tag["corner_y"], strict=True)))
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"landmarks with x, y and z in {name}", "something else", "export it again") from None
-    gaps = _tag_gaps(marker, marker.tag.family if marker.tag else None, told)
+    gaps = _tag_gaps(marker, marker.tag.family if marker.tag else None, stated)
     return _reading("ROS 2", rows, name, gaps, _id_gaps(marker, landmarks["ids"], rows))
 
 
@@ -114,14 +114,14 @@ def read_ros2(data: bytes, name: str, body: Body) -> Reading:
 def read_bundle(data: bytes, name: str, body: Body) -> Reading:
     """Read the bundles of apriltag_ros, which have tags but no dots."""
     marker = body.plates[0].marker
-    told = _yaml(data, name)
+    content = _yaml(data, name)
     try:
-        tags = [tag for bundle in told["tag_bundles"] for tag in bundle["layout"]]
+        tags = [tag for bundle in content["tag_bundles"] for tag in bundle["layout"]]
         ids = [int(tag["id"]) for tag in tags]
         numbers = [[float(tag[key]) for key in ("size", "x", "y", "z", "qx", "qy", "qz", "qw")] for tag in tags]
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(f"a bundle of tags in {name}", "something else", "export it again") from None
-    if not np.isfinite(numbers).all() or not all(any(each[4:]) for each in numbers):
+    if not np.isfinite(numbers).all() or not all(any(row[4:]) for row in numbers):
         raise InputError(f"finite places and unit quaternions in {name}", "others", "export it again")
     family = re.search(r"tag_family: *'tag(\w+)'", _text(data, name))
     gaps = _bundle_gaps(marker, family and family[1], ids, numbers)
@@ -134,9 +134,9 @@ def _bundle_gaps(
     tag = marker.tag
     if tag is None or not tag.family.startswith(APRILTAG):
         return (f"the marker has {'no tag' if tag is None else f'the tag {tag}'}, and the file an AprilTag",)
-    own = tag.family.removeprefix(APRILTAG)
-    if family not in (None, own):
-        return (f"its tags are of the family {family}, not {own}",)
+    family_name = tag.family.removeprefix(APRILTAG)
+    if family not in (None, family_name):
+        return (f"its tags are of the family {family}, not {family_name}",)
     if tag.id not in ids:
         return (f"its tag is {', '.join(map(str, ids[:5])) or 'missing'}, not {tag.id}",)
     gaps = [f"it has {len(ids)} tags, and the marker one"] if len(ids) > 1 else []
@@ -146,11 +146,11 @@ def _bundle_gaps(
         gaps.append(f"the tag {tag} is {1e3 * size:.6g} mm large, not {1e3 * wanted:.6g} mm")
     off = np.array(place[:3]) - np.append(tag.center * np.array(marker.print_scale), 0.0)
     if np.linalg.norm(off) > TOLERANCE:
-        said = ", ".join(f"{axis} {1e3 * value:+.4g} mm" for axis, value in zip("xyz", off, strict=True))
-        gaps.append(f"the tag {tag} is off by {said}")
-    turn = np.array(place[3:]) / np.linalg.norm(place[3:])
+        axes = ", ".join(f"{axis} {1e3 * value:+.4g} mm" for axis, value in zip("xyz", off, strict=True))
+        gaps.append(f"the tag {tag} is off by {axes}")
+    quaternion = np.array(place[3:]) / np.linalg.norm(place[3:])
     # AprilTag's own library sees the tag upside down: half a turn about z is the quaternion (0, 0, 1, 0).
-    angle = 2 * np.degrees(np.arctan2(np.linalg.norm(turn[[0, 1, 3]]), abs(turn[2])))
+    angle = 2 * np.degrees(np.arctan2(np.linalg.norm(quaternion[[0, 1, 3]]), abs(quaternion[2])))
     if angle > TAG_ANGLE:
         gaps.append(f"the tag {tag} is turned by {angle:.4g} degrees against the way AprilTag's own library sees it")
     return tuple(gaps)
@@ -162,15 +162,15 @@ def _matrix(text: str, key: str) -> list[str]:
     return match[1].split(",") if match else []
 
 
-def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[str, ...]:
+def _tag_gaps(marker: Marker, family: str | None, stated: StatedTag | None) -> tuple[str, ...]:
     """Errors of a tag as a file states it; `family` is the format's name for the marker's family."""
     tag = marker.tag
-    if tag is None or not told:
-        return () if (tag is None) == (not told) else (f"the tag {tag} is missing" if tag else "an extra tag",)
-    if (told[0], str(told[1])) != (family, str(tag.id)):
-        return (f"its tag is {brief(str(told[0]))}:{brief(str(told[1]))}, not {family}:{tag.id}",)
+    if tag is None or not stated:
+        return () if (tag is None) == (not stated) else (f"the tag {tag} is missing" if tag else "an extra tag",)
+    if (stated[0], str(stated[1])) != (family, str(tag.id)):
+        return (f"its tag is {brief(str(stated[0]))}:{brief(str(stated[1]))}, not {family}:{tag.id}",)
     try:
-        corners = np.array(told[2], dtype=float)
+        corners = np.array(stated[2], dtype=float)
     except (ValueError, TypeError, OverflowError):
         return ("the corners of the tag are not numbers",)
     # Negated, so that nan fails too.
@@ -193,13 +193,13 @@ def _yaml(data: bytes, name: str) -> Any:
         raise InputError(f"complete YAML in {name}", brief(str(error)), "export it again") from None
 
 
-def _id_gaps(marker: Marker, told: object, rows: Sequence[Sequence[Any]]) -> tuple[str, ...]:
-    """Dots that have the ids of others; another number of rows is told elsewhere."""
+def _id_gaps(marker: Marker, stated: object, rows: Sequence[Sequence[Any]]) -> tuple[str, ...]:
+    """Dots that have the ids of others; another number of rows is reported elsewhere."""
     wanted = {point.id: np.array([point.x, point.y]) for point in marker.control_points}
-    if not isinstance(told, list) or not told:
+    if not isinstance(stated, list) or not stated:
         return ()
     try:
-        ids = [int(each) for each in told]
+        ids = [int(value) for value in stated]
         places = np.array([[float(value) for value in row[:2]] for row in rows])
     except (ValueError, TypeError, OverflowError):
         return ("its ids are not whole numbers",)
@@ -207,8 +207,10 @@ def _id_gaps(marker: Marker, told: object, rows: Sequence[Sequence[Any]]) -> tup
         return ("its ids are not the marker's",)
     names, centers = list(wanted), np.array(list(wanted.values()))
     off = np.linalg.norm(places[:, None] - centers, axis=2)
-    near = [names[k] for k in off.argmin(axis=1)]
-    wrong = [each for each, here, away in zip(ids, near, off.min(axis=1), strict=True) if each != here and away < 1e-4]
+    nearest = [names[k] for k in off.argmin(axis=1)]
+    wrong = [
+        name for name, here, away in zip(ids, nearest, off.min(axis=1), strict=True) if name != here and away < 1e-4
+    ]
     return (f"{listed_ids(wrong)} at the place of another",) if wrong else ()
 
 

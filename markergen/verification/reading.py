@@ -152,8 +152,8 @@ READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification
 def suffix_of(path: Path) -> str:
     """Longest suffix of a path that `READERS` knows, or its last one."""
     parts = path.name.lower().split(".")[1:]
-    known = ("." + ".".join(parts[start:]) for start in range(len(parts)))
-    return next((suffix for suffix in known if suffix in READERS.names()), "." + parts[-1] if parts else path.name)
+    suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
+    return next((suffix for suffix in suffixes if suffix in READERS.names()), "." + parts[-1] if parts else path.name)
 
 
 def reader_of(path: Path) -> Reader:
@@ -198,9 +198,9 @@ def round_shape(points: Array) -> tuple[float, float, float] | None:
     return float(middle[0] + size * center[0]), float(middle[1] + size * center[1]), size * radius
 
 
-def circles_of(found: list[tuple[float, float, float]], name: str) -> Array:
+def circles_of(rows: list[tuple[float, float, float]], name: str) -> Array:
     """Circles as an array (m, 3), without those out of range; raises InputError for more than `MOST_CIRCLES`."""
-    if len(found) > MOST_CIRCLES:
-        raise InputError(f"at most {MOST_CIRCLES} circles in {name}", str(len(found)), "verify one marker at a time")
-    circles = np.array(found, dtype=float).reshape(-1, 3)
+    if len(rows) > MOST_CIRCLES:
+        raise InputError(f"at most {MOST_CIRCLES} circles in {name}", str(len(rows)), "verify one marker at a time")
+    circles = np.array(rows, dtype=float).reshape(-1, 3)
     return circles[(np.abs(circles[:, :2]) < FARTHEST).all(axis=-1)]

@@ -91,7 +91,8 @@ class Check:
             "copies": self.copies,
             "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
             "findings": [
-                {"kind": each.kind, "sentence": each.sentence, "remedy": each.remedy} for each in self.findings
+                {"kind": finding.kind, "sentence": finding.sentence, "remedy": finding.remedy}
+                for finding in self.findings
             ],
             "notes": list(self.notes),
         }
@@ -188,9 +189,9 @@ class Verification(SavableResult, Sequence[Check]):
         return [_table(checks), *(line for check in checks for line in _lines(check))] if checks else []
 
     def __repr__(self) -> str:
-        said = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
+        verdicts = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
         more = [f"and {len(self) - _SHOWN} more"] if len(self) > _SHOWN else []
-        return f"<Verification: {', '.join([*said, *more])}>"
+        return f"<Verification: {', '.join([*verdicts, *more])}>"
 
 
 def _verdict(check: Check) -> str:
@@ -204,7 +205,7 @@ def _table(checks: Iterable[Check]) -> Table:
 
 def _lines(check: Check) -> list[str]:
     """Findings and notes of a file, one sentence per line."""
-    return [f"{check.path}: {said}" for said in (*map(str, check.findings), *check.notes)]
+    return [f"{check.path}: {sentence}" for sentence in (*map(str, check.findings), *check.notes)]
 
 
 def _row(check: Check) -> list[str]:

@@ -55,15 +55,15 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
     radii = np.unique(expected.radii)
     places = np.concatenate([edges[:, :3], np.array([[b.x, b.y, b.radius] for _, b in balls]).reshape(-1, 3)])
-    near = np.abs(np.log(np.maximum(places[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
-    free, rows, first = near.copy(), [], []
-    for index in np.flatnonzero(near):
+    is_sized = np.abs(np.log(np.maximum(places[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
+    free, rows, first = is_sized.copy(), [], []
+    for index in np.flatnonzero(is_sized):
         if not free[index]:
             continue
         away = np.linalg.norm(places[:, :2] - places[index, :2], axis=-1)
         mine = away <= CONCENTRIC * np.minimum(places[:, 2], places[index, 2])
-        free &= ~(mine & near)
-        pieces = [ball for ball, own in zip(balls, (mine & near)[len(edges) :], strict=True) if own]
+        free &= ~(mine & is_sized)
+        pieces = [ball for ball, is_mine in zip(balls, (mine & is_sized)[len(edges) :], strict=True) if is_mine]
         around = edges[mine[: len(edges)]]
         row, part = _of_balls(pieces, radii) if pieces else _ofround_edges(surface, around, radii)
         rows.append(row)
@@ -77,14 +77,14 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
 
 def round_edges(surface: Surface) -> Array:
     """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer edge of a face."""
-    found = [
+    rows = [
         (*about, face.z, part, number, float(place == 0))
-        for part, each in enumerate(surface.parts)
-        for number, face in enumerate(each.faces)
+        for part, solid in enumerate(surface.parts)
+        for number, face in enumerate(solid.faces)
         for place, edge in enumerate(face.edges)
         if (about := edge.as_circle)
     ]
-    return np.array(found, dtype=float).reshape(-1, 7)
+    return np.array(rows, dtype=float).reshape(-1, 7)
 
 
 def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float, ...], int]:
@@ -98,21 +98,21 @@ def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float
 def _ofround_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
     """Row of a dot made of edges around one axis, and its part."""
     misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
-    near = misfit < np.log(ALIKE)
+    is_sized = misfit < np.log(ALIKE)
     parts = surface.parts
-    own = near & (around[:, 6] == 1)
-    own[own] = [is_dot(parts[int(part)], *row) for *row, part in around[own][:, [0, 1, 2, 4]]]
-    chosen = own if own.any() else near
+    is_part = is_sized & (around[:, 6] == 1)
+    is_part[is_part] = [is_dot(parts[int(part)], *row) for *row, part in around[is_part][:, [0, 1, 2, 4]]]
+    chosen = is_part if is_part.any() else is_sized
     top = around[chosen, 3].max()
     level = np.abs(around[:, 3] - top) <= FLUSH
     candidates = np.flatnonzero(chosen & level)
     best = around[candidates[np.argmin(misfit[candidates])]]
     within = level & (around[:, 2] < best[2] / ALIKE)
-    if own.any():
+    if is_part.any():
         # A core inside a ring has an edge of its own, separated by the ring's gap.
         within &= (around[:, 4] == best[4]) & (around[:, 5] == best[5])
     inner = around[within]
-    alike = around[near & level & (np.abs(around[:, 2] / best[2] - 1) < 0.05)]
+    alike = around[is_sized & level & (np.abs(around[:, 2] / best[2] - 1) < 0.05)]
     others = np.concatenate([alike, inner])[:, :2] - best[:2]
     spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
     return (best[0], best[1], best[2], float(inner[:, 2].max(initial=0.0)), spread, top), int(best[4])
@@ -142,11 +142,11 @@ def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
     part, z, colors = surface.look(places)
     if surface.loose:
         return part >= 0
-    own = surface.parts[plate].color
+    plate_color = surface.parts[plate].color
     face = np.median(z[part == plate]) if (part == plate).any() else 0.0
-    told = [differ(color, own) for color in colors]
-    other = (part != plate) | (z < face - FLUSH)
-    return np.array([bool(other[k]) if told[k] is None else told[k] for k in range(len(places))])
+    contrasts = [differ(color, plate_color) for color in colors]
+    is_apart = (part != plate) | (z < face - FLUSH)
+    return np.array([bool(is_apart[k]) if contrasts[k] is None else contrasts[k] for k in range(len(places))])
 
 
 def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
@@ -171,13 +171,13 @@ def hole_findings(
     surface: Surface, holes: tuple[Hole, ...], motion: tuple[Array, Array], tolerance: float
 ) -> list[Finding]:
     """Holes of the plate that are missing, misplaced or of the wrong size; tolerance in mm."""
-    rotation, shift = motion
+    rotation, translation = motion
     edges = round_edges(surface)
     findings = []
     for hole in holes:
         called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
         radius = 500 * (hole.sink or hole.diameter)
-        offset = (edges[:, :2] - shift) @ rotation - 1e3 * np.array([hole.x, hole.y])
+        offset = (edges[:, :2] - translation) @ rotation - 1e3 * np.array([hole.x, hole.y])
         away = np.linalg.norm(offset, axis=-1)
         there = (away < HOLE) & (np.abs(np.log(np.maximum(edges[:, 2], 1e-12) / radius)) < np.log(ALIKE))
         if not there.any():
@@ -187,8 +187,8 @@ def hole_findings(
         if away[best] > tolerance:
             findings.append(Finding("hole", f"{called} is {short_length(away[best])} off"))
         if abs(edges[best, 2] - radius) > tolerance:
-            said = f"has a diameter of {2 * edges[best, 2]:.6g} mm, not {2 * radius:.6g} mm"
-            findings.append(Finding("hole", f"{called} {said}"))
+            sentence = f"has a diameter of {2 * edges[best, 2]:.6g} mm, not {2 * radius:.6g} mm"
+            findings.append(Finding("hole", f"{called} {sentence}"))
     return findings
 
 
@@ -218,18 +218,19 @@ def classified(surface: Surface, body: Body) -> Surface:
 def _is_loose(surface: Surface, radius: float) -> bool:
     """Tell whether there are parts of dots, of at most that radius, and none of them has a plate around it."""
     boxes = np.array([part.box for part in surface.parts]).reshape(-1, 4)
-    own = [
+    dot_parts = [
         k
         for k, part in enumerate(surface.parts)
         if (part.balls or any(face.edges[0].as_circle for face in part.faces))
         and max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1]) < 2 * ALIKE * radius
     ]
     # A ring lies around its core.
-    around = np.delete(boxes, own, axis=0)
+    around = np.delete(boxes, dot_parts, axis=0)
     inside = [
-        np.sum((around[:, :2] < boxes[k, :2]).all(axis=1) & (around[:, 2:] > boxes[k, 2:]).all(axis=1)) for k in own
+        np.sum((around[:, :2] < boxes[k, :2]).all(axis=1) & (around[:, 2:] > boxes[k, 2:]).all(axis=1))
+        for k in dot_parts
     ]
-    return bool(own) and not any(inside)
+    return bool(dot_parts) and not any(inside)
 
 
 def level_face(
@@ -240,9 +241,9 @@ def level_face(
     Other programs write circles as splines or polygons; how far these are off is kept.
     """
     edges = []
-    for points, known, straight in outlines:
-        about = known or round_shape(points)
-        rough = out_of_round(points, about, straight) if about and not known else 0.0
+    for points, circle, straight in outlines:
+        about = circle or round_shape(points)
+        rough = out_of_round(points, about, straight) if about and not circle else 0.0
         edges.append((edge_of(points, about), rough))
     edges.sort(key=lambda edge: -abs(area(edge[0])))
     contours, rough_ones = zip(*edges, strict=True)
@@ -281,27 +282,27 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
     return recess.offset(SLACK).covers(solid) and solid.offset(ROOM + SLACK, corners="miter").covers(recess)
 
 
-def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
+def room_of(surface: Surface, dots: DotSet, expected: DotSet) -> float:
     """Clearance in mm around what goes into recesses, if the apparent dots are recesses; 0 if they are dots.
 
     Recesses lie below the plate's surface, have its color, and are larger than dots by the same amount. Those for
     printed dots are never rings; those for inlays may have the light core of a ring in them.
     """
-    if surface.loose or not len(found) or not (np.isfinite(found.radii)).all():
+    if surface.loose or not len(dots) or not (np.isfinite(dots.radii)).all():
         return 0.0
     plate = plate_of(surface)
-    turn = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
-    middles = found.centers[:, None] + ((found.radii + found.inner) / 2 * found.rings)[:, None, None] * turn
+    directions = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    middles = dots.centers[:, None] + ((dots.radii + dots.inner) / 2 * dots.rings)[:, None, None] * directions
     part, z, colors = surface.look(middles.reshape(-1, 2))
-    heights = np.repeat(found.heights if found.heights is not None else np.zeros(len(found)), len(turn))
+    heights = np.repeat(dots.heights if dots.heights is not None else np.zeros(len(dots)), len(directions))
     if (part != plate).any() or (z > heights - FLUSH).any():
         return 0.0
-    told = [differ(color, surface.parts[plate].color) for color in colors]
+    contrasts = [differ(color, surface.parts[plate].color) for color in colors]
     # Without colors, pockets without any ring are recesses if the marker has a ring.
-    if True in told or (None in told and not found.rings.any() and not expected.rings.any()):
+    if True in contrasts or (None in contrasts and not dots.rings.any() and not expected.rings.any()):
         return 0.0
     sizes = np.unique(expected.radii)
-    room = found.radii - sizes[np.argmin(np.abs(found.radii[:, None] - sizes), axis=1)]
+    room = dots.radii - sizes[np.argmin(np.abs(dots.radii[:, None] - sizes), axis=1)]
     return float(np.median(room)) if room.min() > FLUSH and room.max() < ROOM and np.ptp(room) < FLUSH else 0.0
 
 

@@ -89,20 +89,20 @@ def _asked(kind: str, function: str, data: bytes, name: str) -> dict[str, Any]:
         raise missing_kernel("reading solids needs", str(error)) from None
 
 
-def _parts(found: list[dict[str, Any]], name: str) -> tuple[SolidPart, ...]:
-    if not found:
+def _parts(rows: list[dict[str, Any]], name: str) -> tuple[SolidPart, ...]:
+    if not rows:
         raise InputError(f"shapes in {name}", "none", "export it again")
-    return tuple(_part(each) for each in found)
+    return tuple(_part(row) for row in rows)
 
 
-def _part(each: dict[str, Any]) -> SolidPart:
+def _part(row: dict[str, Any]) -> SolidPart:
     faces, backs = (
-        tuple(level for face in each[side] if (level := _level(face)) is not None) for side in ("faces", "backs")
+        tuple(level for face in row[side] if (level := _level(face)) is not None) for side in ("faces", "backs")
     )
-    balls = tuple(Ball(**{**ball, "color": _color(ball["color"])}) for ball in each["balls"])
-    low, high = each["low"], each["high"]
+    balls = tuple(Ball(**{**ball, "color": _color(ball["color"])}) for ball in row["balls"])
+    low, high = row["low"], row["high"]
     return SolidPart(
-        each["name"], _color(each["color"]), each["volume"], each["valid"], each["closed"],
+        row["name"], _color(row["color"]), row["volume"], row["valid"], row["closed"],
         (low[0], low[1], low[2]), (high[0], high[1], high[2]), faces, balls, backs,
     )  # fmt: skip
 
@@ -110,14 +110,14 @@ def _part(each: dict[str, Any]) -> SolidPart:
 def _level(face: dict[str, Any]) -> LevelFace | None:
     """Level face of finite numbers; None without any edge of them."""
     loops = [
-        (np.array(each["points"], dtype=float).reshape(-1, 2), each["circle"], each["straight"])
-        for each in face["loops"]
-        if each["circle"] or len(each["points"]) > 2
+        (np.array(loop["points"], dtype=float).reshape(-1, 2), loop["circle"], loop["straight"])
+        for loop in face["loops"]
+        if loop["circle"] or len(loop["points"]) > 2
     ]
     if not loops or not np.isfinite(face["z"]) or not all(np.isfinite(points).all() for points, _, _ in loops):
         return None
     return level_face(face["z"], loops, _color(face["color"]))
 
 
-def _color(found: list[float] | None) -> Color | None:
-    return (found[0], found[1], found[2]) if found else None
+def _color(rgb: list[float] | None) -> Color | None:
+    return (rgb[0], rgb[1], rgb[2]) if rgb else None

@@ -56,7 +56,10 @@ class LevelFace:
 
     def scaled(self, factor: float) -> "LevelFace":
         """Scale by a factor."""
-        edges, rough = tuple(_scaled(edge, factor) for edge in self.edges), tuple(factor * each for each in self.rough)
+        edges, rough = (
+            tuple(_scaled(edge, factor) for edge in self.edges),
+            tuple(factor * value for value in self.rough),
+        )
         return LevelFace(factor * self.z, edges, self.color, rough)
 
     @cached_property
@@ -140,7 +143,7 @@ class SolidPart:
     def scaled(self, factor: float) -> "SolidPart":
         """Scale by a factor."""
         low, high = ((factor * x, factor * y, factor * z) for x, y, z in (self.low, self.high))
-        faces, backs = (tuple(face.scaled(factor) for face in each) for each in (self.faces, self.backs))
+        faces, backs = (tuple(face.scaled(factor) for face in level_faces) for level_faces in (self.faces, self.backs))
         balls = tuple(ball.scaled(factor) for ball in self.balls)
         return replace(
             self, volume=factor**3 * self.volume, low=low, high=high, faces=faces, balls=balls, backs=backs
@@ -154,8 +157,8 @@ class SolidPart:
     @property
     def circles(self) -> list[tuple[float, float, float, float]]:
         """Round edges (x, y, z, radius) of its level faces."""
-        found = [(face.z, edge.as_circle) for face in self.faces for edge in face.edges]
-        return [(about[0], about[1], z, about[2]) for z, about in found if about is not None]
+        edges = [(face.z, edge.as_circle) for face in self.faces for edge in face.edges]
+        return [(about[0], about[1], z, about[2]) for z, about in edges if about is not None]
 
 
 def _no_views() -> "list[Surface]":
@@ -206,17 +209,17 @@ class Surface:
             for k in np.flatnonzero(heights > z):
                 part[k], z[k], colors[k] = index, heights[k], color
 
-        for index, each in enumerate(self.parts):
-            for face in each.faces:
+        for index, solid in enumerate(self.parts):
+            for face in solid.faces:
                 if face.z > z.min(initial=np.inf):
                     inside = face.region.contains(places)
-                    show(index, np.where(inside, face.z, -np.inf), face.color or each.color)
-            for ball in each.balls:
+                    show(index, np.where(inside, face.z, -np.inf), face.color or solid.color)
+            for ball in solid.balls:
                 away = np.hypot(places[:, 0] - ball.x, places[:, 1] - ball.y)
                 inside = (away < ball.rim) & (away >= ball.hole)
                 if inside.any():
                     up = np.sqrt(np.maximum(ball.radius**2 - away**2, 0.0))
-                    show(index, np.where(inside, ball.z + up, -np.inf), ball.color or each.color)
+                    show(index, np.where(inside, ball.z + up, -np.inf), ball.color or solid.color)
         return part, z, colors
 
 

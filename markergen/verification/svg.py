@@ -81,15 +81,15 @@ def read_svg(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (e
                 cut += [on_cut] * len(lines[-1])
             points = np.concatenate([curve.sketch() for curve in piece.curves]) * factor
             sides = np.ptp(points, axis=0)
-            found = None
+            circle = None
             if sides.min() > ROUGH * sides.max():
                 rough += 1
                 if rough > MOST_ROUGH:
                     raise InputError(f"at most {MOST_ROUGH} shapes as wide as high in {name}", "more", "verify the PDF")
                 points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
-                found = round_shape(points)
-            if found and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
-                circles.append(found)
+                circle = round_shape(points)
+            if circle and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
+                circles.append(circle)
             elif len(points) >= 3:
                 corners.append(points)
         painted = [_Painted.of(list(pieces), scale) for _, pieces in groupby(drawing.pieces, _shape_of)]
@@ -100,7 +100,7 @@ def read_svg(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (e
         circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
         cut=is_cut if is_cut.any() else None, picture=_picture(painted, _shown(root.get("viewBox"), size, scale)),
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
-        unread=tuple((each, corners * factor) for each, corners in drawing.unread),
+        unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
     return Reading("SVG", (page,), tagged=True)
 
@@ -132,10 +132,10 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
 
     try:
         # At 25.4 px per inch, 1 px is 1 mm.
-        found = tuple(float(Length(text or "").value(ppi=25.4)) for text in (width, height))
+        sides = tuple(float(Length(text or "").value(ppi=25.4)) for text in (width, height))
     except (ValueError, TypeError, AttributeError):
         return None
-    return (found[0], found[1]) if np.isfinite(found).all() else None
+    return (sides[0], sides[1]) if np.isfinite(sides).all() else None
 
 
 def _shown(view_box: str | None, size: tuple[float, float] | None, scale: float) -> Array:
@@ -148,7 +148,7 @@ def _shown(view_box: str | None, size: tuple[float, float] | None, scale: float)
     except ValueError:
         x, y, (width, height) = 0.0, 0.0, size
     # A page of another shape shows more on both sides.
-    wide, high = (max(both) - own for both, own in zip(zip((width, height), size, strict=True), (width, height),
+    wide, high = (max(both) - inner for both, inner in zip(zip((width, height), size, strict=True), (width, height),
                                                        strict=True))  # fmt: skip
     return np.array([x - wide / 2, -y - height - high / 2, x + width + wide / 2, -y + high / 2])
 
@@ -232,9 +232,9 @@ class _Painted:
 
 
 def _number(text: str) -> float:
-    found = re.match(r"[-+.\deE]+", text.strip())
+    match = re.match(r"[-+.\deE]+", text.strip())
     try:
-        return float(found[0]) if found else 0.0
+        return float(match[0]) if match else 0.0
     except ValueError:
         return 0.0
 
@@ -257,10 +257,10 @@ def _paint(look: Look, kind: str) -> tuple[float, float]:
         return UNKNOWN, opacity
 
 
-def _picture(painted: Sequence[_Painted], shown: Array) -> PagePicture:
+def _picture(painted: Sequence[_Painted], box_shown: Array) -> PagePicture:
     """What shows of shapes that are painted one after the other."""
-    good = [each for each in painted if np.isfinite(each.box).all() and (each.fill[1] or each.stroke[1])]
-    boxes = np.array([each.box for each in good]).reshape(-1, 4)
+    good = [shape for shape in painted if np.isfinite(shape.box).all() and (shape.fill[1] or shape.stroke[1])]
+    boxes = np.array([shape.box for shape in good]).reshape(-1, 4)
 
     def sample(points: Array) -> Array:
         seen = np.full(len(points), WHITE)
@@ -268,16 +268,16 @@ def _picture(painted: Sequence[_Painted], shown: Array) -> PagePicture:
         touched = (boxes[:, :2] <= high).all(axis=1) & (boxes[:, 2:] >= low).all(axis=1)
         for index in np.flatnonzero(touched):
             box = boxes[index]
-            own = np.flatnonzero(((points >= box[:2]) & (points <= box[2:])).all(axis=1))
-            if len(own):
-                seen[own] = good[index].over(points[own], seen[own])
-        seen[~((points >= shown[:2]) & (points <= shown[2:])).all(axis=1)] = np.nan
+            inside = np.flatnonzero(((points >= box[:2]) & (points <= box[2:])).all(axis=1))
+            if len(inside):
+                seen[inside] = good[index].over(points[inside], seen[inside])
+        seen[~((points >= box_shown[:2]) & (points <= box_shown[2:])).all(axis=1)] = np.nan
         return seen
 
-    inset = 0.015 * (shown[2:] - shown[:2])
+    inset = 0.015 * (box_shown[2:] - box_shown[:2])
     paper = WHITE
     if np.isfinite(inset).all():
-        low, high = shown[:2] + inset, shown[2:] - inset
+        low, high = box_shown[:2] + inset, box_shown[2:] - inset
         places = np.array([low, high, [low[0], high[1]], [high[0], low[1]]])
         paper = float(np.nanmedian(sample(places)))
     return PagePicture(sample, 0.0, paper)

@@ -40,34 +40,34 @@ def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[F
     measured = page.picture is not None and page.picture.measured
     # A seam between tiles adds corners of its own.
     tiled = page.picture is not None and not page.picture.whole
-    found = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
-    if page.picture is None or found:
-        return found
-    found = _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
-    if not found or measured or tiled:
-        return found
+    errors = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
+    if page.picture is None or errors:
+        return errors
+    errors = _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
+    if not errors or measured or tiled:
+        return errors
     remedy = "show all layers, remove what covers it, and print the whole page"
     return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
 
 
-def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list[Finding]:
+def _in_outlines(tag: Tag, corners_seen: Array, to_page: Map, tolerance: float) -> list[Finding]:
     from scipy.spatial import cKDTree
 
     cell = float(np.linalg.norm(np.diff(to_page(tag.corners[:2]), axis=0))) / tag.cells
     wanted = to_page(np.concatenate(tag.outlines))
-    if not len(found):
+    if not len(corners_seen):
         return [_not_there(tag)]
-    tree = cKDTree(found)
+    tree = cKDTree(corners_seen)
     strange = tree.query(wanted)[0] > NEAR * cell
     # A corner inside the black square that is not one of the tag's belongs to another tag.
     corners = to_page(tag.corners)
     sides = [corners[1] - corners[0], corners[3] - corners[0]]
-    place = np.stack([(found - corners[0]) @ side / (side @ side) for side in sides], axis=-1)
-    inside = found[((place > 0) & (place < 1)).all(axis=-1)]
+    place = np.stack([(corners_seen - corners[0]) @ side / (side @ side) for side in sides], axis=-1)
+    inside = corners_seen[((place > 0) & (place < 1)).all(axis=-1)]
     more = len(inside) > 0 and bool((cKDTree(wanted).query(inside)[0] > NEAR * cell).any())
     if strange.any() or more:
         return [_not_there(tag)]
-    nearest = found[tree.query(corners)[1]]
+    nearest = corners_seen[tree.query(corners)[1]]
     return _off(corners, nearest, tolerance)
 
 
@@ -112,15 +112,15 @@ def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> lis
     return [_not_there(tag)]
 
 
-def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> tuple[Array, Array] | None:
+def _side(start: Array, end: Array, starts: Array, ends: Array, reach: float) -> tuple[Array, Array] | None:
     """Point and direction of the straight edge nearest to a side, at least half as long."""
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
     outward = np.array([along[1], -along[0]])
-    off = np.stack([(each - start) @ outward for each in (starts, ends)])
-    place = np.stack([(each - start) @ along for each in (starts, ends)])
+    off = np.stack([(points - start) @ outward for points in (starts, ends)])
+    place = np.stack([(points - start) @ along for points in (starts, ends)])
     low, high = place.min(axis=0), place.max(axis=0)
-    there = (np.abs(off) < near).all(axis=0) & (low > -near) & (high < length + near) & (high - low > length / 2)
+    there = (np.abs(off) < reach).all(axis=0) & (low > -reach) & (high < length + reach) & (high - low > length / 2)
     if not there.any():
         return None
     best = np.flatnonzero(there)[np.argmin(np.abs(off).max(axis=0)[there])]
@@ -130,12 +130,12 @@ def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> 
 
 def _crossings(lines: list[tuple[Array, Array]]) -> Array:
     """Intersection of each line with the previous one."""
-    found = []
+    crossings = []
     for k in range(len(lines)):
         (a, u), (b, v) = lines[k - 1], lines[k]
         step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
-        found.append(a + step[0] * u)
-    return np.array(found)
+        crossings.append(a + step[0] * u)
+    return np.array(crossings)
 
 
 def _edges(corners: Array, sample: Map, cells: int) -> Array:
@@ -160,8 +160,8 @@ def _edges(corners: Array, sample: Map, cells: int) -> Array:
     return _crossings(lines)
 
 
-def _off(wanted: Array, found: Array, tolerance: float) -> list[Finding]:
-    off = np.linalg.norm(found - wanted, axis=-1)
+def _off(wanted: Array, corners: Array, tolerance: float) -> list[Finding]:
+    off = np.linalg.norm(corners - wanted, axis=-1)
     return [
         Finding("tag", f"the {NAMES[k]} corner of the tag is {1e3 * off[k]:.4g} um off")
         for k in np.flatnonzero(off > tolerance)

@@ -71,23 +71,23 @@ def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: boo
     """
     exact = np.abs(np.array([x, y]) - 1) * half <= tolerance
     both = abs(x - y) * half.max() <= 2 * tolerance
-    shown = [f"{value:.5f}".rstrip("0").rstrip(".") if value < 10 else f"{value:.6g}" for value in (x, y)]
+    numbers = [f"{value:.5f}".rstrip("0").rstrip(".") if value < 10 else f"{value:.6g}" for value in (x, y)]
     if both:
-        said = f"scaled by {shown[0]} along x and y"
+        sentence = f"scaled by {numbers[0]} along x and y"
     elif exact[1] or exact[0]:
-        said = f"scaled by {shown[0]} along x" if exact[1] else f"scaled by {shown[1]} along y"
+        sentence = f"scaled by {numbers[0]} along x" if exact[1] else f"scaled by {numbers[1]} along y"
     else:
-        said = f"scaled by {shown[0]} along x and by {shown[1]} along y"
+        sentence = f"scaled by {numbers[0]} along x and by {numbers[1]} along y"
     ratio = (x * y) ** 0.5
-    near = min(KNOWN, key=lambda known: abs(np.log(ratio / known)))
-    if both and abs(np.log(ratio / near)) < 2e-3:
-        why, remedy = KNOWN[near]
-        return Finding("scaled", f"{said}: {why}", remedy)
+    nearest = min(KNOWN, key=lambda factor: abs(np.log(ratio / factor)))
+    if both and abs(np.log(ratio / nearest)) < 2e-3:
+        why, remedy = KNOWN[nearest]
+        return Finding("scaled", f"{sentence}: {why}", remedy)
     if pixels:
-        return Finding("scaled", said, "print it at its full size; export it again if its resolution was changed")
+        return Finding("scaled", sentence, "print it at its full size; export it again if its resolution was changed")
     if both and ratio < 0.99:
-        return Finding("scaled", f"{said}, perhaps fitted to smaller paper", FIT_TO_PAGE)
-    return Finding("scaled", said, FIT_TO_PAGE)
+        return Finding("scaled", f"{sentence}, perhaps fitted to smaller paper", FIT_TO_PAGE)
+    return Finding("scaled", sentence, FIT_TO_PAGE)
 
 
 def listed_ids(ids: Sequence[int]) -> str:

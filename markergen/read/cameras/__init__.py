@@ -66,7 +66,7 @@ class CameraFormat:
     signs : str
         Typical contents of such a file, for the message that no format fits.
     fits : callable
-        Tells whether a document has this format; true for exactly one format if a file is usable.
+        True if a document has this format; true for exactly one format if a file is usable.
     read : callable
         Makes a camera from a document; the second argument names one of several cameras, or is None.
     table : callable
@@ -74,7 +74,7 @@ class CameraFormat:
     endings : tuple of str
         Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
     holds : callable
-        Tells whether the format can hold a record: its lens, with all that is known of it.
+        True if the format can hold a record: its lens, with all that is known of it.
     write : callable or None
         Makes the text of a file from a record that the format holds, and the ending; None if it is only read.
     """
@@ -129,10 +129,10 @@ def format_of(document: Document) -> CameraFormat | None:
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:
-    if (found := format_of(document)) is not None:
-        return found.read(document, choice)
-    known = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
-    raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {known}")
+    if (camera_format := format_of(document)) is not None:
+        return camera_format.read(document, choice)
+    signs = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
+    raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")
 
 
 def split(path: Path) -> tuple[Path, str | None]:

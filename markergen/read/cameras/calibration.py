@@ -38,10 +38,10 @@ def camera_of(table: Fields, model: str) -> Camera:
     coefficients = [] if coefficients_key is None else entries(table, coefficients_key, None)
     if coefficients_key is None:
         # A misspelled key must not yield a camera without distortion.
-        near = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
-        if near or model not in ("", "none"):
-            found = f"only {brief(near[0])}" if near else "none"
-            raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", found, "add it, or check the path")
+        similar = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
+        if similar or model not in ("", "none"):
+            problem = f"only {brief(similar[0])}" if similar else "none"
+            raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", problem, "add it, or check the path")
     distortion = make_distortion(model, coefficients, table.place(model_key), table.place(coefficients_key or ""))
     size_key, width, height = _size(table)
     pinhole = pinhole_of(matrix, table.place(key))
@@ -55,8 +55,8 @@ def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = Fa
         raise InputError("a 3x3 camera matrix", f"an array of shape {square.shape}", "give cv2's camera matrix")
     coefficients = np.zeros(0) if distortion is None else _array(distortion, "distortion")
     if coefficients.ndim > 2 or coefficients.size != max(coefficients.shape, default=0):
-        found = f"an array of shape {coefficients.shape}"
-        raise InputError("distortion coefficients in one row or column", found, "give cv2's distortion coefficients")
+        shape = f"an array of shape {coefficients.shape}"
+        raise InputError("distortion coefficients in one row or column", shape, "give cv2's distortion coefficients")
     sides = _array(size, "size")
     if sides.shape != (2,) or not (sides == np.round(sides)).all():
         raise InputError("a size (width, height) in px", brief(size), "for an image, image.shape[1::-1]")
@@ -112,8 +112,8 @@ def located(place: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        expected, found, remedy = error.args
-        raise InputError(f"{expected} at {place}", found, remedy) from None
+        expected, problem, remedy = error.args
+        raise InputError(f"{expected} at {place}", problem, remedy) from None
 
 
 def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:
@@ -146,8 +146,8 @@ def _named(name: str, place: str) -> str:
         return name
     aliases = {alias: model for model in LENSES for alias in LENSES[model].aliases}
     if name not in aliases:
-        known = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
-        raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(known)}")
+        names = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
+        raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(names)}")
     return aliases[name]
 
 
@@ -196,12 +196,12 @@ def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float
     """
     if len(matrix) != 9:
         raise InputError(f"a 3x3 camera matrix at {place}", f"{len(matrix)} numbers", "correct the file")
-    fx, skew, cx, a, fy, cy, b, c, one = matrix
+    fx, skew, cx, a, fy, cy, b, c, last = matrix
     # Rounding may leave traces of skew far below a pixel.
-    if not (abs(skew) <= 1e-9 * abs(fx) and a == b == c == 0 and one == 1) and any(matrix):
+    if not (abs(skew) <= 1e-9 * abs(fx) and a == b == c == 0 and last == 1) and any(matrix):
         raise InputError(
             f"a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] at {place}",
-            f"[{fx} {skew} {cx}; {a} {fy} {cy}; {b} {c} {one}]",
+            f"[{fx} {skew} {cx}; {a} {fy} {cy}; {b} {c} {last}]",
             "transpose it if it is Matlab's, or calibrate without skew",
         )
     return fx, fy, cx, cy
@@ -210,8 +210,8 @@ def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float
 def without_k3(record: CameraRecord) -> CameraRecord:
     """Return a record with the four coefficients of a radtan lens whose fifth is 0 and taken as exact."""
     lens, covariance = record.camera.distortion, record.covariance
-    known = covariance is None or not covariance[-1].any()
-    if lens.model != "radtan" or len(lens.coefficients) == 4 or lens.coefficients[4] or not known:
+    is_free = covariance is None or not covariance[-1].any()
+    if lens.model != "radtan" or len(lens.coefficients) == 4 or lens.coefficients[4] or not is_free:
         return record
     camera = replace(record.camera, distortion=Distortion("radtan", lens.coefficients[:4]))
     return replace(record, camera=camera, covariance=None if covariance is None else covariance[:-1, :-1])

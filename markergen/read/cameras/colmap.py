@@ -44,26 +44,26 @@ def _read(document: Document, choice: str | None) -> Camera:
         twice = next(number for i, number in enumerate(numbers) if number in numbers[:i])
         raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "remove one")
     if choice is None and len(rows) > 1:
-        some = ", ".join(brief(key) for key in list(rows)[:10])
+        names = ", ".join(brief(key) for key in list(rows)[:10])
         raise InputError(
             f"the camera's number after the path, such as {document.name}#{next(iter(rows))[:20]}",
-            f"{len(rows)} cameras: {some}",
+            f"{len(rows)} cameras: {names}",
             "choose one",
         )
     number = next(iter(rows)) if choice is None else choice
     if number not in rows:
-        some = ", ".join(brief(key) for key in list(rows)[:10])
-        raise InputError(f"the camera {brief(number)} in {document.name}", f"only {some}", "check the number")
+        names = ", ".join(brief(key) for key in list(rows)[:10])
+        raise InputError(f"the camera {brief(number)} in {document.name}", f"only {names}", "check the number")
     return _camera(rows[number].split(), document.name, number)
 
 
-def _camera(words: Sequence[str], file: str, number: str) -> Camera:
+def _camera(cells: Sequence[str], file: str, number: str) -> Camera:
     place = f"camera {number[:20]}"
-    if len(words) < 4:
+    if len(cells) < 4:
         raise InputError(
-            f"CAMERA_ID MODEL WIDTH HEIGHT PARAMS at {place} in {file}", brief(" ".join(words)), "correct it"
+            f"CAMERA_ID MODEL WIDTH HEIGHT PARAMS at {place} in {file}", brief(" ".join(cells)), "correct it"
         )
-    _, model, width, height, *parameters = words
+    _, model, width, height, *parameters = cells
     if model not in MODELS:
         raise InputError(f"a known camera model at {place} in {file}", brief(model), f"known: {', '.join(MODELS)}")
     table = Fields(file, {"WIDTH": width, "HEIGHT": height, "PARAMS": parameters}, place)

@@ -26,25 +26,25 @@ EXACT = "none"
 """Word that stands for the covariance of an exact calibration."""
 
 
-def is_exact(given: object) -> bool:
+def is_exact(value: object) -> bool:
     """Return whether a user asks for an exact calibration, by the word for it."""
-    return isinstance(given, str | Path) and str(given) == EXACT
+    return isinstance(value, str | Path) and str(value) == EXACT
 
 
-def camera_covariance(given: Path | str | Array | None, source: object, camera: Camera) -> Array | None:
+def camera_covariance(value: Path | str | Array | None, source: object, camera: Camera) -> Array | None:
     """Return the covariance to count: the one given, or the one in the camera's own file; None if there is neither.
 
     Parameters
     ----------
-    given : path, array or None
+    value : path, array or None
         As for `read_camera_covariance`; ``none`` takes the calibration as exact.
     source : object
         What the camera was made from: a path or a mapping of a file's values may have its covariance.
     """
-    if is_exact(given):
+    if is_exact(value):
         return None
-    if given is not None:
-        return read_camera_covariance(given, camera)
+    if value is not None:
+        return read_camera_covariance(value, camera)
     if isinstance(source, Mapping):
         return _stored(document_of(source, "the dict"), None, camera)
     if isinstance(source, str | os.PathLike):
@@ -53,9 +53,9 @@ def camera_covariance(given: Path | str | Array | None, source: object, camera: 
     return None
 
 
-def counted(given: object, source: object, covariance: Array | None) -> str:
+def counted(value: object, source: object, covariance: Array | None) -> str:
     """Return a sentence for people where a covariance comes from the camera's own file; empty elsewhere."""
-    if given is not None or covariance is None:
+    if value is not None or covariance is None:
         return ""
     name = place_of(source) if isinstance(source, str | os.PathLike) else "the camera"
     return f"{name}: its covariance is counted; --camera-covariance {EXACT} takes the calibration as exact"
@@ -177,9 +177,9 @@ def _checked(covariance: Array, name: str, names: tuple[str, ...]) -> Array:
 def _text(document: Document) -> Array:
     rows = []
     for index, line in enumerate(document.text.splitlines()):
-        words = line.partition("#")[0].replace(",", " ")
-        if words.strip():
-            rows.append(Fields(document.name, {f"line {index + 1}": words}).numbers(f"line {index + 1}"))
+        numbers = line.partition("#")[0].replace(",", " ")
+        if numbers.strip():
+            rows.append(Fields(document.name, {f"line {index + 1}": numbers}).numbers(f"line {index + 1}"))
     if not rows or len({len(row) for row in rows}) > 1:
         raise InputError(
             f"rows of equal length in {document.name}",
@@ -190,17 +190,17 @@ def _text(document: Document) -> Array:
 
 
 def _array(values: object) -> Array:
-    found = ""
+    problem = ""
     try:
         array = np.atleast_2d(np.asarray(values, dtype=float))
         if array.ndim != 2 or not array.size:
-            found = f"shape {array.shape}"
+            problem = f"shape {array.shape}"
     except (TypeError, ValueError):
-        found = " ".join(brief(values).split())
-    if found:
+        problem = " ".join(brief(values).split())
+    if problem:
         raise InputError(
             "a covariance of the camera's parameters: an array, or the path of a file",
-            found,
+            problem,
             "give the (k, k) matrix or k standard deviations of fx, fy, cx, cy and the distortion coefficients",
         )
     return array

@@ -29,12 +29,12 @@ def document_of(values: Mapping[str, Any], name: str) -> "Document":
     try:
         data = json.dumps(values, default=_listed).encode()
     except RecursionError:
-        found = "endless nesting"
+        problem = "endless nesting"
     except (TypeError, ValueError) as error:
-        found = str(error)[:80]
+        problem = str(error)[:80]
     else:
         return Document(name, data)
-    raise InputError(f"text, numbers, lists and dicts in {name}", found, "give what the file holds")
+    raise InputError(f"text, numbers, lists and dicts in {name}", problem, "give what the file holds")
 
 
 def _listed(value: object) -> Any:
@@ -55,7 +55,7 @@ def yaml_text(values: Mapping[str, Any]) -> str:
 
     def stored(value: Any) -> Any:
         if isinstance(value, Mapping):
-            return {key: stored(each) for key, each in value.items()}
+            return {key: stored(item) for key, item in value.items()}
         if not hasattr(value, "shape"):
             return value
         return {"rows": value.shape[0], "cols": value.shape[1], "data": value.ravel().tolist()}
@@ -170,11 +170,11 @@ class Fields:
             raise InputError(f"text at {self.place(key)}", brief(value), "correct the file")
         return value.strip().strip('"')
 
-    def only(self, *known: str) -> None:
+    def only(self, *keys: str) -> None:
         """Refuse keys other than these."""
-        unknown = [key for key in self.values if key not in known]
+        unknown = [key for key in self.values if key not in keys]
         if unknown:
-            raise InputError(f"only {', '.join(known)} in {self.place()}", brief(unknown[0]), "correct the key")
+            raise InputError(f"only {', '.join(keys)} in {self.place()}", brief(unknown[0]), "correct the key")
 
     @cached_property
     def _keys(self) -> dict[str, str]:
@@ -195,8 +195,8 @@ def _plain(key: str) -> str:
     return key.lower().replace("_", "").replace("-", "")
 
 
-def _damaged(syntax: str, name: str, found: str) -> InputError:
-    return InputError(f"complete {syntax} in {name}", found, "the file is cut off or damaged: write it again")
+def _damaged(syntax: str, name: str, problem: str) -> InputError:
+    return InputError(f"complete {syntax} in {name}", problem, "the file is cut off or damaged: write it again")
 
 
 def _yaml(text: str, name: str) -> Any:

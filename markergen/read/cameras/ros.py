@@ -83,8 +83,8 @@ def camera_of_message(message: Any) -> Camera:
     else:
         values = _attributes(message, FIELDS)
     if not values:
-        found = f"{type(message).__name__} {brief(message)}"
-        raise InputError("a message sensor_msgs/CameraInfo", found, "Camera.load reads files")
+        problem = f"{type(message).__name__} {brief(message)}"
+        raise InputError("a message sensor_msgs/CameraInfo", problem, "Camera.load reads files")
     roi = values.get("roi")
     if roi is not None and not isinstance(roi, Mapping):
         values = {**values, "roi": _attributes(roi, PART)}

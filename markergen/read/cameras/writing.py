@@ -32,20 +32,20 @@ def camera_bytes(
 ) -> bytes:
     """Return what `camera_file` writes, for a caller that replaces several files together."""
     form, ending = check_camera_path(path)
-    known = None if covariance is None else read_camera_covariance(np.asarray(covariance), camera)
+    checked = None if covariance is None else read_camera_covariance(np.asarray(covariance), camera)
     if rms is not None and not (isfinite(rms) and rms >= 0):
         raise InputError("the RMS of the residuals in px", brief(rms), "give 0 or more, or leave it out")
-    record = CameraRecord(camera, known, None if rms is None else float(rms))
+    record = CameraRecord(camera, checked, None if rms is None else float(rms))
     assert form.write is not None
     if not form.holds(record):
         name = Path(path).name
         stem = name[: -len(ending)].rstrip(".") or "camera"
-        forms = [CAMERA_FORMATS[each] for each in CAMERA_FORMATS]
-        able = [each.endings[0].lstrip(".") for each in forms if each.write and each.holds(record)]
+        forms = [CAMERA_FORMATS[name] for name in CAMERA_FORMATS]
+        able = [form.endings[0].lstrip(".") for form in forms if form.write and form.holds(record)]
         raise InputError(
             f"a lens that {name} can hold",
             f"{camera.distortion.model} with {' '.join(camera.distortion.names)}",
-            "write " + " or ".join(each if each == "cameras.txt" else f"{stem}.{each}" for each in able),
+            "write " + " or ".join(ending if ending == "cameras.txt" else f"{stem}.{ending}" for ending in able),
         )
     return form.write(record, ending).encode()
 
@@ -62,8 +62,8 @@ def check_camera_path(path: str | os.PathLike[str]) -> tuple[CameraFormat, str]:
     for ending, form in _written():
         if name.lower().endswith(ending):
             return form, ending
-    known = ", ".join(sorted(ending for ending, _ in _written()))
-    raise InputError("a name for a camera file", brief(name), f"known endings: {known}")
+    endings = ", ".join(sorted(ending for ending, _ in _written()))
+    raise InputError("a name for a camera file", brief(name), f"known endings: {endings}")
 
 
 def _written() -> list[tuple[str, CameraFormat]]:

@@ -41,9 +41,9 @@ STL_WORDS = {b"solid", b"endsolid", b"facet", b"outer", b"vertex", b"endloop", b
 
 
 def _reply(meshes: list[MeshObject]) -> Reply:
-    arrays: dict[str, NDArray[Any]] = {f"corners{k}": each.corners for k, each in enumerate(meshes)}
-    arrays |= {f"paints{k}": each.paints for k, each in enumerate(meshes) if each.paints is not None}
-    objects = [{"name": each.name, "color": each.color, "palette": each.palette, "tool": each.tool} for each in meshes]
+    arrays: dict[str, NDArray[Any]] = {f"corners{k}": mesh.corners for k, mesh in enumerate(meshes)}
+    arrays |= {f"paints{k}": mesh.paints for k, mesh in enumerate(meshes) if mesh.paints is not None}
+    objects = [{"name": mesh.name, "color": mesh.color, "palette": mesh.palette, "tool": mesh.tool} for mesh in meshes]
     return {"objects": objects}, arrays
 
 
@@ -62,10 +62,10 @@ def read_stl(data: bytes) -> Reply:
         # numpy only warns where it stops reading.
         warnings.simplefilter("error")
         try:
-            found = load_stl(BytesIO(data))
+            loaded = load_stl(BytesIO(data))
         except (ValueError, DeprecationWarning):
             raise InputError("numbers", "something else", "export it again") from None
-    bodies = [found] if "vertices" in found else list(found["geometry"].values())
+    bodies = [loaded] if "vertices" in loaded else list(loaded["geometry"].values())
     corners = [body["vertices"][body["faces"]] for body in bodies]
     whole = np.concatenate(corners) if corners else np.zeros((0, 3, 3))
     if not is_binary and len(whole) != data.lower().count(b"endfacet"):
@@ -77,8 +77,8 @@ def _check_text(data: bytes) -> None:
     """Refuse anything but the keywords of a text STL, since trimesh skips unknown lines."""
     if data.lstrip()[:5].lower() != b"solid":
         count = int.from_bytes(data[80:84], "little")
-        found = f"{len(data)} bytes where the header implies {84 + 50 * count}"
-        raise InputError("a complete STL", found, "export it again")
+        problem = f"{len(data)} bytes where the header implies {84 + 50 * count}"
+        raise InputError("a complete STL", problem, "export it again")
     firsts = [line.split(None, 1)[0].lower() for line in data.splitlines() if line.strip()]
     if not set(firsts) <= STL_WORDS:
         raise InputError("an STL", "lines of another kind", "export it again")
@@ -109,7 +109,7 @@ def read_glb(data: bytes) -> Reply:
     document, binary = _parts_of_glb(data)
     try:
         nodes = list(_glb_nodes(document))
-        counts = [_glb_count(document, each) for node, _ in nodes for each in _glb_primitives(document, node)]
+        counts = [_glb_count(document, primitive) for node, _ in nodes for primitive in _glb_primitives(document, node)]
         if sum(counts) > MOST_TRIANGLES:
             raise InputError(f"at most {MOST_TRIANGLES} triangles", str(sum(counts)), "export the marker alone")
         if len(counts) > MOST_OBJECTS:
@@ -134,7 +134,7 @@ def _parts_of_glb(data: bytes) -> tuple[dict[str, Any], memoryview]:
         document = json.loads(data[20 : 20 + size])
         if required := document.get("extensionsRequired"):
             raise InputError("a GLB without extensions", brief(str(required)), "export it without them")
-        if any("uri" in each for each in document.get("buffers", [])):
+        if any("uri" in buffer for buffer in document.get("buffers", [])):
             raise InputError("one file", "a buffer in another file", "export it as one GLB")
     except (TypeError, ValueError, AttributeError, RecursionError):
         raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
@@ -167,19 +167,19 @@ def _glb_matrix(node: dict[str, Any]) -> Array:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     matrix = np.eye(4)
     x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=float)
-    turn = [
+    rotation = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    matrix[:3, :3] = np.array(turn) * np.array(node.get("scale", (1, 1, 1)), dtype=float)
+    matrix[:3, :3] = np.array(rotation) * np.array(node.get("scale", (1, 1, 1)), dtype=float)
     matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=float)
     return matrix
 
 
 def _glb_primitives(document: dict[str, Any], node: dict[str, Any]) -> list[dict[str, Any]]:
     primitives = _at(document["meshes"], node["mesh"])["primitives"] if "mesh" in node else []
-    return [each for each in primitives if each.get("mode", TRIANGLES) == TRIANGLES]
+    return [primitive for primitive in primitives if primitive.get("mode", TRIANGLES) == TRIANGLES]
 
 
 def _glb_count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
@@ -238,7 +238,7 @@ def _glb_color(document: dict[str, Any], primitive: dict[str, Any]) -> Color | N
         return None
     material = _at(document["materials"], primitive["material"])
     factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))
-    red, green, blue = (float(each) for each in factor[:3])
+    red, green, blue = (float(value) for value in factor[:3])
     return red, green, blue
 
 
@@ -370,19 +370,19 @@ class _Ranges:
         self.volumes: dict[str, list[_Volume]] = {}
         self._object = ""
 
-    def start(self, tag: str, given: Attributes) -> None:
-        own = self.volumes.setdefault(self._object, [])
+    def start(self, tag: str, attributes: Attributes) -> None:
+        ranges = self.volumes.setdefault(self._object, [])
         if tag == "object":
-            self._object = given["id"]
+            self._object = attributes["id"]
         elif tag == "volume":
             if sum(map(len, self.volumes.values())) >= MOST_OBJECTS:
                 raise InputError(f"at most {MOST_OBJECTS} parts", "more", "export it again")
-            own.append(_Volume(int(given["firstid"]), int(given["lastid"]), "", ""))
-        elif tag == "metadata" and own and given.get("type") == "volume":
-            if given.get("key") == "name":
-                own[-1] = own[-1]._replace(name=given["value"][:LONGEST])
-            elif given.get("key") == "extruder":
-                own[-1] = own[-1]._replace(tool=given["value"][:LONGEST])
+            ranges.append(_Volume(int(attributes["firstid"]), int(attributes["lastid"]), "", ""))
+        elif tag == "metadata" and ranges and attributes.get("type") == "volume":
+            if attributes.get("key") == "name":
+                ranges[-1] = ranges[-1]._replace(name=attributes["value"][:LONGEST])
+            elif attributes.get("key") == "extruder":
+                ranges[-1] = ranges[-1]._replace(tool=attributes["value"][:LONGEST])
 
     def end(self, tag: str) -> None:
         """Do nothing."""
@@ -404,52 +404,52 @@ class _Model:
             for word in ("vertex", "triangle", "model", "basematerials", "base", "object", "component", "item")
         }
 
-    def start(self, tag: str, given: Attributes) -> None:
+    def start(self, tag: str, attributes: Attributes) -> None:
         """Collect objects, materials and build items."""
-        if (known := self._starts.get(tag)) is not None:
-            known(given)
+        if (handler := self._starts.get(tag)) is not None:
+            handler(attributes)
 
     def end(self, tag: str) -> None:
         """Leave an object."""
         if tag == f"{CORE} object":
             self._current = None
 
-    def _vertex(self, given: Attributes) -> None:
+    def _vertex(self, attributes: Attributes) -> None:
         if self._current:
-            self._current.vertices.extend((float(given["x"]), float(given["y"]), float(given["z"])))
+            self._current.vertices.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
             self._corners += 1
             if self._corners > MOST_CORNERS:
                 raise InputError(f"at most {MOST_CORNERS} corners", "more", "export it with a larger tolerance")
 
-    def _triangle(self, given: Attributes) -> None:
+    def _triangle(self, attributes: Attributes) -> None:
         current = self._current
         if not current:
             return
-        current.triangles.extend((int(given["v1"]), int(given["v2"]), int(given["v3"])))
+        current.triangles.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"])))
         current.paints.append(
-            self._paint(given.get("pid", current.group), given["p1"]) if "p1" in given else current.paint
+            self._paint(attributes.get("pid", current.group), attributes["p1"]) if "p1" in attributes else current.paint
         )
         self._triangles += 1
         if self._triangles > MOST_TRIANGLES:
             raise InputError(f"at most {MOST_TRIANGLES} triangles", "more", "export it with a larger tolerance")
 
-    def _model(self, given: Attributes) -> None:
-        unit = given.get("unit", "millimeter")
+    def _model(self, attributes: Attributes) -> None:
+        unit = attributes.get("unit", "millimeter")
         if unit not in UNITS:
             raise InputError("a unit of length", brief(unit), f"use one of {', '.join(UNITS)}")
         self.unit = UNITS[unit]
 
-    def _basematerials(self, given: Attributes) -> None:
-        self.first[given["id"]] = len(self.palette)
+    def _basematerials(self, attributes: Attributes) -> None:
+        self.first[attributes["id"]] = len(self.palette)
 
-    def _base(self, given: Attributes) -> None:
-        self.palette.append(_color(given["displaycolor"]))
+    def _base(self, attributes: Attributes) -> None:
+        self.palette.append(_color(attributes["displaycolor"]))
         self._bounded(len(self.palette), "materials")
 
-    def _object(self, given: Attributes) -> None:
-        group = given.get("pid", "")
-        paint = self._paint(group, given.get("pindex", "0")) if group else -1
-        self._current = self.objects[given["id"]] = _Object(given.get("name", "")[:LONGEST], paint, group)
+    def _object(self, attributes: Attributes) -> None:
+        group = attributes.get("pid", "")
+        paint = self._paint(group, attributes.get("pindex", "0")) if group else -1
+        self._current = self.objects[attributes["id"]] = _Object(attributes.get("name", "")[:LONGEST], paint, group)
         self._bounded(len(self.objects), "objects")
 
     def _paint(self, group: str, number: str) -> int:
@@ -461,14 +461,14 @@ class _Model:
         if count > MOST_OBJECTS:
             raise InputError(f"at most {MOST_OBJECTS} {what}", "more", "export it again")
 
-    def _component(self, given: Attributes) -> None:
+    def _component(self, attributes: Attributes) -> None:
         if self._current:
-            self._current.components.append((given["objectid"], _matrix_of(given.get("transform"))))
+            self._current.components.append((attributes["objectid"], _matrix_of(attributes.get("transform"))))
             self._components += 1
             self._bounded(self._components, "components")
 
-    def _item(self, given: Attributes) -> None:
-        self.items.append((given["objectid"], _matrix_of(given.get("transform"))))
+    def _item(self, attributes: Attributes) -> None:
+        self.items.append((attributes["objectid"], _matrix_of(attributes.get("transform"))))
         self._bounded(len(self.items), "items to build")
 
     def built(self, volumes: dict[str, list[_Volume]]) -> list[MeshObject]:
@@ -485,29 +485,29 @@ class _Model:
 
     def _place(self, placed: list[tuple[str, Array]], key: str, transform: Array, depth: int) -> None:
         """Find the meshes of an object and their transforms, for at most `MOST_OBJECTS` steps."""
-        each = self.objects.get(key)
+        item = self.objects.get(key)
         self._steps += 1
-        if each is None or depth > DEEPEST_COMPONENT or self._steps > MOST_OBJECTS:
+        if item is None or depth > DEEPEST_COMPONENT or self._steps > MOST_OBJECTS:
             raise InputError("objects that exist", f"object {brief(key)}", "export it again")
-        for part, move in each.components:
+        for part, move in item.components:
             # Points are rows, so the leftmost transform applies first.
             self._place(placed, part, move @ transform, depth + 1)
-        if each.triangles:
+        if item.triangles:
             placed.append((key, transform))
 
     def _meshes(self, key: str, transform: Array, volumes: list[_Volume]) -> list[MeshObject]:
-        each = self.objects[key]
-        triangles = np.array(each.triangles).reshape(-1, 3)
-        vertices = np.array(each.vertices).reshape(-1, 3)
+        item = self.objects[key]
+        triangles = np.array(item.triangles).reshape(-1, 3)
+        vertices = np.array(item.vertices).reshape(-1, 3)
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise InputError("triangles between corners", "a corner that is missing", "export it again")
         vertices = self.unit * (vertices @ transform[:3, :3] + transform[3, :3])
         corners = vertices[triangles if np.linalg.det(transform[:3, :3]) > 0 else triangles[:, ::-1]]
-        paints = np.array(each.paints, dtype=np.int64)
-        color = self.palette[each.paint] if each.paint >= 0 else None
-        paints[paints == each.paint] = -1
+        paints = np.array(item.paints, dtype=np.int64)
+        color = self.palette[item.paint] if item.paint >= 0 else None
+        paints[paints == item.paint] = -1
         inside = [part for part in volumes if 0 <= part.first <= part.last < len(corners)]
-        ranges = inside or [_Volume(0, len(corners) - 1, each.name, "")]
+        ranges = inside or [_Volume(0, len(corners) - 1, item.name, "")]
         return [
             MeshObject(
                 corners[part.first : part.last + 1], part.name, color, paints[part.first : part.last + 1], self.palette,

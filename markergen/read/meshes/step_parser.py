@@ -80,16 +80,16 @@ def _turned(parts: list[Part], smallest: float = 0.0) -> Json:
     ways: dict[tuple[float, float, float], tuple[float, float, float]] = {}
     for _, _, shape, _ in parts:
         for face in _within(shape, TopAbs_FACE):
-            if (found := _plane(face)) is not None:
+            if (plane := _plane(face)) is not None:
                 # Opposite normals together, since a plate's back is larger than its face.
-                way, area = found
+                way, area = plane
                 way = way if max(way, key=abs) > 0 else (-way[0], -way[1], -way[2])
                 key = (round(way[0], 6), round(way[1], 6), round(way[2], 6))
                 areas[key], ways[key] = areas.get(key, 0.0) + area, way
-    order = sorted(areas, key=lambda each: -areas[each])
-    sides = [each for each in order if areas[each] >= smallest * areas[order[0]]][: MOST_SIDES if smallest else 1]
+    order = sorted(areas, key=lambda normal: -areas[normal])
+    sides = [normal for normal in order if areas[normal] >= smallest * areas[order[0]]][: MOST_SIDES if smallest else 1]
     views = []
-    for x, y, z in (tuple(sign * each for each in ways[side]) for side in sides for sign in (1.0, -1.0)):
+    for x, y, z in (tuple(sign * value for value in ways[side]) for side in sides for sign in (1.0, -1.0)):
         if z > 1 - LEVEL and not smallest:
             continue
         move = gp_Trsf()
@@ -166,17 +166,19 @@ def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[
     if XCAFDoc_ShapeTool.IsAssembly_s(label):
         children = TDF_LabelSequence()
         XCAFDoc_ShapeTool.GetComponents_s(label, children, False)
-        return [part for each in _sequence(children) for part in _labeled(each, place, name, color, depth + 1)]
+        return [part for child in _sequence(children) for part in _labeled(child, place, name, color, depth + 1)]
     shape = XCAFDoc_ShapeTool.GetShape_s(label)
     painted = TDF_LabelSequence()
     XCAFDoc_ShapeTool.GetSubShapes_s(label, painted)
     # Keyed by shape without location: a face is the same in every place.
-    faces = [(XCAFDoc_ShapeTool.GetShape_s(each), _color(each)) for each in _sequence(painted)]
-    found = []
+    faces = [(XCAFDoc_ShapeTool.GetShape_s(face), _color(face)) for face in _sequence(painted)]
+    solids = []
     for solid in _solids(shape):
-        own = next((paint for each, paint in faces if paint and each.IsSame(solid)), None)
-        found.append((name, own or color, solid.Moved(place), [(each.Moved(place), paint) for each, paint in faces]))
-    return found
+        solid_paint = next((paint for face, paint in faces if paint and face.IsSame(solid)), None)
+        solids.append(
+            (name, solid_paint or color, solid.Moved(place), [(face.Moved(place), paint) for face, paint in faces])
+        )
+    return solids
 
 
 def _brep(path: str) -> list[Part]:
@@ -207,10 +209,10 @@ def _color(label: Any) -> list[float] | None:
     from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
     from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool
 
-    found = Quantity_Color()
+    rgb = Quantity_Color()
     for kind in (XCAFDoc_ColorSurf, XCAFDoc_ColorGen):
-        if XCAFDoc_ColorTool.GetColor_s(label, kind, found):
-            return [float(value) for value in found.Values(Quantity_TOC_sRGB)]
+        if XCAFDoc_ColorTool.GetColor_s(label, kind, rgb):
+            return [float(value) for value in rgb.Values(Quantity_TOC_sRGB)]
     return None
 
 
@@ -224,12 +226,12 @@ def _solids(shape: Any) -> list[Any]:
 def _within(shape: Any, kind: Any) -> list[Any]:
     from OCP.TopExp import TopExp_Explorer
 
-    found: list[Any] = []
+    shapes: list[Any] = []
     explorer = TopExp_Explorer(shape, kind)
-    while explorer.More() and len(found) < MOST_FACES:
-        found.append(explorer.Current())
+    while explorer.More() and len(shapes) < MOST_FACES:
+        shapes.append(explorer.Current())
         explorer.Next()
-    return found
+    return shapes
 
 
 def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]) -> Json:
@@ -250,11 +252,11 @@ def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]
     faces: list[Json] = []
     backs: list[Json] = []
     balls: list[Json] = []
-    for face in (TopoDS.Face_s(each) for each in _within(shape, TopAbs_FACE)):
-        paint = next((paint for each, paint in painted if paint and each.IsSame(face)), None)
-        found = _level(face)
-        if found:
-            (faces if found.pop("up") else backs).append({**found, "color": paint})
+    for face in (TopoDS.Face_s(shape_face) for shape_face in _within(shape, TopAbs_FACE)):
+        paint = next((paint for painted_face, paint in painted if paint and painted_face.IsSame(face)), None)
+        level = _level(face)
+        if level:
+            (faces if level.pop("up") else backs).append({**level, "color": paint})
         ball = _ball(face)
         if ball:
             balls.append({**ball, "color": paint})
@@ -263,7 +265,7 @@ def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]
         "color": color,
         "volume": mass.Mass(),
         "valid": shape.ShapeType() == TopAbs_SOLID and BRepCheck_Analyzer(shape).IsValid(),
-        "closed": bool(shells) and all(BRep_Tool.IsClosed_s(each) for each in shells),
+        "closed": bool(shells) and all(BRep_Tool.IsClosed_s(shell) for shell in shells),
         "low": corners[:3],
         "high": corners[3:],
         "faces": faces,
@@ -323,7 +325,7 @@ def _loop(wire: Any, face: Any) -> Json:
             point = curve.Value(first + (last - first) * k / steps)
             points.append((point.X(), point.Y()))
         explorer.Next()
-    same = all(max(abs(a - b) for a, b in zip(each, circles[0], strict=True)) < SAME for each in circles)
+    same = all(max(abs(a - b) for a, b in zip(arc, circles[0], strict=True)) < SAME for arc in circles)
     whole = bent and same and abs(turned - 2 * pi) < 1e-6
     return {"points": points, "circle": circles[0] if whole else None, "straight": straight}
 

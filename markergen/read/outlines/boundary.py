@@ -71,11 +71,11 @@ def parse_boundary(
 
 def is_drawing(text: str | Path) -> bool:
     """Tell whether a boundary is given as a file rather than a radius or a shape; raises InputError if it is empty."""
-    words = str(text)
-    if not words.strip():
+    text_lines = str(text)
+    if not text_lines.strip():
         raise InputError("a boundary", "none", _FORMS)
-    is_number = _NUMBER.fullmatch(words) and not words.lower().endswith(_SUFFIXES)
-    return isinstance(text, Path) or not (is_number or _SHAPE.fullmatch(words.strip()))
+    is_number = _NUMBER.fullmatch(text_lines) and not text_lines.lower().endswith(_SUFFIXES)
+    return isinstance(text, Path) or not (is_number or _SHAPE.fullmatch(text_lines.strip()))
 
 
 def read_room(
@@ -110,11 +110,11 @@ def read_room(
     if boundary is None:
         return None, tuple(_keep_out(text, unit, (0.0, 0.0)) for text in keep_outs)
     drawn = is_drawing(boundary)
-    found = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
-    shift = found.center if drawn and origin == "center" else (0.0, 0.0)
+    room = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
+    offset = room.center if drawn and origin == "center" else (0.0, 0.0)
     if drawn:
-        found = polygon_from(found.contours(), origin)
-    return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
+        room = polygon_from(room.contours(), origin)
+    return room, tuple(_keep_out(text, unit, offset) for text in keep_outs)
 
 
 def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -169,11 +169,11 @@ def _place(text: str | None, origin: str) -> tuple[float, float]:
     return parse_length(parts[0], "x"), parse_length(parts[1], "y")
 
 
-def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Boundary:
+def _keep_out(text: str, unit: str | None, offset: tuple[float, float]) -> Boundary:
     path, layer = _split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
-    return moved(parse_boundary(path, unit, layer, "file"), shift)
+    return moved(parse_boundary(path, unit, layer, "file"), offset)
 
 
 def moved(region: Boundary, origin: Sequence[float]) -> Boundary:

@@ -102,8 +102,8 @@ class Arc(Curve):
 
     def mapped(self, matrix: Array) -> "Arc":
         """See `Curve.mapped`."""
-        turn = matrix[:, :-1]
-        return Arc(_map(matrix, self.center), turn @ self.u, turn @ self.v, self.start, self.sweep)
+        linear = matrix[:, :-1]
+        return Arc(_map(matrix, self.center), linear @ self.u, linear @ self.v, self.start, self.sweep)
 
     def sketch(self) -> Array:
         """See `Curve.sketch`."""
@@ -128,9 +128,9 @@ class Arc(Curve):
         if len(self.center) != 2 or not round_ or not SHORTEST <= abs(self.sweep) <= 2 * pi * (1 + ROUND):
             return super().trace(tolerance)
         halves = 1 if abs(self.sweep) <= pi * (1 + ROUND) else 2
-        turn = self.sweep if self.u[0] * self.v[1] > self.u[1] * self.v[0] else -self.sweep
-        half = min(abs(turn) / halves, pi)
-        return self._at(halves + 1), np.full(halves, np.copysign(tan(half / 4), turn) if half < pi else np.sign(turn))
+        sweep = self.sweep if self.u[0] * self.v[1] > self.u[1] * self.v[0] else -self.sweep
+        half = min(abs(sweep) / halves, pi)
+        return self._at(halves + 1), np.full(halves, np.copysign(tan(half / 4), sweep) if half < pi else np.sign(sweep))
 
     def _at(self, count: int) -> Array:
         t = np.linspace(self.start, self.start + self.sweep, count)[:, None]

@@ -61,7 +61,7 @@ def _fits(file: OutlineFile) -> bool:
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all flat entities in the model space."""
     document = _document(file)
-    known = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
+    names = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
     reader = _DxfReader(file, document, layer.casefold() if layer is not None else None)
     try:
         reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
@@ -71,9 +71,9 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         raise
     except Exception as error:  # ezdxf raises undocumented errors on damaged values.
         raise file.damaged("an undamaged drawing", _reason(error)) from None
-    known |= {name.casefold(): name for name in reader.layers if name.casefold() not in known}
-    if layer is not None and layer.casefold() not in known:
-        raise file.unknown_layer(layer, sorted(known.values()))
+    names |= {name.casefold(): name for name in reader.layers if name.casefold() not in names}
+    if layer is not None and layer.casefold() not in names:
+        raise file.unknown_layer(layer, sorted(names.values()))
     points = np.concatenate(
         [curve.sketch() for _, curves, _ in reader.pieces for curve in curves] or [np.zeros((1, 3))]
     )
@@ -226,8 +226,8 @@ def _repaired(text: str, file: OutlineFile, error: Exception) -> "Document":
     # Repairs may drop entities.
     lines = [line.strip() for line in text.splitlines()]
     written = Counter(value for code, value in zip(lines[::2], lines[1::2], strict=False) if code == "0")
-    found = Counter(entity.dxftype() for entity in document.entitydb.values())
-    if audit.errors or any(written[kind] != found[kind] for kind in (*CURVES, "VERTEX", "INSERT")):
+    counts = Counter(entity.dxftype() for entity in document.entitydb.values())
+    if audit.errors or any(written[kind] != counts[kind] for kind in (*CURVES, "VERTEX", "INSERT")):
         raise file.damaged("DXF", _reason(error))
     return document
 
@@ -288,10 +288,10 @@ def _ellipse(entity: Any, file: OutlineFile, name: str) -> Parts:
     normal = np.array(entity.dxf.extrusion, dtype=float)
     v = np.cross(normal / np.linalg.norm(normal), u) * float(entity.dxf.ratio)
     start, end = float(entity.dxf.start_param), float(entity.dxf.end_param)
-    turn = _turn(start, end)
+    angle = _turn(start, end)
     # A full ellipse is written as 0 to 2 pi, with varying precision.
-    whole = abs(turn - 2 * np.pi) < 1e-6
-    yield [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else turn)], whole
+    whole = abs(angle - 2 * np.pi) < 1e-6
+    yield [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else angle)], whole
 
 
 def _lwpolyline(entity: Any, file: OutlineFile, name: str) -> Parts:
@@ -367,8 +367,8 @@ def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> list
 def _round(entity: Any, file: OutlineFile, name: str) -> tuple[Array, Array, Array]:
     # ezdxf assumes a radius of 1 where the file has none.
     if not entity.dxf.hasattr("radius") or entity.dxf.radius < 0:
-        found = f"{entity.dxf.radius:g}" if entity.dxf.hasattr("radius") else "none"
-        raise file.unreadable("a radius above 0", f"{found} for {name}", "correct it, or remove it")
+        stated = f"{entity.dxf.radius:g}" if entity.dxf.hasattr("radius") else "none"
+        raise file.unreadable("a radius above 0", f"{stated} for {name}", "correct it, or remove it")
     radius = float(entity.dxf.radius)
     return np.array(entity.dxf.center, dtype=float), np.array([radius, 0.0, 0.0]), np.array([0.0, radius, 0.0])
 

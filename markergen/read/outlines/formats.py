@@ -114,13 +114,13 @@ class OutlineFile:
             raise InputError(f"text in {self.name}", "null characters", "check the path")
         return text
 
-    def damaged(self, syntax: str, found: str) -> InputError:
+    def damaged(self, syntax: str, problem: str) -> InputError:
         """Return the error that the file is incomplete."""
-        return InputError(f"{syntax} in {self.name}", found, "the file is cut off or damaged: write it again")
+        return InputError(f"{syntax} in {self.name}", problem, "the file is cut off or damaged: write it again")
 
-    def unreadable(self, expected: str, found: str, remedy: str) -> InputError:
+    def unreadable(self, expected: str, problem: str, remedy: str) -> InputError:
         """Return an error about a detail of the file."""
-        return InputError(f"{expected} in {self.name}", found, remedy)
+        return InputError(f"{expected} in {self.name}", problem, remedy)
 
     def external(self, what: str) -> InputError:
         """Return the error that the file refers to others."""
@@ -130,11 +130,11 @@ class OutlineFile:
         """Return the error that reading would take too long; `what` is a limit such as ``at most 5 layers``."""
         return self.unreadable(what, "more", _WHOLE)
 
-    def unknown_layer(self, layer: str, known: list[str]) -> InputError:
+    def unknown_layer(self, layer: str, layers: list[str]) -> InputError:
         """Return the error that a layer does not exist, listing those that do."""
-        names = [brief(name) for name in known[:MOST_LISTED]]
-        more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
-        remedy = f"known layers: {', '.join(names)}{more}" if known else "leave out --layer: the file has no layers"
+        names = [brief(name) for name in layers[:MOST_LISTED]]
+        more = f" and {len(layers) - MOST_LISTED} more" if len(layers) > MOST_LISTED else ""
+        remedy = f"known layers: {', '.join(names)}{more}" if layers else "leave out --layer: the file has no layers"
         return self.unreadable("a known layer", brief(layer), remedy)
 
 
@@ -152,7 +152,7 @@ class OutlineFormat:
     signs : str
         Typical contents of such a file, for the message that no format fits.
     fits : callable
-        Tells whether a file has this format; true for at most one format.
+        True if a file has this format; true for at most one format.
     read : callable
         Makes the drawing of a file; the second argument names one layer, or is None for all visible ones.
     """

@@ -80,8 +80,8 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
     file = load(Path(path))
     format_ = next((OUTLINE_FORMATS[name] for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(file)), None)
     if format_ is None:
-        known = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)
-        raise InputError(f"an outline in {file.name}", "an unknown format", f"known formats: {known}")
+        signs = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)
+        raise InputError(f"an outline in {file.name}", "an unknown format", f"known formats: {signs}")
     # Overflows become infinite, and are reported with the piece's name.
     with np.errstate(over="ignore", invalid="ignore"):
         drawing = format_.read(file, layer)
@@ -98,8 +98,8 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
     try:
         contours = canonical_contours([ring.points for ring in rings], [ring.bulges for ring in rings])
     except InputError as error:
-        expected, found, remedy = error.args
-        raise InputError(f"{expected} in {file.name}", found, remedy) from None
+        expected, problem, remedy = error.args
+        raise InputError(f"{expected} in {file.name}", problem, remedy) from None
     # Mirroring reverses the direction of an outline.
     return tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
 
@@ -136,7 +136,9 @@ def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -
     if not SMALLEST <= size * scale <= LARGEST:
         remedy = f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}"
         if size * min(UNITS.values()) > LARGEST:
-            farthest = max(drawing.pieces, key=lambda piece: max(np.abs(each.sketch()).max() for each in piece.curves))
+            farthest = max(
+                drawing.pieces, key=lambda piece: max(np.abs(curve.sketch()).max() for curve in piece.curves)
+            )
             remedy = f"remove or correct what is so far out, such as {farthest.name}"
         raise file.unreadable(
             f"a marker of {format_length(SMALLEST)} to {format_length(LARGEST)}",
@@ -152,8 +154,8 @@ def _tracks(drawing: Drawing, scale: float, tolerance: float, file: OutlineFile)
         try:
             points, bulges = _traced([curve.trace(tolerance / scale) for curve in piece.curves])
         except InputError as error:
-            expected, found, remedy = error.args
-            raise file.unreadable(expected, f"{found}, {piece.name}", remedy) from None
+            expected, problem, remedy = error.args
+            raise file.unreadable(expected, f"{problem}, {piece.name}", remedy) from None
         total += len(points)
         if total > MOST_POINTS:
             raise file.too_much(f"outlines that {MOST_POINTS} points can approximate to {tolerance * 1e6:.2g} um")
@@ -169,9 +171,9 @@ def _traced(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 def _none(drawing: Drawing, file: OutlineFile) -> InputError:
     others = sorted(set(drawing.others))
-    found = f"only {', '.join(others[:8])}" if others else "none"
+    content = f"only {', '.join(others[:8])}" if others else "none"
     remedy = "draw a closed shape, turn text into paths, or choose another --layer"
-    return file.unreadable("a closed outline", found, remedy)
+    return file.unreadable("a closed outline", content, remedy)
 
 
 def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> list[Contour]:
@@ -184,7 +186,7 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
     Raises
     ------
     InputError
-        If an end meets no other or more than one, or no outline has an area; the message tells where.
+        If an end meets no other or more than one, or no outline has an area; the message says where.
     """
     rings: list[tuple[int, Track]] = []
     open_tracks: list[tuple[int, Track]] = []
@@ -198,9 +200,9 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
             open_tracks.append((i, thin))
     lone = _lone_lines([track for _, track in open_tracks], tolerance)
     joined = _joined([open_tracks[k] for k in range(len(open_tracks)) if k not in lone], tolerance, source)
-    found = [(track, _contour(track, tolerance)) for _, track in sorted(rings + joined, key=lambda ring: ring[0])]
-    contours = [contour for _, contour in found if contour is not None]
-    flat = [track for track, contour in found if contour is None]
+    closed = [(track, _contour(track, tolerance)) for _, track in sorted(rings + joined, key=lambda ring: ring[0])]
+    contours = [contour for _, contour in closed if contour is not None]
+    flat = [track for track, contour in closed if contour is None]
     lines = [open_tracks[k][1] for k in sorted(lone)]
     if lines and not _cross(lines, contours):
         _joined(open_tracks, tolerance, source)  # Raises the error about their ends.
@@ -232,8 +234,8 @@ def _lone_lines(tracks: list[Track], tolerance: float) -> set[int]:
         length = float(np.hypot(*chord))
         across = (track.points - track.points[0]) @ np.array([-chord[1], chord[0]]) / length
         straight = not track.bulges.any() and float(np.abs(across).max()) <= tolerance
-        near = tree.query_ball_point(ends[2 * k : 2 * k + 2], max(APART * length, tolerance))
-        if straight and not {int(end) // 2 for each in near for end in each} - {k}:
+        neighbors = tree.query_ball_point(ends[2 * k : 2 * k + 2], max(APART * length, tolerance))
+        if straight and not {int(end) // 2 for ends_near in neighbors for end in ends_near} - {k}:
             lone.add(k)
     return lone
 
@@ -278,15 +280,15 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
 
     tree = cKDTree(ends)
     # Three neighbors suffice to detect a branch.
-    distances, found = tree.query(ends, k=min(3, len(ends)))
+    distances, partners = tree.query(ends, k=min(3, len(ends)))
     meeting = np.count_nonzero(distances <= tolerance, axis=1)
     if (meeting == 1).any():
         alone = np.flatnonzero(meeting == 1)
         loose = ends[alone]
-        gaps, other = cKDTree(loose).query(loose, k=2)
+        gaps, partner = cKDTree(loose).query(loose, k=2)
         # A single loose end has no partner; report the gap to its nearest neighbor.
         i = int(np.argmin(gaps[:, 1])) if len(alone) > 1 else 0
-        there = loose[other[i, 1]] if len(alone) > 1 else ends[found[alone[0], 1]]
+        there = loose[partner[i, 1]] if len(alone) > 1 else ends[partners[alone[0], 1]]
         gap = float(np.hypot(*(there - loose[i])))
         more = len(alone) // 2 - 1
         raise InputError(
@@ -302,8 +304,8 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
             f"three or more ends at {place(ends[i])}, one of {names[i // 2]}",
             "remove what is drawn twice or joins two sides, or choose the outline's --layer",
         )
-    self_first = found[:, 0] == np.arange(len(ends))
-    return np.where(self_first, found[:, 1], found[:, 0]).tolist()
+    self_first = partners[:, 0] == np.arange(len(ends))
+    return np.where(self_first, partners[:, 1], partners[:, 0]).tolist()
 
 
 def _thinned(track: Track, tolerance: float) -> Track:

@@ -213,8 +213,8 @@ class Shapes:
         commands, numbers = re.subn(_NUMBER, "", data)
         odd = _NO_PATH.search(commands)
         if odd or data.lstrip()[0] not in "Mm":
-            found = repr(odd[0]) if odd else "no move to start from"
-            raise self.file.unreadable("path data", f"{found} in {name}", "correct the path")
+            problem = repr(odd[0]) if odd else "no move to start from"
+            raise self.file.unreadable("path data", f"{problem} in {name}", "correct the path")
         most = MOST_PIECES * self.file.patience
         # A command makes at least one segment and takes at most seven numbers per segment.
         if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > most:
@@ -310,10 +310,10 @@ def _arc(start: Array, end: Array, center: Array, axes: Array, sweep: float) -> 
         a, b, half, axes, reach = a / reach, b / reach, half / reach, axes * reach, 1.0
     across = np.array([-half[1], half[0]]) * (sqrt(1 - reach**2) / max(reach, np.finfo(float).tiny))
     middle = (a + b) / 2
-    shift = min(middle + across, middle - across, key=lambda point: float(np.hypot(*point)))
-    first, last = (float(np.arctan2(*(point - shift)[::-1])) for point in (a, b))
+    offset = min(middle + across, middle - across, key=lambda point: float(np.hypot(*point)))
+    first, last = (float(np.arctan2(*(point - offset)[::-1])) for point in (a, b))
     exact = sweep + remainder(last - first - sweep, 2 * pi)
-    return Arc(center + axes @ shift, axes[:, 0], axes[:, 1], first, exact)
+    return Arc(center + axes @ offset, axes[:, 0], axes[:, 1], first, exact)
 
 
 def _point(value: Any) -> Array:
@@ -381,13 +381,13 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
 
 def style_of(element: Element, inherited: Style, sheet: Sheet) -> Style:
     """Style of an element inside a parent with the style `inherited`."""
-    own = {name: element.attrib[name].strip() for name in PROPERTIES if name in element.attrib}
+    declared = {name: element.attrib[name].strip() for name in PROPERTIES if name in element.attrib}
     tag, classes, name = str(element.tag), element.get("class", "").split(), element.get("id", "")
     for selector in ("*", tag, *(f".{c}" for c in classes), *(f"{tag}.{c}" for c in classes), f"#{name}"):
-        own |= sheet.get(selector, {})
-    own |= _declarations(element.get("style", ""))
+        declared |= sheet.get(selector, {})
+    declared |= _declarations(element.get("style", ""))
     passed = {key: inherited[key] for key in INITIAL}
-    return {**_OWN, **passed, **{key: value for key, value in own.items() if value != "inherit"}}
+    return {**_OWN, **passed, **{key: value for key, value in declared.items() if value != "inherit"}}
 
 
 def seen(style: Style) -> bool:
@@ -400,10 +400,10 @@ def seen(style: Style) -> bool:
 def fraction(value: str) -> float:
     """Opacity as a number from 0 to 1; 1 for what is none."""
     try:
-        found = float(value.removesuffix("%")) / (100 if value.endswith("%") else 1)
+        share = float(value.removesuffix("%")) / (100 if value.endswith("%") else 1)
     except ValueError:
         return 1.0
-    return min(max(found, 0.0), 1.0)
+    return min(max(share, 0.0), 1.0)
 
 
 def gone(style: Style) -> bool:
@@ -588,11 +588,11 @@ class _SvgReader:
     def _unread(self, element: Element, place: _Place, kind: str) -> None:
         """Note where visible text, an image or a foreign object is."""
         style = style_of(element, place.style, self.sheet)
-        words = " ".join("".join(element.itertext()).split())
-        shown = place.wanted and style["visibility"] == "visible" and not gone(style)
-        if not shown or (kind == "text" and not words):
+        content = " ".join("".join(element.itertext()).split())
+        is_visible = place.wanted and style["visibility"] == "visible" and not gone(style)
+        if not is_visible or (kind == "text" and not content):
             return
-        label = words if kind == "text" else element.get("id")
+        label = content if kind == "text" else element.get("id")
         name = f"the {UNREAD[kind]} {brief(label)}" if label else f"the {UNREAD[kind]} without a name"
         matrix = _times(place.matrix, self._shapes.matrix(element, name))
         x, y, right, bottom = self._text_box(element, style) if kind == "text" else self._box(element, place, name)
@@ -610,13 +610,13 @@ class _SvgReader:
         """Left, top, right and bottom of a box that holds the lines of a text; nan if more than sizes shapes them."""
         lines = list(element.iter())
         styles = [style_of(line, style, self.sheet) for line in lines[1:]]
-        sizes = [_SIZE.fullmatch(each["font-size"]) for each in (style, *styles)]
+        sizes = [_SIZE.fullmatch(line_style["font-size"]) for line_style in (style, *styles)]
         if any(
-            line.tag not in ("text", "tspan", "title", "desc") or _SHAPED.search(f"{line.attrib}") or each["font"]
-            for line, each in zip(lines, (style, *styles), strict=True)
+            line.tag not in ("text", "tspan", "title", "desc") or _SHAPED.search(f"{line.attrib}") or line_style["font"]
+            for line, line_style in zip(lines, (style, *styles), strict=True)
         ) or not all(sizes):
             return (np.nan,) * 4
-        size = max(float(each[1]) * PX[each[2].lower()] for each in sizes if each)
+        size = max(float(match[1]) * PX[match[2].lower()] for match in sizes if match)
         anchors = [float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
                    for line in lines for key in ("x", "y")]  # fmt: skip
         at = np.array(anchors).reshape(-1, 2)
@@ -624,7 +624,7 @@ class _SvgReader:
         if not len(at):
             return (np.nan,) * 4
         # No letter is wider than 1.5 of its size, nor higher, from whichever line it is measured.
-        strokes = [each["stroke-width"] for each in (style, *styles) if each["stroke"] != "none"]
+        strokes = [line_style["stroke-width"] for line_style in (style, *styles) if line_style["stroke"] != "none"]
         size += max((_pixels(width) or np.nan for width in strokes), default=0.0)
         wide = 1.5 * size * max(len("".join(line.itertext())) for line in lines)
         (left, top), (right, bottom) = at.min(axis=0), at.max(axis=0)
@@ -685,12 +685,12 @@ class _SvgReader:
         size = float(np.hypot(*np.ptp(points, axis=0)))
         if not (np.isfinite(size) and size > 0):
             return False
-        near = 1e-5 * size
-        drawn = np.concatenate([self._clippable(curve, near) for piece in pieces for curve in piece.curves])
+        tolerance = 1e-5 * size
+        drawn = np.concatenate([self._clippable(curve, tolerance) for piece in pieces for curve in piece.curves])
         inside = np.zeros(len(drawn), dtype=bool)
-        for shape in self._clip(clip, place, near):
+        for shape in self._clip(clip, place, tolerance):
             # With a tolerance, since a clip to the page may coincide with the outline.
-            inside |= shape.within(drawn, 2 * near)
+            inside |= shape.within(drawn, 2 * tolerance)
         return bool(inside.all())
 
     def _clippable(self, curve: Curve, tolerance: float) -> Array:
@@ -728,8 +728,8 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array
         viewport = (shapes.length(sizes[0], "width", (0, 0), "x"), shapes.length(sizes[1], "height", (0, 0), "y"))
         # Without a viewBox, user units are CSS pixels, but 90 per inch in Inkscape before 0.92.
         old = _OLD_INKSCAPE.match(root.get(f"{INKSCAPE} version", ""))
-        known = (width is not None or height is not None) and not old
-        return (0.0254 / PX["in"] if known else None), 1.0, identity, viewport
+        is_physical = (width is not None or height is not None) and not old
+        return (0.0254 / PX["in"] if is_physical else None), 1.0, identity, viewport
     in_pixels = width is None and height is None
     if in_pixels:
         width, height = (_pixels(root.get(key)) for key in ("width", "height"))
@@ -801,9 +801,9 @@ def _refuse_references(root: Element, file: OutlineFile) -> None:
         if link and not link.startswith(("#", "data:")) and element.tag != "a":
             raise file.external(f"{brief(link)} in {brief(element.tag)}")
         for text in (element.text or "" if element.tag == "style" else "", *element.attrib.values()):
-            found = _OUTSIDE.search(_FONTS.sub("", text)) if "url" in text or "@import" in text else None
-            if found:
-                raise file.external(f"{brief(found[0])} in {brief(element.tag)}")
+            match = _OUTSIDE.search(_FONTS.sub("", text)) if "url" in text or "@import" in text else None
+            if match:
+                raise file.external(f"{brief(match[0])} in {brief(element.tag)}")
 
 
 def _by_id(root: Element) -> dict[str, Element]:
@@ -818,12 +818,12 @@ def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> set[
     if layer is None:
         return None
     groups = list(root.iter("g"))
-    found = [group for group in groups if layer in _names(group)]
-    if not found:
+    chosen = [group for group in groups if layer in _names(group)]
+    if not chosen:
         labeled = [group for group in groups if group.get(f"{INKSCAPE} groupmode") == "layer"]
-        known = [names[0] for group in labeled or groups if (names := _names(group))]
-        raise file.unknown_layer(layer, list(dict.fromkeys(known)))
-    return {id(group) for group in found}
+        names_of_layers = [names[0] for group in labeled or groups if (names := _names(group))]
+        raise file.unknown_layer(layer, list(dict.fromkeys(names_of_layers)))
+    return {id(group) for group in chosen}
 
 
 def _names(group: Element) -> list[str]:

@@ -31,7 +31,7 @@ class PoseFormat:
     which_way : str
         A sentence on the frames that the poses map between, and their unit.
     fits : callable
-        Tells whether a file has this format; true for at most one format.
+        True if a file has this format; true for at most one format.
     read : callable
         Reads the poses T_camera_marker as numbers (P, 7), as in `RecordedPoses`.
     """
@@ -63,8 +63,8 @@ def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution
         return read_poses(Path(wish))
     if not isinstance(wish, str):
         raise InputError("poses", brief(wish), "give a text such as cone:tilt=0..60, a path, or a PoseDistribution")
-    found = settled(wish)
-    return named_poses(found) if isinstance(found, str) else found
+    poses = settled(wish)
+    return named_poses(poses) if isinstance(poses, str) else poses
 
 
 def settled(wish: str) -> str | RecordedPoses:
@@ -106,5 +106,5 @@ def read_poses(path: Path | str) -> RecordedPoses:
         if POSE_FORMATS[name].fits(file):
             numbers = POSE_FORMATS[name].read(file)
             return RecordedPoses.of(numbers, file.name, hashlib.sha256(data).hexdigest())
-    known = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
-    raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {known}")
+    signs = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
+    raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {signs}")

@@ -42,10 +42,10 @@ def _read(file: RowsFile) -> NDArray[np.float64]:
                 f"{FORM} at {file.place(line)}", brief(content[:100].decode("utf-8", "replace")), "correct it"
             )
         else:
-            words = content[:LONGEST_LINE].decode("utf-8", "replace").split(maxsplit=8)[1:8]
-            if len(words) < 7:
+            cells = content[:LONGEST_LINE].decode("utf-8", "replace").split(maxsplit=8)[1:8]
+            if len(cells) < 7:
                 raise InputError(f"{FORM} at {file.place(line)}", "an endless number", "correct it")
-            rows.add(line, words)
+            rows.add(line, cells)
         points = not points
     values = rows.values()
     return numbers_of(values[:, 4:], values[:, [1, 2, 3, 0]], rows.place)

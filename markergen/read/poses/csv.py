@@ -17,10 +17,10 @@ def _read(file: RowsFile) -> NDArray[np.float64]:
     line, names = next(table)
     columns, count = columns_of(names, file.place(line))
     rows = Rows(file, len(columns))
-    for line, words in table:
-        if len(words) != len(names):
-            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(words)), "correct the line")
-        rows.add(line, [words[column] for column in columns])
+    for line, cells in table:
+        if len(cells) != len(names):
+            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
+        rows.add(line, [cells[column] for column in columns])
     values = rows.values()
     return numbers_of(values[:, :count], values[:, count:], rows.place)
 

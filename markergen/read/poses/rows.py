@@ -130,15 +130,15 @@ class Rows:
     _numbers: "array[float]" = field(default_factory=lambda: array("d"))
     _lines: "array[int]" = field(default_factory=lambda: array("l"))
 
-    def add(self, line: int, words: Sequence[str]) -> None:
+    def add(self, line: int, cells: Sequence[str]) -> None:
         """Add a row of `width` words at `line`."""
         try:
-            self._numbers.extend(map(float, words))
+            self._numbers.extend(map(float, cells))
         except ValueError:
-            bad = next(word for word in words if not _is_number(word))
+            bad = next(word for word in cells if not _is_number(word))
             raise InputError(f"numbers at {self.file.place(line)}", brief(bad), "correct the line") from None
-        if self.file.odd and any("_" in word for word in words):
-            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(words)), "remove the _")
+        if self.file.odd and any("_" in word for word in cells):
+            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(cells)), "remove the _")
         if len(self._lines) == MOST_ROWS:
             raise InputError(f"at most {MOST_ROWS} poses in {self.file.name}", "more", "take every tenth pose")
         self._lines.append(line)
@@ -174,16 +174,16 @@ def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int]:
     twice = next((name for index, name in enumerate(plain) if name in plain[:index]), None)
     if twice is not None:
         raise InputError(f"every column once at {place}", f"{brief(twice)} twice", "correct the header")
-    known = {*TRANSLATION, *IGNORED}.union(*ROTATIONS)
-    unknown = next((name for name in plain if name not in known), None)
+    columns = {*TRANSLATION, *IGNORED}.union(*ROTATIONS)
+    unknown = next((name for name in plain if name not in columns), None)
     if unknown is not None:
         advice = "; poses over time are read from a TUM trajectory, which has no header" if "time" in unknown else ""
         raise InputError(f"the columns {WANTED} at {place}", brief(unknown), f"correct the header{advice}")
-    given = [rotation for rotation in ROTATIONS if set(rotation) & set(plain)]
-    if len(given) != 1:
-        found = " and ".join(rotation[0] for rotation in given) or "no rotation"
-        raise InputError(f"one kind of rotation at {place}", found, f"the columns are {WANTED}")
-    wanted = (*TRANSLATION, *given[0])
+    rotations = [rotation for rotation in ROTATIONS if set(rotation) & set(plain)]
+    if len(rotations) != 1:
+        problem = " and ".join(rotation[0] for rotation in rotations) or "no rotation"
+        raise InputError(f"one kind of rotation at {place}", problem, f"the columns are {WANTED}")
+    wanted = (*TRANSLATION, *rotations[0])
     missing = [name for name in wanted if name not in plain]
     if missing:
         raise InputError(f"the columns {' '.join(wanted)} at {place}", f"no {' '.join(missing)}", "add them")
@@ -217,8 +217,8 @@ def inverses(numbers: Array) -> Array:
     """Invert poses given as numbers (P, 7)."""
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_quat(numbers[:, 3:]).inv()
-    back = np.concatenate([-turn.apply(numbers[:, :3]), turn.as_quat(canonical=True)], axis=-1)
+    inverse = Rotation.from_quat(numbers[:, 3:]).inv()
+    back = np.concatenate([-inverse.apply(numbers[:, :3]), inverse.as_quat(canonical=True)], axis=-1)
     return np.round(back, DECIMALS) + 0.0
 
 
@@ -271,5 +271,5 @@ def _of_matrices(rows: Array, place: Place) -> Array:
 def _refuse(bad: Mask, wanted: str, values: Array, place: Place) -> None:
     if bad.any():
         index = int(np.argmax(bad))
-        found = " ".join(f"{value:.6g}" for value in values[index])
-        raise InputError(f"{wanted} at {place(index)}", found, "correct the file")
+        pose = " ".join(f"{value:.6g}" for value in values[index])
+        raise InputError(f"{wanted} at {place(index)}", pose, "correct the file")

@@ -22,14 +22,14 @@ def _fits(file: RowsFile) -> bool:
 
 def _read(file: RowsFile) -> NDArray[np.float64]:
     rows = Rows(file, 8)
-    for line, words in file.table():
-        if len(words) != 8:
+    for line, cells in file.table():
+        if len(cells) != 8:
             raise InputError(
                 f"8 numbers {FORM} at {file.place(line)}",
-                str(len(words)),
+                str(len(cells)),
                 f"for T_camera_marker write a header of {WANTED}",
             )
-        rows.add(line, words)
+        rows.add(line, cells)
     values = rows.values()
     return inverses(numbers_of(values[:, 1:4], values[:, 4:], rows.place))
 
