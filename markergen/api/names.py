@@ -60,9 +60,9 @@ def _papers() -> Iterable[str]:
 
 
 def _templates() -> Iterable[str]:
-    from markergen.read.templates import templates
+    from markergen.read.templates import shipped_templates
 
-    return templates()
+    return shipped_templates()
 
 
 NAMES: dict[str, Callable[[], Iterable[str]]] = {

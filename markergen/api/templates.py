@@ -12,7 +12,7 @@ from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
-from markergen.read.templates import read_template, templates
+from markergen.read.templates import read_template, shipped_templates
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def overview(json: object = None) -> Overview:
     """
     targets = Overview.targets(json=json)
     targets.check([])
-    found = Overview(templates=tuple(map(_template, templates())))
+    found = Overview(templates=tuple(map(_template, shipped_templates())))
     return replace(found, written=tuple(found.write(targets)))
 
 

@@ -31,7 +31,7 @@ from markergen.maths.rotation import rigid_motion
 from markergen.model.camera import NO_DISTORTION, Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
-from markergen.read.images import check_frame, find_images, grey_frame, image_size, read_image
+from markergen.read.images import check_frame, find_images, grey_frame, read_image, size_in_file
 
 Index = NDArray[np.intp]
 
@@ -179,7 +179,8 @@ def _one_size(
 ) -> tuple[tuple[int, int], dict[int, str]]:
     """Size in px that counts, the camera's or else that of most photographs, and why those of others are left out."""
     sizes = [
-        check_frame(source).shape[1::-1] if isinstance(source, np.ndarray) else image_size(source) for source in sources
+        check_frame(source).shape[1::-1] if isinstance(source, np.ndarray) else size_in_file(source)
+        for source in sources
     ]
     counts = Counter(size for size in sizes if size is not None)
     if not counts:

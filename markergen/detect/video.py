@@ -23,7 +23,7 @@ from markergen.options import as_list
 from markergen.options.kinds import CameraLike, TargetLike
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
-from markergen.read.videos import Frame, Video, is_video, open_video, silent_opencv
+from markergen.read.videos import Video, VideoFrame, is_video, open_video, silent_opencv
 
 CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 """Codec by suffix of a video that is written."""
@@ -180,7 +180,7 @@ def detect_video(
 class Look:
     """A frame, what was found in it, the filtered poses if there is a filter, and the state of the detection."""
 
-    frame: Frame
+    frame: VideoFrame
     found: list[Found]
     smoothed: list[Smoothed | None] | None
     watched: Watched

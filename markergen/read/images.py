@@ -134,10 +134,10 @@ def read_image(path: Path) -> Image:
         # Decoders disagree on whether its colors are premultiplied by opacity.
         raise InputError(f"an opaque image in {path}", "a transparent TIFF", "remove the transparency, or use PNG")
     notes = [ORIENTATION_NOTE] * (header.orientation != 1) + [TRANSPARENCY_NOTE] * transparent
-    return Image(grey_levels(pixels), tuple(notes))
+    return Image(decoded_levels(pixels), tuple(notes))
 
 
-def grey_levels(pixels: NDArray[Any]) -> Grey:
+def decoded_levels(pixels: NDArray[Any]) -> Grey:
     """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4); channel 2 or 4, if any, is opacity.
 
     Computed as 0.299 R + 0.587 G + 0.114 B, with transparent pixels over white. Rows are contiguous in memory.
@@ -147,7 +147,7 @@ def grey_levels(pixels: NDArray[Any]) -> Grey:
     colors = pixels if pixels.ndim == 3 else pixels[..., None]
     if _transparent(pixels):
         strips = [colors[top : top + STRIP] for top in range(0, len(colors), STRIP)]
-        blended: Grey = np.concatenate([grey_levels(_over_white(strip)) for strip in strips])
+        blended: Grey = np.concatenate([decoded_levels(_over_white(strip)) for strip in strips])
         return blended
     if colors.shape[2] in (2, 4):
         colors = colors[..., :-1]
@@ -166,7 +166,7 @@ def grey_frame(frame: object) -> Grey:
     """Grey levels (h, w) of an image in memory, as `read_image` returns for files; raises like `check_frame`."""
     pixels = check_frame(frame)
     kind = pixels.dtype.newbyteorder("=")
-    return grey_levels(np.asarray(pixels, dtype=kind))
+    return decoded_levels(np.asarray(pixels, dtype=kind))
 
 
 def check_frame(frame: object) -> NDArray[Any]:
@@ -236,10 +236,10 @@ def _reshaped(shape: tuple[int, ...]) -> str:
     return "give what cv2.imread or cv2.VideoCapture.read gives"
 
 
-def image_size(path: Path) -> tuple[int, int] | None:
+def size_in_file(path: Path) -> tuple[int, int] | None:
     """Return width and height in px of what `read_image` returns, by the header alone; None if that cannot be read."""
     try:
-        with quiet, opened(_content(path), _FORMATS) as image:
+        with quiet, opened_image(_content(path), _FORMATS) as image:
             # Pillow's size is that after the rotation, which `read_image` undoes.
             turned = image.format == "TIFF" and _orientation(image) > 4
             return image.size[::-1] if turned else image.size
@@ -305,7 +305,7 @@ def _content(path: Path) -> bytes:
 
 
 @contextmanager
-def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
+def opened_image(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
     """Open an image with Pillow, which reads the header; the caller limits its size."""
     from PIL import Image as Pillow
 
@@ -313,10 +313,10 @@ def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
         # Its own limit, which is that of the whole process, would raise before the size is known.
         limit, Pillow.MAX_IMAGE_PIXELS = Pillow.MAX_IMAGE_PIXELS, None
         try:
-            opened = Pillow.open(io.BytesIO(data), formats=formats)
+            unsized = Pillow.open(io.BytesIO(data), formats=formats)
         finally:
             Pillow.MAX_IMAGE_PIXELS = limit
-    with opened as image:
+    with unsized as image:
         yield image
 
 
@@ -340,7 +340,7 @@ def _examine(path: Path, data: bytes) -> _Header:
     from PIL import UnidentifiedImageError
 
     try:
-        with opened(data, _FORMATS) as image:
+        with opened_image(data, _FORMATS) as image:
             width, height = image.size
             if width * height > LARGEST_PIXELS:
                 raise InputError(

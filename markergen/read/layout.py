@@ -55,10 +55,10 @@ def read_layout(path: Any) -> Rows:
             ) from None
     # A flat marker's own table has z = 0.
     flat = len(used) == 3 and not any(row[2] for row in points)
-    return layout_of([row[:2] for row in points] if flat else points)
+    return parsed_layout([row[:2] for row in points] if flat else points)
 
 
-def layout_of(value: object) -> Rows:
+def parsed_layout(value: object) -> Rows:
     """Return control points in m from text such as ``0mm,50mm; -40mm,-30mm`` or rows of numbers or lengths.
 
     Raises

@@ -30,7 +30,7 @@ COLUMNS = ("name", "marker", "radius", "boundary", "x", "y", "z", "rx", "ry", "r
 Three = Field(min_length=3, max_length=3)
 
 
-class _Plate(BaseModel):
+class _PlateEntry(BaseModel):
     """One plate; what is missing of its pose is 0."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -48,7 +48,7 @@ class _Plate(BaseModel):
 class _Plates(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    plates: Annotated[list[_Plate], Field(min_length=1, max_length=MOST_MARKERS)]
+    plates: Annotated[list[_PlateEntry], Field(min_length=1, max_length=MOST_MARKERS)]
 
 
 def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
@@ -137,7 +137,7 @@ def _rows(text: str, name: str) -> dict[str, Any]:
     return {"plates": plates}
 
 
-def _boundary(plate: _Plate, marker: Marker | None) -> Boundary:
+def _boundary(plate: _PlateEntry, marker: Marker | None) -> Boundary:
     keys = [name for name in ("marker", "radius", "boundary") if getattr(plate, name) is not None]
     if len(keys) != 1:
         raise InputError("a marker, a radius or a boundary", " and ".join(keys) or "none", "give one of them")
@@ -146,7 +146,7 @@ def _boundary(plate: _Plate, marker: Marker | None) -> Boundary:
     return parse_boundary(plate.boundary) if plate.boundary else Circle(plate.radius or 0.0)
 
 
-def _rotation(plate: _Plate) -> tuple[tuple[float, ...], ...]:
+def _rotation(plate: _PlateEntry) -> tuple[tuple[float, ...], ...]:
     keys = [name for name in ("rotation_vector", "euler_deg", "matrix") if getattr(plate, name) is not None]
     if len(keys) > 1:
         raise InputError("one form of the rotation", " and ".join(keys), "leave out the others")

@@ -35,9 +35,9 @@ from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.layout import is_table, layout_of, read_layout
+from markergen.read.layout import is_table, parsed_layout, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
-from markergen.read.poses import settled
+from markergen.read.poses import settled_poses
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import parse_length, parse_settings
 
@@ -241,7 +241,7 @@ KINDS: dict[str, Any] = {
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(stated_poses)],
     "settings": Annotated[ImageNoiseTable, BeforeValidator(_quality)],
-    "layout": Annotated[Any, BeforeValidator(layout_of)],
+    "layout": Annotated[Any, BeforeValidator(parsed_layout)],
 }
 """Type of each kind of option, once the files that it names have been read."""
 
@@ -317,7 +317,7 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if "image_noise" in options:
         options["image_noise"] = ImageNoise(**options["image_noise"])
     if table.poses is not None:
-        options["poses"] = settled(table.poses) if isinstance(table.poses, str) and not stored else table.poses
+        options["poses"] = settled_poses(table.poses) if isinstance(table.poses, str) and not stored else table.poses
     if "boundary" in options:
         options["boundary"] = table.boundary.build()
     elif table.radius is not None:

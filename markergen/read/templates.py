@@ -10,7 +10,7 @@ from markergen.guard import read, text_of
 
 
 def read_template(name: str) -> dict[str, Any]:
-    """Read the values of a template: the name of a shipped one (see `templates`), or the path of a TOML file.
+    """Read the values of a template: the name of a shipped one (see `shipped_templates`), or the path of a TOML file.
 
     Raises
     ------
@@ -27,13 +27,13 @@ def read_template(name: str) -> dict[str, Any]:
 
 def template_text(name: str) -> str:
     """Return the text of a template, found like `read_template`, including comments."""
-    names = templates()
+    names = shipped_templates()
     path = Path(name)
     if path.suffix != ".toml" and name not in names:
         raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(names)}")
     return text_of(read(names.get(name, path), "spec"))
 
 
-def templates() -> dict[str, Path]:
+def shipped_templates() -> dict[str, Path]:
     """Return the shipped templates by name, from a wheel or a checkout."""
     return {path.stem: path for path in sorted(shipped_folder("templates").glob("*.toml"))}

@@ -42,7 +42,7 @@ class Capture(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class VideoFrame:
     """A frame.
 
     Attributes
@@ -192,7 +192,7 @@ class Video:
         self.dropped = 0
         self._capture = capture
         self._changed = threading.Condition()
-        self._ready = deque[Frame]()
+        self._ready = deque[VideoFrame]()
         self._ended = self._closed = False
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -204,7 +204,7 @@ class Video:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[VideoFrame]:
         """Yield the frames; raises InputError where one cannot be read, or a camera or stream stalls or ends."""
         while True:
             with self._changed:
@@ -245,7 +245,7 @@ class Video:
                     self._changed.wait_for(lambda: len(self._ready) < AHEAD or self._closed)
                     if self._closed:
                         return
-                    self._ready.append(Frame(number, stamp, clock, dropped, image))
+                    self._ready.append(VideoFrame(number, stamp, clock, dropped, image))
                     self._changed.notify_all()
         except Exception as error:  # Of OpenCV, or no memory: raised where the frames are taken.
             self._failure = error

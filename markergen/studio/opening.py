@@ -23,7 +23,7 @@ from markergen.read.cameras import format_of, load_camera
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.cameras.document import Document
 from markergen.read.layout import read_layout
-from markergen.read.outlines.boundary import moved, parse_boundary
+from markergen.read.outlines.boundary import moved_outline, parse_boundary
 from markergen.read.poses import read_poses
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
@@ -99,7 +99,7 @@ def opened_file(
 def _drawn(path: Path, unit: str | None, layer: str | None, origin: Sequence[float]) -> dict[str, Any]:
     there = parse_boundary(path, unit, layer, "file")
     room = polygon_from(there.contours())
-    regions = {"boundary": room, "keep_out": moved(there, origin)}
+    regions = {"boundary": room, "keep_out": moved_outline(there, origin)}
     return {name: region.as_dict() for name, region in regions.items()} | {"center": there.center, "words": str(room)}
 
 

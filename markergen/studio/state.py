@@ -28,11 +28,11 @@ from markergen.options import GROUPS, Option, as_list, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
-from markergen.read.layout import is_table, layout_of
-from markergen.read.outlines.boundary import is_drawing, moved
+from markergen.read.layout import is_table, parsed_layout
+from markergen.read.outlines.boundary import is_drawing, moved_outline
 from markergen.read.rig_plates import SUFFIXES
 from markergen.read.spec_file import DRAWING
-from markergen.read.templates import read_template, templates
+from markergen.read.templates import read_template, shipped_templates
 from markergen.units import parse_length
 
 Options = Mapping[str, Any]
@@ -62,7 +62,7 @@ def declared_options() -> dict[str, Any]:
             *({"suffix": suffix, "words": title} for suffixes, title in catalog() for suffix in suffixes),
             {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
         ],
-        "templates": list(map(_template, templates())),
+        "templates": list(map(_template, shipped_templates())),
     }
 
 
@@ -117,7 +117,7 @@ def plain_options(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
         kind = options_of_table[name].kind if name in options_of_table else ""
         if name == "points" and isinstance(value, list):
             with suppress(ValueError):  # What is wrong with it is told with all else.
-                value = points_as_text(layout_of(value))
+                value = points_as_text(parsed_layout(value))
         state[name] = _number(value, kind) if isinstance(value, str) else value
     refuse_files(state, table)
     return state
@@ -336,12 +336,12 @@ def _with_room(options: dict[str, Any], room: Boundary) -> dict[str, Any]:
     if isinstance(room, Circle):
         changed["radius"] = f"{round(1e3 * room.size, DIGITS - 3)!r}mm"
     else:
-        changed["boundary"] = moved(room, (x, y)).as_dict()
+        changed["boundary"] = moved_outline(room, (x, y)).as_dict()
     if keep_outs := _keep_outs(options):
         changed["keep_out"] = [_shifted(region, (x, y)) for region in keep_outs]
     if options.get("points"):
         changed["points"] = points_as_text(
-            [(u - x, v - y, *z) for u, v, *z in layout_of(plain_options(options)["points"])]
+            [(u - x, v - y, *z) for u, v, *z in parsed_layout(plain_options(options)["points"])]
         )
     if "drawing_center" in options:
         u, v = place_in(options["drawing_center"])
@@ -359,7 +359,7 @@ def _with_moved(keep_outs: list[Any], move: Mapping[str, Any]) -> list[Any]:
 def _shifted(keep_out: Any, origin: Place) -> Any:
     """Return a keep-out as it is seen from another origin; one that was typed stays a text."""
     if not isinstance(keep_out, str):
-        return moved(spec_of_options({"keep_out": [keep_out]}).keep_outs[0], origin).as_dict()
+        return moved_outline(spec_of_options({"keep_out": [keep_out]}).keep_outs[0], origin).as_dict()
     shape, _, place = keep_out.partition("@")
     at = [parse_length(coordinate) for coordinate in place.split(",")] if place else [0.0, 0.0]
     return f"{shape}@{points_as_text([[value - start for value, start in zip(at, origin, strict=True)]])}"

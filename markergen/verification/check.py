@@ -25,7 +25,7 @@ from markergen.verification.findings import (
 )
 from markergen.verification.flat import flat_findings, informative
 from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
-from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, moved
+from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, mapped_pages
 from markergen.verification.placement import (
     DARK,
     LIGHT,
@@ -34,16 +34,16 @@ from markergen.verification.placement import (
     in_other_units,
     in_part,
     stretched,
-    turned,
+    turned_solids,
 )
-from markergen.verification.reading import Page, Reading, reader_of, suffix_of
+from markergen.verification.reading import Page, Reading, known_suffix, reader_of
 from markergen.verification.result import Check
 from markergen.verification.solids import (
     SHEET,
     dots_of_surface,
     holds_sheet,
+    recess_clearance,
     recesses,
-    room_of,
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
@@ -111,7 +111,7 @@ def verify(body: Body, path: Path, tolerance: float | None = None) -> Check:
         check_supported(plate.marker, "to verify a file against")
     check_tolerance(tolerance)
     reader = reader_of(path)
-    if body.frame != "marker" and suffix_of(path) not in OF_PLATES:
+    if body.frame != "marker" and known_suffix(path) not in OF_PLATES:
         expected = f"a sheet or a solid of a rig ({', '.join(OF_PLATES)})"
         raise InputError(expected, str(path), "verify it against the one marker in it")
     # Numbers in a file that overflow become infinite and are left out.
@@ -202,7 +202,7 @@ def changed(marker: Marker, reading: Reading, tolerance: float, plain: Check) ->
         reading = replace(reading, pages=tuple(pages))
     page = max(reading.pages, key=lambda page: len(page.circles))
     for undo, change in changes(page, expected):
-        check = best_check(marker, moved(reading, undo), tolerance)
+        check = best_check(marker, mapped_pages(reading, undo), tolerance)
         if is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
             continue
         change_errors = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
@@ -228,7 +228,7 @@ def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: fl
 def _placed(marker: Marker, reading: Reading, surface: Surface, plain: Check, tolerance: float) -> Check | None:
     """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
     strange, mirrored = is_strange(plain), any(finding.kind == "mirrored" for finding in plain.findings)
-    ways = [turned(marker, reading, surface)] if strange or mirrored else []
+    ways = [turned_solids(marker, reading, surface)] if strange or mirrored else []
     ways += [in_other_units(marker, reading)] if strange else []
     for way in [*ways, stretched(marker, reading, surface)]:
         checks = [(placement, _solid(marker, placement.reading, tolerance)) for placement in way]
@@ -293,7 +293,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         if not len(dots) and len(reading.pages) > 1:
             continue
         count += len(dots)
-        room = room_of(page.surface, dots, expected) if page.surface is not None else 0.0
+        room = recess_clearance(page.surface, dots, expected) if page.surface is not None else 0.0
         cored = bool(room and dots.rings.any())
         here = copies(recesses(expected, room, cored) if room else expected, ids, dots, tolerance, reading, page)
         if page.surface is not None and page.surface.loose:

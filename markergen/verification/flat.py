@@ -17,11 +17,11 @@ from markergen.model.marker import Marker
 from markergen.verification.findings import AGAIN, Verdict
 from markergen.verification.lines import (
     CutLine,
-    among,
     in_picture,
     line_findings,
     plate_lines,
     sampled,
+    seek_among,
     sheet_lines,
     strays,
 )
@@ -206,7 +206,7 @@ def _lines(
             return [Finding("hidden", sentence, "print or save the whole page")], kinds[0]
     if page.lines is not None:
         lines = page.lines if page.cut is None else page.lines[page.cut]
-        seek = among(_to_marker(lines, motion, factor))
+        seek = seek_among(_to_marker(lines, motion, factor))
         allowed = tol
     else:
         assert page.picture is not None

@@ -101,7 +101,7 @@ def pieces_of(contours: Sequence[Contour]) -> Array:
     return np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))
 
 
-def among(segments: Array) -> Seek:
+def seek_among(segments: Array) -> Seek:
     """Seek among straight pieces (k, 2, 2)."""
     from scipy.spatial import cKDTree
 
@@ -163,7 +163,7 @@ def line_findings(
     Parameters
     ----------
     seek : callable
-        See `among` and `in_picture`.
+        See `seek_among` and `in_picture`.
     tolerance : float
         mm.
     free : callable or None
@@ -248,7 +248,7 @@ def strays(wanted: Sequence[CutLine], segments: Array) -> Mask:
     middles = segments.mean(axis=1)
     if not len(middles):
         return np.zeros(0, dtype=bool)
-    feet = among(pieces_of([line.contour for line in wanted]))(middles, middles)
+    feet = seek_among(pieces_of([line.contour for line in wanted]))(middles, middles)
     return np.asarray(~(np.linalg.norm(feet - middles, axis=1) < FARTHEST))
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.marker import Marker
-from markergen.verification.lines import CutLine, among, line_findings, plate_lines
+from markergen.verification.lines import CutLine, line_findings, plate_lines, seek_among
 from markergen.verification.matching import DotSet
-from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, is_dot, plate_of
+from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, is_dot, plate_index
 from markergen.verification.surface import Color, LevelFace, Surface
 from markergen.verification.words import MOST_LISTED, Finding, short_length
 
@@ -133,7 +133,7 @@ def is_light_alone(surface: Surface, dots: DotSet) -> bool:
     """Tell whether rings have cores of their own but no dot has an inlay, in a file without names and colors."""
     if surface.loose or not dots.rings.any() or any(part.name or part.color for part in surface.parts):
         return False
-    plate = plate_of(surface)
+    plate = plate_index(surface)
     middles = surface.look(dots.centers)[0]
     rims = surface.look(dots.centers + ((dots.radii + dots.inner) / 2)[:, None] * [1.0, 0.0])[0]
     return bool(np.isin(rims, (plate, -1)).all() and (~np.isin(middles[dots.rings], (plate, -1))).all())
@@ -212,7 +212,7 @@ def _tag_inlays(marker: Marker, surface: Surface, motion: Motion, seats: list[Se
     cells = np.stack([(column + 0.5) / tag.cells - 0.5, 0.5 - (row + 0.5) / tag.cells], axis=-1)
     rotation, translation = motion
     seen, heights, _ = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + translation)
-    if (seen != plate_of(surface)).any() or (heights > face.z - FLUSH).any():
+    if (seen != plate_index(surface)).any() or (heights > face.z - FLUSH).any():
         return []
     return [Finding("tag", "the tag has no inlays: its pockets are empty", WHOLE)]
 
@@ -248,7 +248,7 @@ def _thinner(seats: list[Seat], tolerance: float) -> list[Finding]:
 
 def color_findings(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Finding]:
     """Dots that are not darker than the plate, and rings whose middle is; nothing if the file has no colors."""
-    plate = surface.parts[plate_of(surface)].color
+    plate = surface.parts[plate_index(surface)].color
     if plate is None or surface.loose or not seats:
         return []
     contrasts = [(seat, _darker(seat.color, plate)) for seat in seats if seat.color is not None]
@@ -268,7 +268,7 @@ def color_findings(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Fi
             sentence = f"the middle of dot {seat.name} does not have the color of the plate"
             findings.append(Finding("color", sentence, AGAIN))
     tools = {surface.parts[seat.part].tool for seat in seats if seat.kind == "part"} - {""}
-    if tools and surface.parts[plate_of(surface)].tool in tools:
+    if tools and surface.parts[plate_index(surface)].tool in tools:
         findings.append(Finding("inverted", "dots and plate are printed by the same extruder", AGAIN))
     return findings[:MOST_LISTED]
 
@@ -283,7 +283,7 @@ def _named(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Finding]:
     findings = []
     for seat, ring, core in zip(seats, dots.rings, middle, strict=True):
         named_parts = [(seat.part, False)] if seat.kind in ("part", "ball") else []
-        named_parts += [(int(core), True)] if ring and core not in (seat.part, plate_of(surface), -1) else []
+        named_parts += [(int(core), True)] if ring and core not in (seat.part, plate_index(surface), -1) else []
         for part, is_core in named_parts:
             called = surface.parts[part].name
             match = DOT.search(called)
@@ -351,7 +351,7 @@ def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: 
     wanted = plate_lines(marker)
     rings = [(ring - translation) @ rotation for ring in back.rings]
     pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
-    lines = line_findings(wanted, among(np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))), tolerance)
+    lines = line_findings(wanted, seek_among(np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))), tolerance)
     lines = [line for line in lines if not (wrong_holes and line.sentence.startswith(wrong_holes))]
     return [*lines, *holes, *_rough(wanted, surface, motion), *_strange(marker, wanted, back, motion)]
 

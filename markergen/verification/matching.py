@@ -282,8 +282,8 @@ def _labels(
     used = index >= 0
     if np.sum(used) < 2:
         return None
-    rotation, moved = rigid_motion(expected.centers[used], dots.centers[index[used]], mirror)
-    off = expected.centers[used] @ rotation.T + moved - dots.centers[index[used]]
+    rotation, translation = rigid_motion(expected.centers[used], dots.centers[index[used]], mirror)
+    off = expected.centers[used] @ rotation.T + translation - dots.centers[index[used]]
     sized = np.isfinite(dots.radii[index[used]])
     strange = int(np.sum(sized & (dots.rings[index[used]] != expected.rings[used])))
     rms = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
@@ -368,7 +368,7 @@ def _stretch(expected: DotSet, dots: DotSet) -> tuple[Array, Array] | None:
     return rotation * signs, shape * signs[:, None]
 
 
-def moved(reading: Reading, matrix: Array) -> Reading:
+def mapped_pages(reading: Reading, matrix: Array) -> Reading:
     """Reading with a linear map (2, 2) applied to all flat pages."""
     return replace(reading, pages=tuple(moved_page(page, matrix) for page in reading.pages))
 

@@ -253,7 +253,7 @@ def _welded(corners: Array) -> tuple[Array, Indices]:
     return points[first], index
 
 
-def is_closed(corners: Array) -> bool:
+def is_watertight(corners: Array) -> bool:
     """Tell whether every edge of triangles (m, 3, 3) is passed as often one way as the other."""
     triangles = _welded(corners)[1].reshape(-1, 3)
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
@@ -541,7 +541,7 @@ class SimulatorModel:
     @property
     def pieces(self) -> tuple[MeshObject, ...]:
         """The meshes one by one if each is closed, which spares the work on edges that they share; else as one."""
-        return self.meshes if all(is_closed(mesh.corners) for mesh in self.meshes) else (self.whole,)
+        return self.meshes if all(is_watertight(mesh.corners) for mesh in self.meshes) else (self.whole,)
 
 
 def _read_model(kind: str, data: bytes, name: str, body: Body) -> Reading:

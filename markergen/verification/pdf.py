@@ -17,7 +17,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.body import Body
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import READERS, Page, Reading, diameters_of
+from markergen.verification.reading import READERS, Page, Reading, circle_diameters
 
 Array = NDArray[np.float64]
 
@@ -98,13 +98,17 @@ def read_fabrication_sheet(data: bytes, name: str, body: Body) -> Reading:
 def read_pdf(data: bytes, name: str, body: Body) -> Reading:
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
     reply = in_child(
-        PARSER, "read", Content(name, data), "PDF", f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}"
+        PARSER,
+        "parse_pdf",
+        Content(name, data),
+        "PDF",
+        f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}",
     )
     layers = reply.values["layers"]
     sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if is_tiled(sheets):
-        radii = np.unique([diameter / 2 for diameter in diameters_of(body)])
+        radii = np.unique([diameter / 2 for diameter in circle_diameters(body)])
         assemblies = [assemble(sheets, radii, TILE_TOLERANCE, indices) for indices in markers_of(sheets)]
         gaps = tuple(gap for assembly in assemblies for gap in assembly.gaps)
         papers = tuple(page.size for page in pages)

@@ -52,7 +52,7 @@ def prepare() -> None:
     import pypdfium2.raw  # noqa: F401
 
 
-def read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def parse_pdf(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the pages of a PDF: sizes as values; circles, corners, lines, arcs and pictures as arrays by page."""
     import pypdfium2
 

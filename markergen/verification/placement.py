@@ -27,7 +27,7 @@ from markergen.verification.solids import (
     dots_of_surface,
     in_unit,
     mapped,
-    plate_of,
+    plate_index,
     round_edges,
 )
 from markergen.verification.surface import Surface
@@ -84,7 +84,7 @@ class Placement:
     times: float = 1.0
 
 
-def turned(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
+def turned_solids(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
     """The solid with its largest level area up, and with it down; not the view that the file has."""
     for view in surface.views():
         # The direction in the file of what is up in the view.
@@ -222,7 +222,7 @@ class PlateInFile:
         Its dots in the file, mm.
     wanted : array (m, 3)
         The same dots in the marker frame, mm.
-    view : View
+    view : Surface
         The side that shows it.
     dots : DotSet
         All dots of that side and height.
@@ -238,7 +238,7 @@ class PlateInFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Alignment:
+class FileMotion:
     """A rigid motion from the rig frame to that of a file, mm."""
 
     rotation: Array
@@ -423,7 +423,9 @@ def _in_file(wanted: DotSet, ids: list[int], view: Surface, dots: DotSet, verdic
     )  # fmt: skip
 
 
-def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float) -> Alignment | None:
+def _motion(
+    plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float
+) -> FileMotion | None:
     """Motion from the rig to the file that most markers agree with, by least squares of their dots; None for none."""
     from scipy.spatial.transform import Rotation
 
@@ -431,7 +433,7 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
     for k, candidates in enumerate(placements):
         for placed in candidates:
             rotation = placed.rotation @ plates[k].rotation_matrix.T
-            guess = Alignment(rotation, placed.translation - rotation @ (1e3 * plates[k].translation_vector))
+            guess = FileMotion(rotation, placed.translation - rotation @ (1e3 * plates[k].translation_vector))
             agreed, off = [], 0.0
             for j, others in enumerate(placements):
                 away = [(_apart(candidate, *guess.of(plates[j])), candidate) for candidate in others]
@@ -449,12 +451,12 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
     if np.linalg.det(agreed[0][1].rotation) < 0:
         placed = agreed[0][1]
         rotation = placed.rotation @ plates[agreed[0][0]].rotation_matrix.T
-        return Alignment(rotation, placed.translation - rotation @ (1e3 * plates[agreed[0][0]].translation_vector))
+        return FileMotion(rotation, placed.translation - rotation @ (1e3 * plates[agreed[0][0]].translation_vector))
     source = np.concatenate([1e3 * plates[j].to_body(placed.wanted / 1e3) for j, placed in agreed])
     target = np.concatenate([placed.points for _, placed in agreed])
     middle, goal = source.mean(axis=0), target.mean(axis=0)
     rotation = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
-    return Alignment(rotation, goal - rotation @ middle)
+    return FileMotion(rotation, goal - rotation @ middle)
 
 
 def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:
@@ -464,7 +466,7 @@ def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:
     )
 
 
-def _frame(motion: Alignment, plates: Sequence[Plate], tolerance: float) -> str:
+def _frame(motion: FileMotion, plates: Sequence[Plate], tolerance: float) -> str:
     """Say how the rig lies in the file; empty if it is where its file says."""
     off = 1e3 * _points_of(plates) @ (motion.rotation - np.eye(3)).T + motion.translation
     if np.linalg.norm(off, axis=-1).max() <= 1e3 * tolerance:
@@ -496,7 +498,7 @@ def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
 
 
 def _moved(
-    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: Alignment, tolerance: float
+    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: FileMotion, tolerance: float
 ) -> list[Finding]:
     """Say that a marker is in another place, or in that of another one."""
     plate, placed = plates[k], chosen[k]
@@ -558,7 +560,7 @@ def _pale(surface: Surface, dots: DotSet, middle: Array) -> NDArray[np.bool_]:
     """Tell which dots have the color of the plate or, without colors, are one with it; by points (m, 2) on them."""
     if surface.loose or dots.heights is None:
         return np.zeros(len(dots), dtype=bool)
-    plate = plate_of(surface)
+    plate = plate_index(surface)
     part, z, colors = surface.look(middle)
     contrasts = [differ(color, surface.parts[plate].color) for color in colors]
     flush = (part == plate) & (z > dots.heights - FLUSH)

@@ -14,10 +14,19 @@ from markergen.drawing.scene import FilledPath
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
 from markergen.model.marker import Marker
-from markergen.read.images import opened
+from markergen.read.images import opened_image
 from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of, diameters_of
+from markergen.verification.reading import (
+    FLATTEST,
+    PRINTABLE,
+    READERS,
+    ROUND,
+    Page,
+    Reading,
+    circle_diameters,
+    circles_of,
+)
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -85,7 +94,7 @@ def read_png(data: bytes, name: str, body: Body) -> Reading:
     """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)
-    sizes = np.array(diameters_of(body))
+    sizes = np.array(circle_diameters(body))
     gap = min(_least_gap(plate.marker) for plate in body.plates)
 
     def circles(wanted: Array | None) -> Array:
@@ -109,7 +118,7 @@ def _header(data: bytes, name: str) -> tuple[int, int, Array]:
     if not data.startswith(SIGNATURE):
         raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
     try:
-        with opened(data, ("PNG",)) as image:
+        with opened_image(data, ("PNG",)) as image:
             (width, height), inches = image.size, image.info.get("dpi")
             image.verify()
     # Decoders raise all kinds of exceptions for broken files.

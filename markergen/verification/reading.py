@@ -149,7 +149,7 @@ READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification
 """Readers by suffix, dot included."""
 
 
-def suffix_of(path: Path) -> str:
+def known_suffix(path: Path) -> str:
     """Longest suffix of a path that `READERS` knows, or its last one."""
     parts = path.name.lower().split(".")[1:]
     suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
@@ -158,10 +158,10 @@ def suffix_of(path: Path) -> str:
 
 def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
-    return READERS[suffix_of(path)]
+    return READERS[known_suffix(path)]
 
 
-def diameters_of(body: Body) -> list[float]:
+def circle_diameters(body: Body) -> list[float]:
     """Diameters in mm of all circles of a body's dots, those of the holes of rings among them."""
     features = [point.feature for plate in body.plates for point in plate.marker.control_points]
     return [1e3 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size]

@@ -124,7 +124,7 @@ def is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
     return x - part.low[0] < reach > part.high[0] - x and y - part.low[1] < reach > part.high[1] - y
 
 
-def plate_of(surface: Surface) -> int:
+def plate_index(surface: Surface) -> int:
     """Index of the part that is largest in plan view."""
     return int(np.argmax([(p.high[0] - p.low[0]) * (p.high[1] - p.low[1]) for p in surface.parts]))
 
@@ -138,7 +138,7 @@ def differ(color: Color | None, plate: Color | None) -> bool | None:
 
 def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
     """Tell which points (m, 2) are inked: not of the plate's color or, without colors, on another part or recessed."""
-    plate = -1 if surface.loose else plate_of(surface)
+    plate = -1 if surface.loose else plate_index(surface)
     part, z, colors = surface.look(places)
     if surface.loose:
         return part >= 0
@@ -151,7 +151,7 @@ def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
 
 def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     """Start and end points (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
-    main = -1 if surface.loose else plate_of(surface)
+    main = -1 if surface.loose else plate_index(surface)
     parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
     edges = [edge for part in parts for face in part.faces for edge in face.edges if not edge.is_circle]
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
@@ -282,7 +282,7 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
     return recess.offset(SLACK).covers(solid) and solid.offset(ROOM + SLACK, corners="miter").covers(recess)
 
 
-def room_of(surface: Surface, dots: DotSet, expected: DotSet) -> float:
+def recess_clearance(surface: Surface, dots: DotSet, expected: DotSet) -> float:
     """Clearance in mm around what goes into recesses, if the apparent dots are recesses; 0 if they are dots.
 
     Recesses lie below the plate's surface, have its color, and are larger than dots by the same amount. Those for
@@ -290,7 +290,7 @@ def room_of(surface: Surface, dots: DotSet, expected: DotSet) -> float:
     """
     if surface.loose or not len(dots) or not (np.isfinite(dots.radii)).all():
         return 0.0
-    plate = plate_of(surface)
+    plate = plate_index(surface)
     directions = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
     middles = dots.centers[:, None] + ((dots.radii + dots.inner) / 2 * dots.rings)[:, None, None] * directions
     part, z, colors = surface.look(middles.reshape(-1, 2))

@@ -14,9 +14,9 @@ from markergen.errors import InputError
 from markergen.guard import Content, check_size
 from markergen.model.body import Body
 from markergen.read.outlines.curves import Arc, Bezier, Curve
-from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, Piece
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile, OutlinePiece, Paint
 from markergen.read.outlines.svg import fraction, parse_svg
-from markergen.verification.lines import Seek, among
+from markergen.verification.lines import Seek, seek_among
 from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 
@@ -105,7 +105,7 @@ def read_svg(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (e
     return Reading("SVG", (page,), tagged=True)
 
 
-def _shape_of(piece: Piece) -> int:
+def _shape_of(piece: OutlinePiece) -> int:
     return piece.look.shape if piece.look else 0
 
 
@@ -170,7 +170,7 @@ class _Painted:
         Left, bottom, right and top, with the stroke.
     """
 
-    pieces: Sequence[Piece]
+    pieces: Sequence[OutlinePiece]
     scale: float
     fill: tuple[float, float]
     stroke: tuple[float, float]
@@ -179,7 +179,7 @@ class _Painted:
     box: Array
 
     @staticmethod
-    def of(pieces: Sequence[Piece], scale: float) -> "_Painted":
+    def of(pieces: Sequence[OutlinePiece], scale: float) -> "_Painted":
         look = pieces[0].look
         assert look is not None
         hull = np.concatenate([curve.sketch() for piece in pieces for curve in piece.curves]) * [scale, -scale]
@@ -225,7 +225,7 @@ class _Painted:
     def _line(self) -> Seek:
         rings = zip(self.rings, (piece.closed for piece in self.pieces), strict=True)
         ends = [(ring, np.roll(ring, -1, axis=0)) if closed else (ring[:-1], ring[1:]) for ring, closed in rings]
-        return among(np.concatenate([np.stack(pair, axis=1) for pair in ends]))
+        return seek_among(np.concatenate([np.stack(pair, axis=1) for pair in ends]))
 
     def _on_line(self, points: Array) -> NDArray[np.bool_]:
         return np.asarray(np.linalg.norm(self._line(points, points) - points, axis=1) < self.width / 2)
@@ -239,7 +239,7 @@ def _number(text: str) -> float:
         return 0.0
 
 
-def _paint(look: Look, kind: str) -> tuple[float, float]:
+def _paint(look: Paint, kind: str) -> tuple[float, float]:
     """Grey level and opacity of a fill or a stroke."""
     from svgelements import Color
 

@@ -182,7 +182,7 @@ def test_what_cannot_be_written_is_told_before_the_search(tmp_path):
         ('keep_out = ["plate.dxf#0"]', 100),
     ],
 )
-def test_a_drawing_that_a_template_names_is_not_written_over(line, low, tmp_path, monkeypatch):
+def test_a_drawing_that_a_shipped_templates_is_not_written_over(line, low, tmp_path, monkeypatch):
     import ezdxf
 
     monkeypatch.chdir(tmp_path)

@@ -9,7 +9,7 @@ import markergen as mg
 from markergen.api.templates import overview
 from markergen.cli import main
 from markergen.model.rig import planned_print
-from markergen.read.templates import read_template, templates
+from markergen.read.templates import read_template, shipped_templates
 
 FOUND = {template.name: template for template in overview().templates}
 QUICK = "instrument-plate"
@@ -55,7 +55,7 @@ def test_one_page_shows_them_all():
 def test_they_are_listed_with_sizes_for_people_and_programs(capsys):
     assert main(["templates", "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert [each["name"] for each in told] == list(templates())
+    assert [each["name"] for each in told] == list(shipped_templates())
     disk = next(each for each in told if each["name"] == "paper-disk")
     assert (disk["size"], disk["dots"], disk["camera"], disk["distances"]) == ([0.3, 0.3], 5, [640, 480], [0.6, 1.5])
     cube = next(each for each in told if each["name"] == "cube")

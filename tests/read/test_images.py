@@ -18,9 +18,9 @@ from markergen.read.images import (
     TRANSPARENCY_NOTE,
     find_images,
     grey_frame,
-    image_size,
     quiet,
     read_image,
+    size_in_file,
 )
 
 HEIGHT, WIDTH = 30, 40
@@ -403,10 +403,10 @@ def test_heic_is_said_in_folders_patterns_and_by_name(folder):
 def test_the_size_of_an_image_is_that_of_its_pixels(tmp_path, format, orientation):
     path = tmp_path / "image"
     path.write_bytes(turned(format, orientation))
-    assert image_size(path) == read_image(path).grey.shape[::-1]
+    assert size_in_file(path) == read_image(path).grey.shape[::-1]
     path.write_bytes(b"no image")
-    assert image_size(path) is None
-    assert image_size(tmp_path / "none") is None
+    assert size_in_file(path) is None
+    assert size_in_file(tmp_path / "none") is None
 
 
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16])

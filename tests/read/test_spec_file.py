@@ -15,14 +15,14 @@ from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.read.spec_file import spec_from_mapping, spec_schema
-from markergen.read.templates import read_template, templates
+from markergen.read.templates import read_template, shipped_templates
 
 CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
 
 
 def test_templates_are_ready_to_use():
-    assert len(templates()) == 14
-    for name in templates():
+    assert len(shipped_templates()) == 14
+    for name in shipped_templates():
         values = read_template(name)
         assert values["title"]
         if "shape" not in values:  # Rigs are those of tests/api/test_templates.py.
@@ -341,7 +341,7 @@ def test_it_is_a_schema():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("name", [name for name in templates() if "shape" not in read_template(name)])
+@pytest.mark.parametrize("name", [name for name in shipped_templates() if "shape" not in read_template(name)])
 def test_the_templates_fit(name):
     assert fits(read_template(name))
 

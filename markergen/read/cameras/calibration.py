@@ -29,7 +29,7 @@ SHORTEST, LONGEST = 1e-3, 1e6
 """Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
 
 
-def camera_of(table: Fields, model: str) -> Camera:
+def calibrated_camera(table: Fields, model: str) -> Camera:
     """Make a camera from a table with matrix, coefficients and image size; `model` names the distortion model."""
     key = table.key(*MATRIX)
     coefficients_key = table.find(*COEFFICIENTS)
@@ -107,7 +107,7 @@ def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[floa
 
 
 @contextmanager
-def located(place: str) -> Iterator[None]:
+def with_place(place: str) -> Iterator[None]:
     """Add the place in the file to an error about a value."""
     try:
         yield
@@ -128,7 +128,7 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
     # OpenCV pads with zeros: 12 coefficients include thin prisms, 14 also a tilted sensor.
     most = max(map(len, LENSES[model].coefficients))
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
-    with located(place):
+    with with_place(place):
         if len(cut) in (12, 14) and model == "rational":
             raise InputError(
                 "no thin prism and no tilted sensor, coefficients 9 to 14",
@@ -141,7 +141,7 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
 def _named(name: str, place: str) -> str:
     """Name in `Distortion` of a model, from its name in ROS, Kalibr or OpenCV code."""
     if name in LENSES:
-        with located(place):
+        with with_place(place):
             LENSES[name]  # Raises if the model is a broken plug-in.
         return name
     aliases = {alias: model for model in LENSES for alias in LENSES[model].aliases}
@@ -168,9 +168,9 @@ def make_camera(
         size and matrix belong to different cameras or resolutions, or width and height are swapped.
     """
     fx, fy, cx, cy = matrix
-    with located(size_place):
+    with with_place(size_place):
         Camera(width, height, 1.0, 1.0, 0.0, 0.0)
-    with located(place):
+    with with_place(place):
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
         if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
             raise InputError(

@@ -12,7 +12,7 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import located, make_camera, without_k3
+from markergen.read.cameras.calibration import make_camera, with_place, without_k3
 from markergen.read.cameras.document import Document, Fields
 
 CORNER = 0.5
@@ -77,7 +77,7 @@ def _camera(cells: Sequence[str], file: str, number: str) -> Camera:
     coefficients = [0.0] * _LENGTHS[name]
     for index, value in zip(places, values[focals + 2 :], strict=True):
         coefficients[index] = value
-    with located(table.place("PARAMS")):
+    with with_place(table.place("PARAMS")):
         distortion = Distortion(name, tuple(coefficients))
     return make_camera(
         table.whole("WIDTH"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import MATRIX, MODEL, camera_of, no_choice
+from markergen.read.cameras.calibration import MATRIX, MODEL, calibrated_camera, no_choice
 from markergen.read.cameras.document import Document, Fields
 
 FISHEYE = ("fisheye_model", "fisheye")
@@ -29,7 +29,7 @@ def _read(document: Document, choice: str | None) -> Camera:
     key = table.find(*FISHEYE)
     # A flag is a number in FileStorage and a word in hand-written files.
     fisheye = key is not None and str(table.values[key]).strip().lower() not in ("0", "false", "no", "")
-    return camera_of(table, "fisheye" if fisheye else "")
+    return calibrated_camera(table, "fisheye" if fisheye else "")
 
 
 def _table(document: Document, choice: str | None) -> Fields:

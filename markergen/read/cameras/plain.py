@@ -4,7 +4,7 @@ import json
 
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, RMS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import located, make_camera, no_choice
+from markergen.read.cameras.calibration import make_camera, no_choice, with_place
 from markergen.read.cameras.document import Document, Fields
 
 
@@ -26,7 +26,7 @@ def _read(document: Document, choice: str | None) -> Camera:
     if "distortion" in table.values:
         lens = table.fields("distortion")
         lens.only("model", "coefficients")
-        with located(lens.place()):
+        with with_place(lens.place()):
             distortion = Distortion(lens.text("model"), tuple(lens.numbers("coefficients")))
     fx, fy, cx, cy = (table.number(key) for key in ("fx", "fy", "cx", "cy"))
     width, height = table.whole("width"), table.whole("height")

@@ -12,7 +12,7 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH, camera_of, no_choice
+from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH, calibrated_camera, no_choice
 from markergen.read.cameras.document import Document, Fields, document_of, yaml_text
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
@@ -104,7 +104,7 @@ def _camera(table: Fields) -> Camera:
             )
     if table.find("roi") is not None:
         _refuse_part(table, table.fields("roi"))
-    return camera_of(table, table.text(*MODEL))
+    return calibrated_camera(table, table.text(*MODEL))
 
 
 def _refuse_part(table: Fields, roi: Fields) -> None:

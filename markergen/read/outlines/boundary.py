@@ -173,10 +173,10 @@ def _keep_out(text: str, unit: str | None, offset: tuple[float, float]) -> Bound
     path, layer = _split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
-    return moved(parse_boundary(path, unit, layer, "file"), offset)
+    return moved_outline(parse_boundary(path, unit, layer, "file"), offset)
 
 
-def moved(region: Boundary, origin: Sequence[float]) -> Boundary:
+def moved_outline(region: Boundary, origin: Sequence[float]) -> Boundary:
     """Return a region as it is seen from another origin, in whole picometers."""
     if isinstance(region, Circle):
         x, y = (round(value - start, 12) + 0.0 for value, start in zip(region.center, origin, strict=True))

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.outlines.curves import Arc, Curve, Polyline, Spline, bulge
-from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
+from markergen.read.outlines.formats import (
+    MOST_PIECES,
+    OUTLINE_FORMATS,
+    Drawing,
+    OutlineFile,
+    OutlineFormat,
+    OutlinePiece,
+)
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -84,7 +91,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
             "a flat outline", f"heights z from {low:.6g} to {high:.6g}", "draw it in one plane, or choose its --layer"
         )
     pieces = [
-        Piece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in reader.pieces
+        OutlinePiece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed)
+        for name, curves, closed in reader.pieces
     ]
     # ezdxf assumes a unit if there is none.
     unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0

@@ -24,7 +24,7 @@ _WHOLE = "export the outline alone, simplified"
 
 
 @dataclass(frozen=True)
-class Piece:
+class OutlinePiece:
     """Consecutive curves, each starting at the end of the previous one.
 
     Attributes
@@ -40,11 +40,11 @@ class Piece:
     name: str
     curves: tuple[Curve, ...]
     closed: bool
-    look: "Look | None" = None
+    look: "Paint | None" = None
 
 
 @dataclass(frozen=True)
-class Look:
+class Paint:
     """How the pieces of one shape are painted.
 
     Attributes
@@ -86,7 +86,7 @@ class Drawing:
         Advice on choosing a unit, for the message that there is none.
     """
 
-    pieces: list[Piece]
+    pieces: list[OutlinePiece]
     scale: float | None
     y_down: bool = False
     others: list[str] = field(default_factory=list)

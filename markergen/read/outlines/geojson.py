@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from markergen.errors import brief
 from markergen.read.outlines.curves import Polyline
-from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
+from markergen.read.outlines.formats import (
+    MOST_PIECES,
+    OUTLINE_FORMATS,
+    Drawing,
+    OutlineFile,
+    OutlineFormat,
+    OutlinePiece,
+)
 
 LARGEST_JSON = 3_000_000
 """Maximum size in bytes; each byte takes 40 in memory."""
@@ -18,7 +25,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all polygons, in a unit that GeoJSON does not specify."""
     if layer is not None:
         raise file.unknown_layer(layer, [])
-    pieces: list[Piece] = []
+    pieces: list[OutlinePiece] = []
     others: list[str] = []
     todo: list[tuple[Any, str]] = [(_json(file), "file")]
     steps = 0
@@ -51,12 +58,12 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     return Drawing(pieces, None, others=others, hint=hint)
 
 
-def _piece(file: OutlineFile, ring: Any, name: str) -> Piece:
+def _piece(file: OutlineFile, ring: Any, name: str) -> OutlinePiece:
     points = _points(ring)
     if points is None:
         raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file")
     # Rings repeat their first position; a ring that does not is open, and reported like any other gap.
-    return Piece(name, (Polyline(points),), False)
+    return OutlinePiece(name, (Polyline(points),), False)
 
 
 def _points(ring: Any) -> NDArray[np.float64] | None:

@@ -25,10 +25,10 @@ from markergen.read.outlines.formats import (
     MOST_PIECES,
     OUTLINE_FORMATS,
     Drawing,
-    Look,
     OutlineFile,
     OutlineFormat,
-    Piece,
+    OutlinePiece,
+    Paint,
 )
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Shapes:
     path_data: int = 0
     segments: int = 0
 
-    def pieces(self, element: Element, name: str, viewport: tuple[float, float]) -> list[Piece]:
+    def pieces(self, element: Element, name: str, viewport: tuple[float, float]) -> list[OutlinePiece]:
         """Pieces of a basic shape in its own coordinates; percentages refer to `viewport`."""
         kind = str(element.tag)
         if kind == "path":
@@ -125,19 +125,23 @@ class Shapes:
             if len(points) % 2:
                 raise self.file.unreadable("pairs of numbers", f"an odd number in points of {name}", "correct it")
             line = Polyline(np.array(points).reshape(-1, 2))
-            return [Piece(name, (line,), kind == "polygon")] if points else []
+            return [OutlinePiece(name, (line,), kind == "polygon")] if points else []
 
         def length(key: str, default: float = 0.0) -> float:
             return self.length(element.get(key), f"{key} of {name}", viewport, key, default)
 
         if kind == "line":
-            return [Piece(name, (Polyline(np.array([[length(f"x{i}"), length(f"y{i}")] for i in (1, 2)])),), False)]
+            return [
+                OutlinePiece(name, (Polyline(np.array([[length(f"x{i}"), length(f"y{i}")] for i in (1, 2)])),), False)
+            ]
         if kind == "rect":
             x, y, width, height = (length(key) for key in ("x", "y", "width", "height"))
             rx, ry = (length(key, -1.0) for key in ("rx", "ry"))
             if width <= 0 or height <= 0:
                 return []
-            return [Piece(name, _rectangle(x, y, width, height, rx if rx >= 0 else ry, ry if ry >= 0 else rx), True)]
+            return [
+                OutlinePiece(name, _rectangle(x, y, width, height, rx if rx >= 0 else ry, ry if ry >= 0 else rx), True)
+            ]
         center = np.array([length("cx"), length("cy")])
         if kind == "circle":
             rx = ry = length("r")
@@ -148,7 +152,7 @@ class Shapes:
             rx, ry = rx if rx >= 0 else ry, ry if ry >= 0 else rx
         if rx <= 0 or ry <= 0:
             return []
-        return [Piece(name, (Arc(center, np.array([rx, 0.0]), np.array([0.0, ry])),), True)]
+        return [OutlinePiece(name, (Arc(center, np.array([rx, 0.0]), np.array([0.0, ry])),), True)]
 
     def length(
         self,
@@ -202,7 +206,7 @@ class Shapes:
         if self.path_data > most:
             raise self.file.too_much(f"at most {most // 1000} kB of path data and other numbers")
 
-    def _path(self, data: str, name: str) -> list[Piece]:
+    def _path(self, data: str, name: str) -> list[OutlinePiece]:
         """Pieces of path data, one per subpath."""
         from svgelements import Close, Move, Path
 
@@ -234,34 +238,34 @@ class Shapes:
         self.segments += len(segments)
         if self.segments > most:
             raise self.file.too_much(f"at most {most} lines and curves")
-        pieces: list[Piece] = []
+        pieces: list[OutlinePiece] = []
         curves: list[Curve] = []
         for segment in segments:
             if isinstance(segment, Move | Close):
                 # After a close without a move the next piece starts at the start of the closed one.
                 if curves:
-                    pieces.append(Piece(name, tuple(curves), isinstance(segment, Close)))
+                    pieces.append(OutlinePiece(name, tuple(curves), isinstance(segment, Close)))
                 curves = []
             else:
                 curves.append(_curve(segment))
         if curves:
-            pieces.append(Piece(name, tuple(curves), False))
+            pieces.append(OutlinePiece(name, tuple(curves), False))
         return pieces
 
 
-def _plain_path(data: str, name: str) -> list[Piece] | None:
+def _plain_path(data: str, name: str) -> list[OutlinePiece] | None:
     """Pieces of path data of absolute lines and curves, as of text; None for all others.
 
     svgelements takes ten times as long, and a sheet has thousands of curves.
     """
     if not _PLAIN.fullmatch(data):
         return None
-    pieces: list[Piece] = []
+    pieces: list[OutlinePiece] = []
     curves: list[Curve] = []
     start = here = np.zeros(2)
     for command, text in _STEP.findall(data):
         if command == "Z":
-            pieces += [Piece(name, tuple(curves), True)] if curves else []
+            pieces += [OutlinePiece(name, tuple(curves), True)] if curves else []
             curves, here = [], start
             continue
         points = np.array(_NUMBERS.findall(text), dtype=float)
@@ -270,7 +274,7 @@ def _plain_path(data: str, name: str) -> list[Piece] | None:
             return None
         points = points.reshape(-1, 2)
         if command == "M":
-            pieces += [Piece(name, tuple(curves), False)] if curves else []
+            pieces += [OutlinePiece(name, tuple(curves), False)] if curves else []
             start, curves = points[0], []
             if len(points) > 1:
                 curves.append(Polyline(points))
@@ -281,7 +285,7 @@ def _plain_path(data: str, name: str) -> list[Piece] | None:
             for k in range(len(points) // degree):
                 curves.append(Bezier(np.concatenate([ends[k : k + 1], points[degree * k : degree * (k + 1)]])))
         here = points[-1]
-    return pieces + ([Piece(name, tuple(curves), False)] if curves else [])
+    return pieces + ([OutlinePiece(name, tuple(curves), False)] if curves else [])
 
 
 def _curve(segment: Any) -> Curve:
@@ -390,7 +394,7 @@ def style_of(element: Element, inherited: Style, sheet: Sheet) -> Style:
     return {**_OWN, **passed, **{key: value for key, value in declared.items() if value != "inherit"}}
 
 
-def seen(style: Style) -> bool:
+def is_painted(style: Style) -> bool:
     """Tell whether a shape is painted, regardless of the groups around it."""
     filled = style["fill"] not in _CLEAR and not _zero(style["fill-opacity"])
     stroked = style["stroke"] not in _CLEAR and not _zero(style["stroke-opacity"]) and not _zero(style["stroke-width"])
@@ -530,7 +534,7 @@ class _SvgReader:
     by_id: dict[str, Element]
     layers: set[int] | None
     """Identities of the elements of the wanted layer; None for all."""
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[OutlinePiece] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
     unread: list[tuple[str, Array]] = field(default_factory=list)
 
@@ -574,16 +578,16 @@ class _SvgReader:
             self._framed(element, element, here, name)
         elif kind == "use":
             self._use(element, here, name)
-        elif here.wanted and seen(style):
+        elif here.wanted and is_painted(style):
             self._shape(element, here, name)
         self._refuse_cuts(style, self.pieces[before:], here, name)
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:
         scale = float(np.sqrt(abs(np.linalg.det(place.matrix[:, :2]))))
-        look = Look(len(self.pieces), place.style, place.opacity, place.layers, scale)
+        look = Paint(len(self.pieces), place.style, place.opacity, place.layers, scale)
         for piece in self._shapes.pieces(element, name, place.viewport):
             curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
-            self.pieces.append(Piece(name, curves, piece.closed, look))
+            self.pieces.append(OutlinePiece(name, curves, piece.closed, look))
 
     def _unread(self, element: Element, place: _Place, kind: str) -> None:
         """Note where visible text, an image or a foreign object is."""
@@ -667,7 +671,7 @@ class _SvgReader:
         )
         return x, y, width, height
 
-    def _refuse_cuts(self, style: Style, pieces: list[Piece], place: _Place, name: str) -> None:
+    def _refuse_cuts(self, style: Style, pieces: list[OutlinePiece], place: _Place, name: str) -> None:
         """Refuse outlines whose visible shape differs because a mask or a clip cuts them."""
         cuts = style["clip-path"] != "none" or style["mask"] != "none"
         if cuts and pieces and not (style["mask"] == "none" and self._holds(style["clip-path"], pieces, place)):
@@ -675,7 +679,7 @@ class _SvgReader:
                 "outlines drawn as they are", f"{name} cut by a clip or mask", "cut the shape itself, or release it"
             )
 
-    def _holds(self, url: str, pieces: list[Piece], place: _Place) -> bool:
+    def _holds(self, url: str, pieces: list[OutlinePiece], place: _Place) -> bool:
         """Tell whether a clip leaves pieces uncut; many editors clip everything to the page."""
         match = _URL.fullmatch(url)
         clip = self.by_id.get(match[1]) if match else None

@@ -63,11 +63,11 @@ def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution
         return read_poses(Path(wish))
     if not isinstance(wish, str):
         raise InputError("poses", brief(wish), "give a text such as cone:tilt=0..60, a path, or a PoseDistribution")
-    poses = settled(wish)
+    poses = settled_poses(wish)
     return named_poses(poses) if isinstance(poses, str) else poses
 
 
-def settled(wish: str) -> str | RecordedPoses:
+def settled_poses(wish: str) -> str | RecordedPoses:
     """Convert a text for `poses_from` to its form in a spec: a file is read, and equal cones get equal texts."""
     if is_named(wish):
         return named_poses(wish).name

@@ -23,7 +23,7 @@ from markergen.read.cameras import read_camera
 from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
-from markergen.read.templates import read_template, templates
+from markergen.read.templates import read_template, shipped_templates
 from markergen.studies.cells import canonical_text
 from markergen.studies.named import STUDIES
 
@@ -114,7 +114,7 @@ class Sweep:
 
 def studies() -> dict[str, Path]:
     """Shipped sweeps by name, in a wheel as well as in a checkout."""
-    folder = next(iter(templates().values())).parent / "studies"
+    folder = next(iter(shipped_templates().values())).parent / "studies"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
