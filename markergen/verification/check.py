@@ -27,9 +27,6 @@ from markergen.verification.flat import flat_findings, informative
 from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, mapped_pages
 from markergen.verification.placement import (
-    DARK,
-    LIGHT,
-    NO_PLATE,
     check_sides,
     in_other_units,
     in_part,
@@ -39,6 +36,8 @@ from markergen.verification.placement import (
 from markergen.verification.reading import Page, Reading, known_suffix, reader_of
 from markergen.verification.result import Check
 from markergen.verification.solids import (
+    DARK,
+    LIGHT,
     SHEET,
     dots_of_surface,
     holds_sheet,
@@ -47,7 +46,7 @@ from markergen.verification.solids import (
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
-from markergen.verification.words import MOST_LISTED, Finding
+from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
 
 Array = NDArray[np.float64]
 

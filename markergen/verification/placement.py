@@ -20,19 +20,19 @@ from markergen.verification.matching import DotSet, expected_dots
 from markergen.verification.reading import Page, Reading
 from markergen.verification.result import Check
 from markergen.verification.solids import (
+    DARK,
     FLUSH,
-    UNITS,
+    LIGHT,
     classified,
     differ,
     dots_of_surface,
-    in_unit,
-    mapped,
     plate_index,
+    reading_of,
     round_edges,
 )
 from markergen.verification.surface import Surface
 from markergen.verification.tags import tag_findings
-from markergen.verification.words import KNOWN, MOST_LISTED, Finding, scale_finding, short_length
+from markergen.verification.words import KNOWN, MOST_LISTED, NO_PLATE, Finding, scale_finding, short_length
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,6 @@ ROUGHLY = 4.0
 NEAR = 2.0
 """Maximum distance in mm of a part or pocket of a dot from its place, beyond which it belongs to something else."""
 
-DARK = "the dark parts alone: verify the light ones, or the file of all parts, too"
-LIGHT = "the light parts alone, with pockets for the dark ones: verify these, or the file of all parts, too"
 
 MOST_COPIES = 100
 """Maximum number of times that a marker's layout is looked for in one view."""
@@ -64,7 +62,8 @@ NEARLY = 20.0
 # --- One plate -------------------------------------------------------------------------------------------------------
 
 
-NO_PLATE = Finding("no dots", "no marker of the rig is in it", "export it again, or verify it against its own rig")
+UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
+"""Units, in mm, that a file may have been written in although it is read in another."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +83,24 @@ class Placement:
     times: float = 1.0
 
 
+def _with_surface(marker: Marker, reading: Reading, surface: Surface) -> Reading:
+    """Return the reading of a solid with another surface."""
+    return replace(reading, pages=reading_of(reading.kind, [surface], marker).pages)
+
+
+def _in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:
+    """Scale everything in a reading by a factor."""
+    surface = reading.pages[0].surface
+    # The kernel's checks of a solid depend on its size.
+    return reading if surface is None else replace(_with_surface(marker, reading, surface.scaled(factor)), flaws=())
+
+
 def turned_solids(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
     """The solid with its largest level area up, and with it down; not the view that the file has."""
     for view in surface.views():
         # The direction in the file of what is up in the view.
         finding = _direction(view.rotation[2], reading.kind)
-        yield Placement(finding, replace(reading, pages=mapped(marker, reading, view).pages))
+        yield Placement(finding, replace(reading, pages=_with_surface(marker, reading, view).pages))
 
 
 def _direction(way: Array, kind: str) -> Finding:
@@ -123,7 +134,7 @@ def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
                     continue
                 seen.add(round(times, 9))
                 try:
-                    rescaled = in_unit(marker, reading, times)
+                    rescaled = _in_unit(marker, reading, times)
                 except InputError:
                     continue  # Larger than any marker.
                 sentence = f"scaled by {1 / times:.6g} along x, y and z: {mistake}"
@@ -151,7 +162,7 @@ def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Pl
     for by in {round(thick / wanted, 6), round(float(np.median(flat)), 6) if flat else 1.0} - {1.0}:
         finding = Finding("scaled", f"scaled by {by:.5g} along z", "export it again at its size")
         undone = surface.mapped(np.diag([1.0, 1.0, 1 / by]))
-        yield Placement(finding, mapped(marker, reading, undone))
+        yield Placement(finding, _with_surface(marker, reading, undone))
     lean_offset = _middle(box(face.edges[0])) - _middle(box(back.edges[0]))
     lean = lean_offset / thick
     if np.linalg.norm(lean_offset) > 1e-3:
@@ -163,7 +174,7 @@ def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Pl
             "sheared", f"sheared: its face lies {off} beside its back (x {x:+.4g} mm, y {y:+.4g} mm)",
             "export it again from its marker.json",
         )  # fmt: skip
-        yield Placement(finding, mapped(marker, reading, surface.mapped(matrix)))
+        yield Placement(finding, _with_surface(marker, reading, surface.mapped(matrix)))
 
 
 def _middle(limits: tuple[float, float, float, float]) -> Array:

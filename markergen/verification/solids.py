@@ -13,7 +13,6 @@ from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.body import Body
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
 from markergen.verification.reading import PRINTABLE, Page, Reading, round_shape
@@ -39,10 +38,9 @@ ROOM = 1.0
 SLACK = 0.02
 """Maximum deviation in mm of a polygon from the circle that it approximates here."""
 
+DARK = "the dark parts alone: verify the light ones, or the file of all parts, too"
+LIGHT = "the light parts alone, with pockets for the dark ones: verify these, or the file of all parts, too"
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
-
-UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
-"""Units, in mm, that a file may have been written in although it is read in another."""
 
 
 def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
@@ -248,18 +246,6 @@ def level_face(
     edges.sort(key=lambda edge: -abs(area(edge[0])))
     contours, rough_ones = zip(*edges, strict=True)
     return LevelFace(z, contours, color, rough_ones)
-
-
-def mapped(marker: Marker, reading: Reading, surface: Surface) -> Reading:
-    """Return the reading of a solid with another surface."""
-    return replace(reading, pages=reading_of(reading.kind, [surface], marker).pages)
-
-
-def in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:
-    """Scale everything in a reading by a factor."""
-    surface = reading.pages[0].surface
-    # The kernel's checks of a solid depend on its size.
-    return reading if surface is None else replace(mapped(marker, reading, surface.scaled(factor)), flaws=())
 
 
 def holds_sheet(surface: Surface, boundary: Boundary) -> bool:

@@ -57,6 +57,9 @@ class Finding:
         return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
 
 
+NO_PLATE = Finding("no dots", "no marker of the rig is in it", "export it again, or verify it against its own rig")
+
+
 def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: bool = False) -> Finding:
     """Finding about a scale along x and y.
 

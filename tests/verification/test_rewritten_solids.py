@@ -13,7 +13,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.verification.placement import DARK, LIGHT
+from markergen.verification.solids import DARK, LIGHT
 
 HOLES = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
 PROCESSES = {
