@@ -9,22 +9,27 @@ being that derivative.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.maths.dot_crlb import center_covariance, dot_covariance
-from markergen.maths.information import pose_jacobian
+from markergen.maths.information import (
+    covariance,
+    moved_information,
+    pose_jacobian,
+    rotation_bound,
+    translation_bound,
+)
 from markergen.maths.projection import circle_image, perspective, plane_homography, to_camera
 from markergen.model.body import Body
 from markergen.model.camera import Camera
+from markergen.model.constellation import enough
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import Coverage
 from markergen.model.spec import ImageNoise
 from markergen.objectives import Setting
 from markergen.objectives.observation import lens_blocks
-
-Array = NDArray[np.float64]
 
 
 def image_jacobian(points: Array, camera: Camera, poses: PoseDistribution) -> Array:
@@ -71,6 +76,39 @@ def marker_budget(
     camera, poses = setting.camera, setting.poses
     spread = dot_covariances(image_slopes(image_jacobian(points, camera, poses), poses), diameter, image)
     return pose_budget(points, poses.rotation, poses.translation, camera, spread, sources)
+
+
+def body_bounds(
+    body: Body, seen: Mask, camera: Camera, poses: PoseDistribution, image: ImageNoise, print_sigma: float
+) -> tuple[Array, Array]:
+    """Errors (2, P) of T_camera_body from the dots that are seen, and from those of the best plate of each pose.
+
+    Rotation in degrees, and translation of the body's origin in m; inf where no plate shows four dots, not on a line.
+
+    Parameters
+    ----------
+    seen : array (P, n) of bool
+        See `dots_in_view`.
+    """
+    information, is_enough = [], []
+    for k, plate in enumerate(body.plates):
+        rotation, translation = plate.camera_pose(poses.rotation, poses.translation)
+        views, shown = PoseDistribution("", rotation, translation), seen[:, body.owner == k]
+        covered = Coverage(plate.marker.xyz, 2 * plate.marker.radii, views, shown)
+        by_plate = dot_information(covered, camera, image, print_sigma).sum(axis=1)
+        information.append(moved_information(by_plate, -(poses.rotation @ plate.translation_vector)))
+        is_enough.append(enough(plate.marker.xyz, shown))
+
+    def errors(matrix: Array, is_served: Mask) -> Array:
+        bounds = np.full((2, *is_served.shape), np.inf)
+        spread = covariance(matrix[is_served])
+        place = np.broadcast_to(poses.translation, (*is_served.shape, 3))[is_served]
+        bounds[0][is_served] = np.rad2deg(rotation_bound(spread))
+        bounds[1][is_served] = translation_bound(spread, place) * np.linalg.norm(place, axis=-1)
+        return bounds
+
+    every, alone = np.stack(information), np.stack(is_enough)
+    return errors(every.sum(axis=0), np.logical_or.reduce(alone, axis=0)), errors(every, alone).min(axis=1)
 
 
 def plate_covariances(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from markergen import __version__
 from markergen.bounds.confusion.perspective import layout_safety
+from markergen.bounds.dots import body_bounds
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.marker import Marker
@@ -19,6 +20,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig import Rig
 from markergen.model.rig_shapes import RigShape
+from markergen.model.sight import dots_in_view
 from markergen.model.spec import Spec
 from markergen.objectives.criteria import Criteria, criteria
 from markergen.optimize.dot_size import (
@@ -77,9 +79,9 @@ class RigDesign(Result):
         T_camera_rig.
     joint, single : array (2, P)
         Expected error of the joint pose, and of that of the best single plate, in each pose: rotation in degrees, and
-        translation of the rig's origin in m; inf where no plate is seen.
+        translation of the rig's origin in m; inf where no plate shows four dots.
     in_view : array (2, P)
-        Numbers of plates and of dots in view.
+        Numbers of plates of which dots are seen, and of dots; see `dots_in_view`.
     safety : float
         Smallest RMS displacement in px of a plate's dots with which another plate fits as well; inf with tags.
     seconds : float
@@ -110,7 +112,7 @@ class RigDesign(Result):
             "shape": stored["shape"],
             "objective": stored["objective"],
             "plates": [{"name": each.name, "dots": len(each.marker)} for each in self.rig.markers],
-            "poses": {"name": self.poses.name, "count": len(self.poses), "blind": int((self.in_view[0] == 0).sum())},
+            "poses": {"name": self.poses.name, "count": len(self.poses), "blind": self._blind},
             "in_view": {"plates": self.in_view[0].mean(), "dots": self.in_view[1].mean()},
             "noise": stored["noise"],
             "expected": {
@@ -126,9 +128,9 @@ class RigDesign(Result):
     @property
     def summary(self) -> str:
         """Plates, dots and what the poses see of them, in a few lines."""
-        stored, plates = self.rig.provenance, self.in_view[0]
-        blind = int((plates == 0).sum())
-        none = f"; {blind} see none" if blind else ""
+        stored = self.rig.provenance
+        plates, dots = self.in_view.mean(axis=1)
+        blind = f"; {self._blind} see no four dots of a plate" if self._blind else ""
         names = ", ".join(each.name for each in self.rig.markers)
         joint = "of the joint pose" if stored["joint"] else "of each plate alone"
         return (
@@ -136,14 +138,19 @@ class RigDesign(Result):
             f"objective {stored['objective']} {joint}, seed {stored['seed']}, {len(self.poses)} poses "
             f"({self.poses.name})\n"
             f"dots of {self.dots or 'the given markers'}\n"
-            f"a pose sees {plates.mean():.2g} plates whole, with {self.in_view[1].mean():.3g} dots, on average{none}\n"
+            f"a pose sees dots of {plates:.3g} plates, {dots:.3g} in all, on average{blind}\n"
             f"{self.told_apart}"
         )
 
     @property
+    def _blind(self) -> int:
+        """Number of poses that show no plate well enough to find it."""
+        return int(np.isinf(self.joint[0]).sum())
+
+    @property
     def _expected(self) -> Array:
         """Median and RMS of rotation in degrees and of translation in m, of the joint and the best single pose."""
-        both = np.stack([self.joint, self.single])[:, :, self.in_view[0] > 0]
+        both = np.stack([self.joint, self.single])[:, :, np.isfinite(self.joint[0])]
         return np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
 
     @property
@@ -218,20 +225,19 @@ def design_rig(
         "noise": words,
         "told_apart": sentence,
     }
-    joint, single = layouts.bounds(poses.translation)
-    seen = np.zeros((len(plates), len(poses)), dtype=bool)
-    for row, plate in zip(seen, plates, strict=True):
-        row[plate.index] = True
-    counts = np.array([len(each) for each in layouts.layouts])
+    rig = Rig(tuple(markers), provenance=stored)
+    seen = dots_in_view(rig, spec.camera, poses)
+    joint, single = body_bounds(rig, seen, spec.camera, poses, spec.image_noise, spec.print_sigma)
+    plates_in_view = sum(seen[:, rig.owner == k].any(axis=1).astype(int) for k in range(len(plates)))
     warnings = []
     if safety < APART_PX:
         warnings.append(f"{sentence}; use --tag, fewer dots, more room or smaller --dot")
     found = RigDesign(
-        Rig(tuple(markers), provenance=stored),
+        rig,
         poses,
         joint,
         single,
-        np.stack([seen.sum(axis=0), counts @ seen]),
+        np.stack([plates_in_view, seen.sum(axis=1)]),
         "; ".join(dict.fromkeys(each.reason for k, each in enumerate(dots) if k not in given)),
         sentence,
         safety,

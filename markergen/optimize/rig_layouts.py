@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.bounds.confusion.affine import affine_distance, foreign_safety, partial_distance, self_distance
 from markergen.errors import InputError
-from markergen.maths.information import covariance, moved_information, rotation_bound, translation_bound
+from markergen.maths.information import moved_information
 from markergen.model.goal import parse_goal
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
@@ -233,24 +233,6 @@ class RigLayouts:
         own = objective.information(self.layouts[k][None])[0][0]
         found[plate.index] = moved_information(own, -plate.offset)
         return found
-
-    def bounds(self, translation: Array) -> tuple[Array, Array]:
-        """Errors (2, P) of the joint pose, and of the plate that is best in each: deg, and m at the rig's origin.
-
-        inf where no plate is seen.
-        """
-        every = np.stack([self.information(k) for k in range(len(self.plates))])
-        seen: NDArray[np.bool_] = np.any(every, axis=(-2, -1))
-
-        def errors(matrix: Array, known: NDArray[np.bool_]) -> Array:
-            found = np.full((2, *known.shape), np.inf)
-            spread = covariance(matrix[known])
-            place = np.broadcast_to(translation, (*known.shape, 3))[known]
-            found[0][known] = np.rad2deg(rotation_bound(spread))
-            found[1][known] = translation_bound(spread, place) * np.linalg.norm(place, axis=-1)
-            return found
-
-        return errors(every.sum(axis=0), np.logical_or.reduce(seen, axis=0)), errors(every, seen).min(axis=1)
 
 
 def _few(count: int) -> Indices:

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 import markergen as mg
+from markergen.bounds.dots import body_bounds
 from markergen.errors import InputError
-from markergen.maths.information import covariance
+from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA
+from markergen.model.marker import build_marker
 from markergen.model.poses import named_poses
+from markergen.model.rig import Rig
 from markergen.model.rig_json import rig_to_json
 from markergen.model.rig_shapes import rig_shape
-from markergen.model.spec import Spec
+from markergen.model.sight import dots_in_view
+from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.dot_size import DotSize
 from markergen.optimize.rig_layouts import RigLayouts, best_views, seen_plates
@@ -87,13 +91,23 @@ def test_gradients_know_what_is_known_elsewhere(layouts, name):
     assert gradient[0, 2, 1] == pytest.approx(slope[0], rel=1e-4)
 
 
-def test_more_plates_tell_more(layouts):
+def test_more_plates_lower_the_bound(layouts):
     found, poses = layouts
-    joint, single = found.bounds(poses.translation)
+    markers = [build_marker(points, found.plates[0].face.boundary, 0.01, 0.001) for points in found.layouts]
+    rig = Rig(tuple(plate.face.mounted(marker) for plate, marker in zip(found.plates, markers, strict=True)))
+    seen = dots_in_view(rig, PAPER_CAMERA, poses)
+    joint, single = body_bounds(rig, seen, PAPER_CAMERA, poses, ImageNoise(), 1e-4)
     assert (joint <= single * (1 + 1e-9)).all()
-    several = sum(np.isin(np.arange(len(poses)), plate.index) for plate in found.plates) > 1
+    several = np.stack([seen[:, rig.owner == k].any(axis=1) for k in range(6)]).sum(axis=0) > 1
     assert several.any()
     assert (joint[:, several] < single[:, several]).all()
+    # Where all dots of the plates in view are seen, the search takes the same information.
+    every = sum(found.information(k) for k in range(6))
+    counted = np.stack([np.isin(np.arange(len(poses)), plate.index) for plate in found.plates], axis=1)
+    alike = (np.repeat(counted, 4, axis=1) == seen).all(axis=1)
+    assert alike.any()
+    expected = np.rad2deg(rotation_bound(covariance(every[alike])))
+    assert joint[0, alike] == pytest.approx(expected, rel=1e-3)
 
 
 def test_dots_are_sized_where_a_plate_is_seen_best(layouts):

@@ -16,8 +16,8 @@ from functools import cache
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import (
     ANGLES_OF_MANY,
     MANY,
@@ -28,9 +28,6 @@ from markergen.bounds.confusion.perspective import (
 )
 from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.objectives import Setting
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 ENUMERATED, RINGS_TOLD = 8, 7
 """Number of dots up to which all labelings are tried, beyond it those of `ANGLES_OF_MANY` rotations, to the nearest

@@ -19,15 +19,12 @@ by +d and -d, and the fit removes the part in the span of its Jacobian.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MANY = 24
 """Number of dots beyond which all rivals are alike, two neighbors exchanged, and the constants ..._OF_MANY apply."""

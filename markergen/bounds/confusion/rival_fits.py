@@ -17,16 +17,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step, pose_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 STEPS, TOLERANCE, NOTHING = 40, 1e-9, 1e-14
 """Maximum number of steps of a fit; relative decrease of the sum of squares, and the sum in px^2, at which it ends."""
