@@ -7,8 +7,8 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.baselines import line_up
 from markergen.comparison.series import TUNING, VIEWS, Choice, Observation, Series
 from markergen.comparison.statistics import comparison_results
@@ -21,8 +21,6 @@ from markergen.options import Progress
 from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.metrics import statistics
-
-Array = NDArray[np.float64]
 
 TUNING_VIEWS = 60
 """Number of views for choosing each peer's settings, separate from those that are evaluated."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants import Contestant, Sighting
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
@@ -19,7 +20,6 @@ from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.metrics import flipped, pose_failed, rotation_error_deg, translation_error_pct
 from markergen.validation.views import WRONG_PX
 
-Array = NDArray[np.float64]
 Choice = Any
 """Settings of a contestant's detector, or None for ours."""
 

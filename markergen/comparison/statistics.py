@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.comparison.contestants import Contestant
 from markergen.comparison.series import Observation, Series
 from markergen.objectives import Setting
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import FLIP_SEPARATION, rms, statistics
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ERRORS = ("rotation_deg", "translation_pct")
 RESAMPLES = 2000

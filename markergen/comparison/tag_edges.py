@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.projection import from_pixels, to_pixels
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 BAND_PX = 3.0
 """Farthest pixels from an edge that are fitted, px, but no farther than `_CELL_SHARE` of a cell."""

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, union
 from markergen.errors import InputError
@@ -12,8 +11,6 @@ from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker
 from markergen.model.openings import openings
-
-Array = NDArray[np.float64]
 
 FLAT = 1e-9
 """Maximum height in m of a control point that counts as flat: rounding error, far below any printer's accuracy."""

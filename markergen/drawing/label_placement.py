@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.figure import quiet_radius
 from markergen.drawing.scene import Box, Disk
 from markergen.drawing.text import text_width
-
-Array = NDArray[np.float64]
 
 ANGLES = np.deg2rad([0, *(sign * step for step in range(10, 180, 10) for sign in (1, -1)), 180])
 """Candidate directions from a dot to its number, the outward one first."""

@@ -10,6 +10,7 @@ from math import ceil, hypot, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.colors import BLACK_ON_WHITE, Colors
 from markergen.drawing.figure import Figure, quiet_radius
 from markergen.drawing.label_placement import place_numbers
@@ -35,8 +36,6 @@ from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
 from markergen.model.findings import in_one_line
 from markergen.model.openings import SHOWN, holes_beyond, openings
-
-Array = NDArray[np.float64]
 
 NUMBER_HEIGHT = 2.6
 """Digit height of dot numbers, mm on A4."""

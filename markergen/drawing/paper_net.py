@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 import markergen
+from markergen.arrays import Array
 from markergen.drawing.annotations import paragraph
 from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure
@@ -42,8 +42,6 @@ from markergen.geometry.region import Region
 from markergen.model.marker import Marker
 from markergen.model.rescale import RULERS_MM
 from markergen.model.rig import Rig
-
-Array = NDArray[np.float64]
 
 FLAP, FLAP_SHARE = 12.0, 0.25
 """Width of a flap in mm, at most this share of its edge."""

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.scene import GRAY, Point, Shape
 from markergen.drawing.text import text, text_width
 from markergen.model.body import Body
-
-Array = NDArray[np.float64]
 
 SAME = 1e-6
 """Maximum distance in m of corners that are one."""

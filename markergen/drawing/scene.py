@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 from math import ceil, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.paper import Paper
 from markergen.geometry.region import Region
-
-Array = NDArray[np.float64]
 
 Point = tuple[float, float]
 

@@ -12,6 +12,7 @@ from math import ceil, cos, inf, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.annotations import (
     Column,
     facts,
@@ -52,8 +53,6 @@ from markergen.drawing.scene import (
 from markergen.drawing.text import text, text_width, wrap
 from markergen.errors import InputError
 from markergen.model.marker import marker_name
-
-Array = NDArray[np.float64]
 
 KERF = 0.5
 """Minimum distance in mm of a seam from a dot's edge: the accuracy of cutting with scissors."""

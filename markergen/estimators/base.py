@@ -8,11 +8,11 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.maths.projection import from_pixels, perspective, rotate, rotate_each, to_pixels
 from markergen.model.camera import NO_DISTORTION, Camera
 
-Array = NDArray[np.float64]
 E = TypeVar("E")
 
 COLLINEAR = 1e-6

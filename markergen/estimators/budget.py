@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound, translation_bound
@@ -23,8 +24,6 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.spec import check_scale
-
-Array = NDArray[np.float64]
 
 _DOMINANT = 4.0
 """Variance of the scale of points measured together, in that of their other motions, above which it is all of theirs,

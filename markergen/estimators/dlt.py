@@ -1,12 +1,10 @@
 """Normalized direct linear transform, the paper's estimator."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
 from markergen.maths.dlt import estimate_homography, four_in_general_position
-
-Array = NDArray[np.float64]
 
 
 class Dlt(HomographyEstimator):

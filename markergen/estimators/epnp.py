@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
 from markergen.estimators.opencv import best_first, solve_each
 from markergen.maths.projection import from_pixels
-
-Array = NDArray[np.float64]
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 """Half turn of the camera about its optical axis."""

@@ -3,17 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Mask
+from markergen.arrays import Array, Mask
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
 from markergen.maths.information import apply_pose_step, turned_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 STEP = 1e-10
 """Convergence threshold: a step rotates by less than this, in rad, and translates by less than this fraction of |t|."""

@@ -6,12 +6,10 @@ Only the call itself is in the loop; everything before and after it is done for 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.estimators.base import Correspondences, PoseEstimates
 from markergen.maths.rotation import exponential, turn_z
-
-Array = NDArray[np.float64]
 
 AWAY = np.diag([1.0, -1.0, -1.0])
 """Half turn about x: the marker's z then points away from the camera, and an upright frontal marker has R = I."""

@@ -8,12 +8,11 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.registry import Registry
 
-Array = NDArray[np.float64]
 Aggregate = Callable[..., tuple[Array, Array]]
 Weight = Array | float
 

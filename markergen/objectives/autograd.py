@@ -5,14 +5,12 @@ from abc import abstractmethod
 import numpy as np
 from autograd.core import make_vjp
 from autograd.extend import defvjp, primitive
-from numpy.typing import NDArray
 
+from markergen.arrays import Array as Array
 from markergen.maths.information import covariance
 from markergen.maths.projection import perspective, to_camera
 from markergen.objectives.base import Objective, Pullback, Setting
 from markergen.objectives.pose import PoseObjective
-
-Array = NDArray[np.float64]
 
 
 class AutogradObjective(Objective):

@@ -11,6 +11,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.maths.information import covariance, information
 from markergen.model.boundary import Boundary
@@ -20,7 +21,6 @@ from markergen.objectives.aggregates import NONSMOOTH, aggregate_of
 from markergen.objectives.observation import DotNoise, DotWeights, in_pairs, linearize_lens
 from markergen.registry import Registry
 
-Array = NDArray[np.float64]
 Pullback = Callable[[Array], Array]
 T = TypeVar("T")
 Losses = NDArray[np.intp]

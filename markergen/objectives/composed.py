@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.base import Objective, Pullback
-
-Array = NDArray[np.float64]
 
 STEEPNESS = 100
 """Exponent of the penalty: a bound is kept unless 1 % of it is worth more than 1 * STEEPNESS % of the objective."""

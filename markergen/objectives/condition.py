@@ -6,14 +6,11 @@ import autograd.numpy as anp
 import numpy as np
 from autograd.core import make_vjp
 from autograd.extend import defvjp, primitive
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths import dlt
 from markergen.maths.projection import to_camera
 from markergen.objectives.base import OBJECTIVES, Criterion, Objective, Pullback, Setting
-
-Array = NDArray[np.float64]
-
 
 condition_number: Callable[..., Array] = primitive(dlt.condition)
 """Condition number s1/s8 (`markergen.maths.dlt.condition`), differentiable by autograd.

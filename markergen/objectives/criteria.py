@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import OBJECTIVES, Criterion, Setting
 from markergen.objectives.pose import PoseObjective
 
-Array = NDArray[np.float64]
 Criteria = Mapping[str, float]
 
 RANDOM_LAYOUTS = 25

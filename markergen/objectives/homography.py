@@ -1,12 +1,10 @@
 """Homography objective: expected error of the homography on and around the marker."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.information import homography_jacobian, homography_jacobian_pullback, information
 from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
-
-Array = NDArray[np.float64]
 
 
 def validation_grid(radius: float) -> Array:

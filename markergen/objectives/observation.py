@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.distortion import distortion_hessian
 from markergen.maths.dot_crlb import directions, displaced_center, linearize, product
 from markergen.maths.projection import perspective, to_camera
@@ -23,7 +23,6 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import ImageNoise
 from markergen.units import format_length
 
-Array = NDArray[np.float64]
 Pullback = Callable[[Array], Array]
 LensPullback = Callable[[Array], tuple[Array, Array]]
 

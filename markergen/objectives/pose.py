@@ -1,13 +1,11 @@
 """Objectives based on the pose covariance, including the default: displacement of the marker's rim."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.information import displacement_weight, pose_jacobian, pose_jacobian_pullback
 from markergen.model.poses import RIM_POINTS
 from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
-
-Array = NDArray[np.float64]
 
 
 class PoseCovarianceObjective(TraceObjective):

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.spec import check_losses
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.base import OBJECTIVES, Losses, Objective, Pullback, Setting
 from markergen.objectives.criteria import Criteria, criteria_for, without_height
-
-Array = NDArray[np.float64]
 
 SMALLEST_SHARE = 1e-12
 """Fraction of the total below which derivatives are neglected: most losses are far from the worst."""

@@ -1,14 +1,12 @@
 """Translation objective: error of the estimated position alone."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.information import displacement_weight, translation_bound
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
-
-Array = NDArray[np.float64]
 
 
 def _bound(covariance: Array, poses: PoseDistribution) -> Array:

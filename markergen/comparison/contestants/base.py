@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -18,7 +19,6 @@ from markergen.registry import Registry
 from markergen.render import Optics, Patch, expected_levels, render_patches
 from markergen.validation.bounds import photometric_bounds
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Pose = tuple[Array, Array]
 """Rotation (3, 3) and translation (3,), m, of the marker in the camera frame."""

@@ -6,16 +6,14 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, share_of
 from markergen.detect.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Board
-
-Array = NDArray[np.float64]
 
 FORM = "charuco:COLUMNSxROWS[:DICT][:SHARE]"
 SHARES = (0.6, 0.75)

@@ -6,16 +6,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
 from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 SHARE = 0.5
 """Default diameter of a circle over the distance to the nearest, as in OpenCV's own patterns."""

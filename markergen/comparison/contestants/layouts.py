@@ -5,8 +5,8 @@ from math import pi, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
 from markergen.detect import detect
 from markergen.errors import InputError
@@ -21,8 +21,6 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.render import Patch, seen_patches
 from markergen.validation.print_error import displaced, displacement
 from markergen.validation.validation import median_layout
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import FlatContestant, Image, Pose, Sighting
 from markergen.detect.fiducials import FiducialDetection
 from markergen.errors import InputError
@@ -18,7 +19,6 @@ from markergen.model.camera import Camera
 from markergen.render import Patch, circle
 from markergen.render.patches import circle_vertices
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 

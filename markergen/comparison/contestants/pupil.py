@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, ours
@@ -14,8 +13,6 @@ from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.detect.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 FAMILIES = ("16h5", "25h9", "36h11")
 _ORDER = [1, 0, 3, 2]

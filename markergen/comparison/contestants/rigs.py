@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import Contestant, Image, Pose, Sighting
 from markergen.comparison.contestants.layouts import DotMarker
 from markergen.comparison.contestants.printed import Lattice
@@ -21,8 +22,6 @@ from markergen.model.tag import Tag, parse_tag
 from markergen.render import Optics, Patch, render_view
 from markergen.render.view import painted_body, photograph
 from markergen.validation.print_error import displaced
-
-Array = NDArray[np.float64]
 
 _HALVINGS = 50
 

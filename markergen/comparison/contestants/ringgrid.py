@@ -6,16 +6,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Printed, grid_size, share_of
 from markergen.detect.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.geometry.region import Region, enclosing_circle
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 FORM, SHARE = "ringgrid:COLUMNSxROWS[:SHARE]", 0.8
 """How to write it, and the default diameter of a ring over the distance to the nearest one."""

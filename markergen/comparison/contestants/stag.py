@@ -9,8 +9,8 @@ from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed, ours
 from markergen.detect.fiducials import FiducialDetection, enlarged
@@ -18,8 +18,6 @@ from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera
 from markergen.model.tag import UNITS
-
-Array = NDArray[np.float64]
 
 FORM, LIBRARY = "stag:HD21[:ID]", 21
 WORDS = (

@@ -6,15 +6,13 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed
 from markergen.detect.fiducials import FiducialDetection, FiducialSettings, detect_fiducial, tag_settings
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag, parse_tag
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
