@@ -49,7 +49,6 @@ DOORS = {
 CUT_IN_TWO = {
     "api/rescale.py <- model/rescale.py",
     "calibration/camera_choice.py <- calibration/judging.py",
-    "calibration/report.py <- calibration/sentences.py",
     "calibration/calibration.py <- calibration/scale.py",
     "detect/ellipse_descent.py <- detect/outline_pixels.py",
     "detect/ellipse_fit.py <- detect/ellipse_descent.py",

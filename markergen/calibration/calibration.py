@@ -124,7 +124,7 @@ class Calibration(SavableResult):
     relation: Relation | None = None
     written: tuple[Written, ...] = ()
 
-    def parts(self) -> list[str | Table]:
+    def parts(self) -> Sequence[str | Table]:
         """See `Result.parts`."""
         from markergen.calibration.sentences import summary
 

@@ -24,7 +24,7 @@ FOLDS, ALONE = 5, 10
 """Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""
 
 CHANCE = 0.01
-"""Probability by chance alone at which two halves are said to disagree."""
+"""Probability by chance alone at which two halves disagree."""
 
 LEAST_JUDGED = 3
 """Minimum number of left-out photographs: fewer have no interval worth telling."""

@@ -21,16 +21,7 @@ from markergen.calibration.projection_uncertainty import (
     draw_uncertainty,
     projection_uncertainty,
 )
-from markergen.calibration.sentences import (
-    SOURCES,
-    far_points,
-    judged,
-    photographs,
-    sentence,
-    unused,
-    verdict_sentence,
-    what_is_left,
-)
+from markergen.calibration.sentences import SOURCES, sentence, sentences_of, unused
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.presentation import pages
@@ -138,6 +129,11 @@ class Quantities:
     calibration: "Calibration"
 
     @cached_property
+    def sentences(self) -> dict[str, list[str]]:
+        """See `sentences_of`."""
+        return sentences_of(self.calibration)
+
+    @cached_property
     def dots(self) -> list[str]:
         """Ids of the adjusted dots; with several markers, as ``2:5`` the fifth of the second."""
         named = [(k, point.id) for k, marker in enumerate(self.calibration.designs) for point in marker.control_points]
@@ -238,12 +234,10 @@ def _answer_section(quantities: Quantities) -> Section:
     """What to expect before and after, by source, and where the scale comes from."""
     calibration = quantities.calibration
     section = Section(
-        [verdict_sentence(calibration), what_is_left(calibration), calibration.scale_source],
+        [*quantities.sentences["answer"], *quantities.sentences["next"]],
         warnings=list(calibration.notes),
         book=("what is measured, and how well it works", "calibrate.md#how-well-it-works"),
     )
-    if calibration.next_photos is not None:
-        section.sentences.append(calibration.next_photos.sentence)
     rows = []
     for name, pick in (("rotation, deg", 0), ("translation, mm", 1)):
         factor = (1.0, 1e3)[pick]
@@ -292,7 +286,7 @@ def _relation_section(quantities: Quantities) -> Section | None:
     relation = quantities.calibration.relation
     if relation is None:
         return None
-    section = Section(list(relation.sentences))
+    section = Section(quantities.sentences["relation"])
     rows = [
         [plate.name, *map(number, (angle, 1e3 * distance, by_turn, 1e3 * by_shift))]
         for plate, angle, distance, by_turn, by_shift in zip(
@@ -375,7 +369,7 @@ def _photos_section(quantities: Quantities) -> Section:
     """Photographs with their residuals, rejected dots, unused photographs, and the residuals over the image."""
     calibration, views = quantities.calibration, quantities.calibration.adjustment.views
     camera, residual = calibration.camera, calibration.adjustment.residual
-    section = Section([photographs(calibration)[0]])
+    section = Section(quantities.sentences["photos"][:1])
     taken, rejected = quantities.taken, quantities.rejected
     if taken.any():
         factor = residual_factor(residual[taken], camera.width)
@@ -470,7 +464,7 @@ def _next_photos_section(quantities: Quantities) -> Section | None:
     asked = quantities.calibration.next_photos
     if asked is None:
         return None
-    section = Section([asked.sentence])
+    section = Section(quantities.sentences["next"])
     if not asked.helps:
         return section
     network = quantities.calibration.adjustment.network
@@ -506,7 +500,7 @@ def _next_photos_section(quantities: Quantities) -> Section | None:
 def _judgment_section(quantities: Quantities) -> Section:
     """Left-out photographs, two halves, and bending."""
     calibration = quantities.calibration
-    section = Section(judged(calibration))
+    section = Section([*quantities.sentences["judged"]])
     if isinstance(calibration.flex, Flex):
         section.sentences.append(sentence(calibration.flex.verdict))
     cross, halves = calibration.cross_validation, calibration.halves
@@ -568,7 +562,7 @@ def _camera_section(quantities: Quantities) -> Section | None:
     sigma = np.sqrt(np.diag(covariance))
     center = projection_uncertainty(calibration.camera, covariance)
     low, high = (number(float(extreme(center)), 2) for extreme in (np.nanmin, np.nanmax))
-    section = Section([far_points(calibration.camera, covariance)])
+    section = Section([*quantities.sentences["camera"]])
     shape = _image_size(quantities)
     section.plots.append(
         plot(

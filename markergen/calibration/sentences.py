@@ -11,7 +11,7 @@ from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJu
 from markergen.calibration.projection_uncertainty import projection_uncertainty
 from markergen.calibration.working_error import ExpectedError
 from markergen.model.camera import Camera
-from markergen.presentation.tables import Table, number
+from markergen.presentation.tables import number
 
 if TYPE_CHECKING:
     from markergen.calibration.calibration import Calibration
@@ -31,21 +31,25 @@ _WORSE = 1.05
 """Ratio of translation errors from which on the measured print counts as worse."""
 
 
-def summary(calibration: "Calibration") -> list[str | Table]:
-    """Return some ten lines: the error to expect, the scale, the residuals, how it was judged, and warnings."""
-    parts: list[str | Table] = [
-        verdict_sentence(calibration),
-        what_is_left(calibration),
-        calibration.scale_source,
-        *photographs(calibration),
-    ]
-    parts += [] if calibration.relation is None else calibration.relation.sentences[:1]
-    parts += judged(calibration)
-    if calibration.camera_covariance is not None:
-        parts += [f"Camera: {calibration.camera}.", far_points(calibration.camera, calibration.camera_covariance)]
-    if calibration.next_photos is not None:
-        parts.append(calibration.next_photos.sentence)
-    return [*parts, *calibration.notes]
+def sentences_of(calibration: "Calibration") -> dict[str, list[str]]:
+    """Return what was found in sentences, by the names of the report's sections; empty where nothing was."""
+    covariance, relation, following = calibration.camera_covariance, calibration.relation, calibration.next_photos
+    return {
+        "answer": [verdict_sentence(calibration), what_is_left(calibration), calibration.scale_source],
+        "photos": photographs(calibration),
+        "relation": [] if relation is None else list(relation.sentences),
+        "judged": judged(calibration),
+        "camera": [] if covariance is None else [far_points(calibration.camera, covariance)],
+        "next": [] if following is None else [following.sentence],
+    }
+
+
+def summary(calibration: "Calibration") -> list[str]:
+    """Return some ten sentences: the error to expect, the scale, the residuals, how it was judged, and warnings."""
+    sentences = sentences_of(calibration)
+    camera = [f"Camera: {calibration.camera}.", *sentences["camera"]] if sentences["camera"] else []
+    parts = [*sentences["answer"], *sentences["photos"], *sentences["relation"][:1], *sentences["judged"]]
+    return [*parts, *camera, *sentences["next"], *calibration.notes]
 
 
 def verdict_sentence(calibration: "Calibration") -> str:

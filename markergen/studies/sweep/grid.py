@@ -15,7 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.findings import in_one_line
-from markergen.model.spec import Spec
+from markergen.model.spec import AUTO, Spec
 from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.problem import check_objective, check_parts
@@ -215,7 +215,7 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
         return {}
     axes = {}
     for key, values in table.items():
-        if key not in KEYS:
+        if key not in KEYS and key != "shape":
             findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(KEYS))})")
             continue
         if not isinstance(values, list) or not values:
@@ -236,6 +236,9 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
 
 def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
     """Value as passed to a spec; None, and a finding, if it is invalid for this key."""
+    if key == "shape":
+        findings.append(f"{where}shape: a study compares layouts of one marker; compare rigs by markergen compare")
+        return None
     if key in _OWN and where:
         problem = _wrong(key, value)
         if problem:
@@ -340,6 +343,8 @@ class _Feasible:
         InputError
             If no pose sees the marker, the dots do not fit, names are unknown, or options are incompatible.
         """
+        if spec.n == AUTO and not spec.target:
+            raise InputError("numbers of dots, all of one size", "n='auto', of which a pad is made", "list numbers")
         self._check_names(spec)
         if layout != "designed":
             for name in ("relief", "asymmetric"):

@@ -108,6 +108,9 @@ def test_the_seed_may_stand_in_either_place_but_in_one():
         ({"relief": 0.02, "study": {"estimators": ["dlt"]}, "grid": {"n": [6]}}, "estimators that support relief"),
         ({"grid": {"radius": ["150mm", "9m"]}}, "radius=9m: expected a pose that sees the whole marker"),
         ({"dot": "30mm", "grid": {"n": [4, 150]}}, "n=150: expected 150 dots that fit"),
+        ({"grid": {"n": [4, "auto"]}, "dot": "20mm"}, "expected numbers of dots, all of one size, found n='auto'"),
+        ({"shape": "cube", "grid": GRID}, "shape: a study compares layouts of one marker"),
+        ({"grid": {"shape": ["cube"]}}, "grid.shape: a study compares layouts of one marker"),
         ({"grid": {"seed": list(range(101)), "n": list(range(4, 104))}}, "grid: 10100 combinations, at most 10000"),
     ],
 )  # fmt: skip
