@@ -1,5 +1,7 @@
 """Read a layout: the positions of control points, as text, rows of numbers, or a table in a CSV file."""
 
+# tests: tests/read/test_spec_file.py
+
 from os import PathLike
 from pathlib import Path
 from typing import Any

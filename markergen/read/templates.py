@@ -1,5 +1,7 @@
 """Ready-made specs: shipped templates, and the user's own TOML files."""
 
+# tests: tests/api/test_templates.py
+
 import tomllib
 from pathlib import Path
 from typing import Any

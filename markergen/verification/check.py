@@ -1,5 +1,7 @@
 """Check one file against a marker or a rig."""
 
+# tests: tests/verification/test_check.py tests/verification/test_placement.py
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

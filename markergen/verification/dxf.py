@@ -1,5 +1,7 @@
 """Read circles of a DXF from its pairs of group code and value, without a DXF library."""
 
+# tests: tests/verification/test_check.py tests/verification/test_flat.py
+
 from collections.abc import Iterator
 from itertools import pairwise
 from math import cos, hypot, pi, sin

@@ -1,5 +1,7 @@
 """Classify the errors of the dots in a file."""
 
+# tests: tests/verification/test_check.py
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations

@@ -4,6 +4,8 @@ Whatever the objects of a page say, a dot may be white, grey, covered, stroked, 
 outside of the visible page.
 """
 
+# tests: tests/verification/test_flat.py tests/verification/test_check.py
+
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Compare the lines of a file, outline and holes, with those that a marker should have; mm, marker frame."""
 
+# tests: tests/verification/test_flat.py
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """What a made plate has besides the places and sizes of its dots: outline, holes, layers, seats, colors and names."""
 
+# tests: tests/verification/test_made.py tests/verification/test_solids.py
+
 import re
 from collections import Counter
 from dataclasses import dataclass

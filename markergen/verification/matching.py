@@ -3,6 +3,8 @@
 A page may have been scaled or sheared as a whole: `changes` finds what to undo before.
 """
 
+# tests: tests/verification/test_check.py
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

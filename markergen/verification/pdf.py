@@ -5,6 +5,8 @@ whole on both neighbors. Seams are the sides where a page is trimmed. Tiles come
 of a row has no seam on its left.
 """
 
+# tests: tests/verification/test_check.py tests/verification/test_flat.py
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

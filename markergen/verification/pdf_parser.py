@@ -4,6 +4,8 @@ Each page is read twice: the exact paths of its objects, and a picture of what a
 covers objects.
 """
 
+# tests: tests/verification/test_check.py tests/verification/test_flat.py
+
 import ctypes
 import re
 import zlib

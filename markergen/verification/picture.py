@@ -1,5 +1,7 @@
 """What shows of a page: its grey level at any point, from pixels, several tiles, or painted shapes."""
 
+# tests: tests/verification/test_flat.py
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -4,6 +4,8 @@ A solid of one plate may be right but for one thing about it as a whole: turned,
 In a solid of several each is looked at from its own side, and its place compared with the body.
 """
 
+# tests: tests/verification/test_placement.py tests/verification/test_made.py
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,6 +4,8 @@ The letters and digits of a page, compared with those of the font and their mirr
 a layout that is its own mirror image, such as a regular polygon with its key ring, does not.
 """
 
+# tests: tests/verification/test_check.py tests/verification/test_flat.py
+
 from collections.abc import Iterator
 from functools import cache, partial
 

@@ -1,5 +1,7 @@
 """Read lists of points: marker.json, tables and detector configurations, from plain text, JSON or YAML."""
 
+# tests: tests/verification/test_points.py tests/verification/test_check.py
+
 import json
 import re
 from collections.abc import Sequence

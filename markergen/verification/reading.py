@@ -1,5 +1,7 @@
 """The contents of a file in any format: pages of circles, in mm, y up."""
 
+# tests: tests/verification/test_check.py
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

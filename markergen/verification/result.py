@@ -1,5 +1,7 @@
 """Results of a verification: the check of each file, and all of them to print, save and iterate over."""
 
+# tests: tests/verification/test_check.py tests/api/test_verify.py
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload

@@ -3,6 +3,8 @@
 Plates into which the printed sheet or every printed dot is glued have recesses, and no dots of their own.
 """
 
+# tests: tests/verification/test_solids.py tests/verification/test_solid_readers.py
+
 from collections.abc import Sequence
 from dataclasses import replace
 

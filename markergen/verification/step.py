@@ -3,6 +3,8 @@
 Open CASCADE crashes on some broken files and never finishes on others.
 """
 
+# tests: tests/verification/test_solid_readers.py
+
 import re
 from functools import partial
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The plan view of a solid as plain data, in mm in the frame of its file: level faces, balls, and their colors."""
 
+# tests: tests/verification/test_solid_readers.py
+
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property

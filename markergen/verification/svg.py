@@ -1,5 +1,7 @@
 """Read an SVG with all transforms, units and paint, by the outline reader, which shares no code with the writer."""
 
+# tests: tests/verification/test_check.py tests/verification/test_flat.py
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

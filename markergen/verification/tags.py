@@ -1,5 +1,7 @@
 """Check the tag of a marker in a file, by the corners of its outlines or by its cells in pixels or solids."""
 
+# tests: tests/verification/test_check.py tests/verification/test_solids.py
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Findings: what is wrong with a file in the user's words, and what to do about it."""
 
+# tests: tests/verification/test_check.py
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

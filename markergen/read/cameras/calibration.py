@@ -4,6 +4,8 @@ In every format the values have to be consistent: a matrix for another image siz
 refused with its place in the file.
 """
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

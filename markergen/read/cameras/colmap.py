@@ -4,6 +4,8 @@ COLMAP measures pixels from the corner of the image, so that the center of the f
 that begin with #, where a covariance is written.
 """
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import re
 from collections.abc import Sequence
 

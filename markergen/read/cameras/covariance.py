@@ -1,5 +1,7 @@
 """Uncertainty of a camera calibration: standard deviations or a covariance of its parameters."""
 
+# tests: tests/read/test_camera_covariances.py
+
 import os
 import re
 import warnings

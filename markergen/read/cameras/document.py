@@ -4,6 +4,8 @@ Files are untrusted: none can make the parser run for long, exhaust memory, or b
 mappings. Numbers remain text until they are requested, since formats write them differently.
 """
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import json
 import re
 import tomllib

@@ -1,5 +1,7 @@
 """Kalibr's camchain: one table per camera, cam0, cam1, ..."""
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import re
 
 from markergen.errors import InputError, brief

@@ -3,6 +3,8 @@
 Written as text, because the output of FileStorage, unlike the input that it accepts, depends on OpenCV's version.
 """
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

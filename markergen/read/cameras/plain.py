@@ -1,5 +1,7 @@
 """The camera table of a design spec, alone or as [camera], in TOML, JSON or YAML; it holds every lens model."""
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import json
 
 from markergen.model.camera import Camera, Distortion

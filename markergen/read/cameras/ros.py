@@ -4,6 +4,8 @@ K applies to the raw image; P applies to the rectified image and is ignored. In 
 image has the K of the raw one.
 """
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 from collections.abc import Mapping
 from typing import Any
 

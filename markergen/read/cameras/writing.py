@@ -1,5 +1,7 @@
 """Write a camera as a file of the format that its name says."""
 
+# tests: tests/read/test_camera_files.py tests/read/test_cameras.py
+
 import os
 from math import isfinite
 from pathlib import Path

@@ -11,6 +11,8 @@ parsed here, within limits that are checked before memory is taken. What was tri
   codes instead of what is wrong. PrusaSlicer's parts are not its business, so that the XML parser stays.
 """
 
+# tests: tests/verification/test_solid_readers.py
+
 import json
 import posixpath
 import struct

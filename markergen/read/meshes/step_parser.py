@@ -4,6 +4,8 @@ Open CASCADE reads the files; their document is traversed here, since `cadquery.
 other programs: a single part without an assembly, or an assembly with two parts of the same name.
 """
 
+# tests: tests/verification/test_solid_readers.py
+
 import importlib
 from math import ceil, pi, sqrt
 from typing import Any

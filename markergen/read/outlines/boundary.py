@@ -1,5 +1,7 @@
 """Parse boundaries and keep-outs as users write them: a radius, a shape with dimensions, or a file."""
 
+# tests: tests/read/outlines/test_boundaries.py
+
 import re
 from collections.abc import Mapping, Sequence
 from math import hypot

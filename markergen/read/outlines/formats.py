@@ -1,5 +1,7 @@
 """Outline formats, the file that their readers take, and the drawing that they return."""
 
+# tests: tests/read/outlines/test_files.py
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Read polygons of a GeoJSON file, also in collections."""
 
+# tests: tests/read/outlines/test_files.py
+
 import json
 from typing import Any, NoReturn
 

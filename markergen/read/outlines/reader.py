@@ -3,6 +3,8 @@
 What is plainly no part of an outline is left out with a warning: shapes without area, and center lines.
 """
 
+# tests: tests/read/outlines/test_joining.py tests/read/outlines/test_files.py
+
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass

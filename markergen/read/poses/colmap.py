@@ -1,5 +1,7 @@
 """Read COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points, for every image."""
 
+# tests: tests/read/test_poses.py
+
 import re
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Read a table of poses below a line of column names, separated by commas, semicolons, tabs or blanks."""
 
+# tests: tests/read/test_poses.py
+
 import numpy as np
 from numpy.typing import NDArray
 

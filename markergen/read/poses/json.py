@@ -1,5 +1,7 @@
 """Read a JSON array of poses, each an object with the columns of the CSV table, alone or as ``{"poses": [...]}``."""
 
+# tests: tests/read/test_poses.py
+
 import json
 from typing import Any
 

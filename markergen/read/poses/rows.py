@@ -4,6 +4,8 @@ Only a file's bytes and numbers are kept in memory. Rotations in any notation ar
 ones are refused.
 """
 
+# tests: tests/read/test_poses.py
+
 import csv
 import io
 from array import array

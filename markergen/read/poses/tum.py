@@ -1,5 +1,7 @@
 """Read a trajectory as written by TUM's RGB-D tools and evo: lines of timestamp tx ty tz qx qy qz qw."""
 
+# tests: tests/read/test_poses.py
+
 import re
 
 import numpy as np
