@@ -4,7 +4,7 @@ Models for simulators show meshes in the frame of their link, with their colors.
 orientation count there: the link's frame has to be that of the marker or rig.
 """
 
-# tests: tests/verification/test_mesh.py tests/verification/test_solid_readers.py tests/verification/test_rewritten_solids.py
+# tests: tests/verification/test_mesh.py tests/verification/test_solid_readers.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

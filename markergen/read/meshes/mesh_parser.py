@@ -1,14 +1,6 @@
 """Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.mesh`.
 
-trimesh parses STL. Because it accepts malformed files, the keywords of a text STL are checked first. GLB and 3MF are
-parsed here, within limits that are checked before memory is taken. What was tried instead:
-
-- trimesh for GLB reads files that are refused here (nodes in a cycle, required extensions, no scene), unpacks pictures,
-  draws a node once that a scene lists 20,000 times, and rounds colors to 8 bits. The checks against it are most of the
-  parser.
-- lib3mf for 3MF is twice as fast and takes 1.6 times the memory, but holds corners in single precision, takes an
-  unknown unit for millimeters, reads a model that is cut short or has an invalid color without an error, and gives
-  codes instead of what is wrong. PrusaSlicer's parts are not its business, so that the XML parser stays.
+trimesh parses STL. Because it accepts malformed files, the keywords of a text STL are checked first.
 """
 
 # tests: tests/verification/test_solid_readers.py
