@@ -53,8 +53,6 @@ CUT_IN_TWO = {
     "detect/ellipse_descent.py <- detect/outline_pixels.py",
     "detect/ellipse_fit.py <- detect/ellipse_descent.py",
     "detect/photometric.py <- detect/plane_model.py",
-    "options/declarations.py <- options/__init__.py",
-    "read/outlines/svg.py <- read/outlines/svg_shapes.py",
     "validation/report/__init__.py <- validation/report/overview.py",
     "validation/report/measured.py <- validation/report/plots.py",
     "workshop/drafting/content.py <- workshop/drafting/tolerances.py",
