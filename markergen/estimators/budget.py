@@ -297,18 +297,6 @@ def together_covariance(gain: Array, jacobian: Array, rotation: Array, sources: 
     return np.asarray(through @ sources.whole(n, 3) @ through.swapaxes(-1, -2), dtype=float)
 
 
-def point_budget(
-    points: Array,
-    rotation: Array,
-    translation: Array,
-    camera: Camera,
-    noise_px: float,
-    sources: ErrorSources,
-) -> PoseBudget:
-    """`pose_budget` for image noise of standard deviation `noise_px` on every image coordinate."""
-    return pose_budget(points, rotation, translation, camera, noise_px**2 * np.eye(2), sources)
-
-
 def _stack(blocks: Array) -> Array:
     """Stack the blocks (P, n, 2, k) of the points into one matrix (P, 2n, k)."""
     return blocks.reshape(blocks.shape[0], -1, blocks.shape[-1])

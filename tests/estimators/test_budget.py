@@ -3,7 +3,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
-from markergen.estimators.budget import ErrorSources, point_budget, pose_budget
+from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.estimators.lm import LM
 from markergen.maths.information import covariance, information, pose_jacobian
 from markergen.maths.projection import project
@@ -12,6 +12,11 @@ from markergen.model.camera import PAPER_CAMERA, Camera
 
 CALIBRATION = np.array([[4.0, 3.0, 0.1, 0.0], [3.0, 4.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0], [0.0, 0.1, 0.0, 1.0]])
 EXACT = ErrorSources(print_sigma=0.0)
+
+
+def point_budget(points, rotation, translation, camera, noise_px, sources):
+    """Budget for image noise of standard deviation `noise_px` on every image coordinate."""
+    return pose_budget(points, rotation, translation, camera, noise_px**2 * np.eye(2), sources)
 
 
 def rms(values):
