@@ -100,7 +100,7 @@ class MadeBody:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user."""
-        return tuple(dict.fromkeys(note for each in self.made for note in each.notes))
+        return tuple(dict.fromkeys(note for made in self.made for note in made.notes))
 
 
 # Cached, since each file of a body needs its parts.
@@ -138,20 +138,20 @@ def designed(body: Marker | Rig) -> Marker | Rig:
 def block_of(rig: Rig) -> tuple[BlockFace, ...]:
     """Faces of the block that the markers of a rig, as designed, enclose; empty if they do not enclose one."""
     rings = []
-    for each in rig.markers:
-        contours = each.marker.boundary.contours()
+    for plate in rig.markers:
+        contours = plate.marker.boundary.contours()
         if len(contours) > 1 or contours[0].has_arcs or len(contours[0].points) > MOST_CORNERS:
             return ()
         flat = 1e3 * np.array(contours[0].points)
         rings.append(
-            np.column_stack([flat, np.zeros(len(flat))]) @ each.rotation_matrix.T + 1e3 * each.translation_vector
+            np.column_stack([flat, np.zeros(len(flat))]) @ plate.rotation_matrix.T + 1e3 * plate.translation_vector
         )
     vertices, index = _vertices(np.concatenate(rings))
     loops = np.split(index, np.cumsum([len(ring) for ring in rings])[:-1])
     bare = _bare(loops, vertices)
     if bare is None:
         return ()
-    faces = [_face(each.name, vertices[loop], each) for each, loop in zip(rig.markers, loops, strict=True)]
+    faces = [_face(plate.name, vertices[loop], plate) for plate, loop in zip(rig.markers, loops, strict=True)]
     faces += [_face(f"{BARE}-{k}", vertices[loop]) for k, loop in enumerate(bare, start=1)]
     return tuple(faces) if _is_convex(faces, vertices) else ()
 
@@ -165,17 +165,17 @@ def volume_of(block: Sequence[BlockFace]) -> float:
     return total
 
 
-def _piece(each: Plate, part: Part) -> PosedPart:
-    return PosedPart(part, each.rotation, tuple(mm(value) for value in each.translation))
+def _piece(plate: Plate, part: Part) -> PosedPart:
+    return PosedPart(part, plate.rotation, tuple(mm(value) for value in plate.translation))
 
 
 def _vertices(points: Array) -> tuple[Array, NDArray[np.intp]]:
     """Distinct points of (m, 3) mm, and the index of each point's; corners within `JOINED` are one."""
     from scipy.spatial import cKDTree
 
-    first = np.array([min(near) for near in cKDTree(points).query_ball_point(points, JOINED)])
-    known, index = np.unique(first, return_inverse=True)
-    return points[known], index
+    first = np.array([min(neighbors) for neighbors in cKDTree(points).query_ball_point(points, JOINED)])
+    distinct, index = np.unique(first, return_inverse=True)
+    return points[distinct], index
 
 
 def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]] | None:
@@ -186,7 +186,7 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
     following = {b: a for a, b in edges if (b, a) not in set(edges)}
     if len(following) < sum((b, a) not in set(edges) for a, b in edges):
         return None
-    found = []
+    bare = []
     while following:
         first = next(iter(following))
         loop, at = [first], following.pop(first)
@@ -198,24 +198,24 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
         points = vertices[loop] - vertices[loop].mean(axis=0)
         if len(loop) < 3 or np.linalg.svd(points)[1][2] > JOINED:
             return None
-        found.append(loop)
-    return found
+        bare.append(loop)
+    return bare
 
 
-def _face(name: str, ring: Array, each: Plate | None = None) -> BlockFace:
+def _face(name: str, ring: Array, plate: Plate | None = None) -> BlockFace:
     """Make a face of its corners (m, 3) in the rig frame, in the frame of a marker or in one at its middle."""
-    if each is not None:
-        rotation, shift = each.rotation_matrix, 1e3 * each.translation_vector
+    if plate is not None:
+        rotation, translation = plate.rotation_matrix, 1e3 * plate.translation_vector
     else:
-        shift = ring.mean(axis=0)
-        normal = np.sum(np.cross(ring - shift, np.roll(ring, -1, axis=0) - shift), axis=0)
+        translation = ring.mean(axis=0)
+        normal = np.sum(np.cross(ring - translation, np.roll(ring, -1, axis=0) - translation), axis=0)
         along = ring[1] - ring[0]
         z, x = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
         rotation = np.column_stack([x, np.cross(z, x), z])
     # Sizes on drawings are 60 mm and not 59.99999999999999.
-    flat = np.round(((ring - shift) @ rotation)[:, :2], 9) + 0.0
+    flat = np.round(((ring - translation) @ rotation)[:, :2], 9) + 0.0
     return BlockFace(
-        name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(shift.tolist())
+        name, tuple(map(tuple, flat.tolist())), tuple(map(tuple, rotation.tolist())), tuple(translation.tolist())
     )
 
 
@@ -230,31 +230,31 @@ def _depths(face: BlockFace, points: Array) -> Array:
     return np.asarray((face.ring()[0] - points) @ face.normal)
 
 
-def _named(each: Plate, make: Callable[[Marker], Made]) -> Made:
+def _named(plate: Plate, make: Callable[[Marker], Made]) -> Made:
     """Make a marker; what is refused is told with the name of the marker."""
     try:
-        return make(each.marker)
+        return make(plate.marker)
     except InputError as error:
-        expected, found, remedy = error.args
-        raise InputError(f"for the marker {each.name} {expected}", found, remedy) from None
+        expected, actual, remedy = error.args
+        raise InputError(f"for the marker {plate.name} {expected}", actual, remedy) from None
 
 
 def _as_block(rig: Rig, block: tuple[BlockFace, ...], fabrication: Fabrication) -> MadeBody:
     """Inlay the dots of all markers into the faces of a block."""
-    made = tuple(_named(each, lambda marker: _on_a_face(marker, fabrication)) for each in rig.markers)
-    block = _lowered(block, [one.face for one in made])
+    made = tuple(_named(plate, lambda marker: _on_a_face(marker, fabrication)) for plate in rig.markers)
+    block = _lowered(block, [plate_made.face for plate_made in made])
     _check_inlays(block, made)
     pieces, inlays = [], []
-    for face, one in zip(block, (*made, *[Made()] * (len(block) - len(made))), strict=True):
+    for face, plate_made in zip(block, (*made, *[Made()] * (len(block) - len(made))), strict=True):
         # This prism stands for the block under its face, and ends below all that is cut.
-        prism = Prism(Contour(face.corners), (), face.height - 2 * one.depth - 1, face.height)
-        under = Part(BODY, "light", (prism, *one.add), one.cut, one.marked)
+        prism = Prism(Contour(face.corners), (), face.height - 2 * plate_made.depth - 1, face.height)
+        under = Part(BODY, "light", (prism, *plate_made.add), plate_made.cut, plate_made.marked)
         pieces.append(PosedPart(under, face.rotation, face.translation))
         inlays += [
             BodyPart(f"{face.name}/{part.name}", part.material, (replace(pieces[-1], part=part),), part.volume)
-            for part in one.parts
+            for part in plate_made.parts
         ]
-    volume = volume_of(block) + sum(each.part.volume - each.part.add[0].volume for each in pieces)
+    volume = volume_of(block) + sum(plate.part.volume - plate.part.add[0].volume for plate in pieces)
     return MadeBody((BodyPart(BODY, "light", tuple(pieces), volume), *inlays), made, block)
 
 
@@ -262,15 +262,17 @@ def _on_a_face(marker: Marker, fabrication: Fabrication) -> Made:
     """What a process makes of a marker on a face of a block, which is its plate."""
     plate = marker.substrate
     if plate.holes or plate.outline is not None or plate.chamfer or plate.corner_radius:
-        found = "holes, an outline, a chamfer or rounded corners"
-        raise InputError("the plain face of a block", found, "leave them out: the rig is made as one block")
+        actual = "holes, an outline, a chamfer or rounded corners"
+        raise InputError("the plain face of a block", actual, "leave them out: the rig is made as one block")
     try:
         on_face = replace(marker, substrate=replace(plate, outline=marker.boundary))
         made: Made = PROCESSES[fabrication.process](on_face, replace(fabrication, engrave=False))
     except InputError as error:
-        expected, found, remedy = error.args
+        expected, actual, remedy = error.args
         if "--outline" in remedy:
-            raise InputError(expected, found, "design it with a larger --clearance, or use another --process") from None
+            raise InputError(
+                expected, actual, "design it with a larger --clearance, or use another --process"
+            ) from None
         raise
     if fabrication.through or not (made.parts or made.marked):
         raise InputError("dots inlaid, standing or engraved", "none", "use another --process: the rig is one block")
@@ -284,22 +286,22 @@ def _lowered(block: Sequence[BlockFace], heights: Sequence[float]) -> tuple[Bloc
     moved = [replace(face, height=height) for face, height in zip(block, heights, strict=False)]
     moved += block[len(moved) :]
     normals, levels = np.array([face.normal for face in moved]), [float(f.ring()[0] @ f.normal) for f in moved]
-    found = []
+    lowered = []
     for face, old in zip(moved, block, strict=True):
         corners = []
         for corner in old.ring():
-            at = np.array([abs(float(_depths(each, corner))) < JOINED for each in block])
+            at = np.array([abs(float(_depths(other_face, corner))) < JOINED for other_face in block])
             corner = np.linalg.lstsq(normals[at], np.array(levels)[at])[0]
             corners.append(tuple(((corner - face.translation) @ np.array(face.rotation))[:2].tolist()))
-        found.append(replace(face, corners=tuple(corners)))
-    return tuple(found)
+        lowered.append(replace(face, corners=tuple(corners)))
+    return tuple(lowered)
 
 
 def _check_inlays(block: Sequence[BlockFace], made: Sequence[Made]) -> None:
     """Refuse what stands over the edge of a face, and pockets of two faces that may meet inside the block."""
-    for face, one in zip(block, made, strict=False):
-        points = [_extent(body)[:, :2] for body in (*one.cut, *one.marked, *one.add)]
-        room = min((float(_inside(np.array(face.corners), each).min()) for each in points), default=np.inf)
+    for face, plate_made in zip(block, made, strict=False):
+        points = [_extent(body)[:, :2] for body in (*plate_made.cut, *plate_made.marked, *plate_made.add)]
+        room = min((float(_inside(np.array(face.corners), extent).min()) for extent in points), default=np.inf)
         if room <= 0:
             raise InputError(
                 f"dots that stand on the face of {face.name}",
@@ -307,13 +309,13 @@ def _check_inlays(block: Sequence[BlockFace], made: Sequence[Made]) -> None:
                 + (f", since balls lower it by {-face.height:.4g} mm" * (face.height < 0)),
                 "design it with smaller dots, or use another --process",
             )
-    reach = [[_extent(body) for body in (*one.cut, *one.marked)] for one in made]
+    reach = [[_extent(body) for body in (*plate_made.cut, *plate_made.marked)] for plate_made in made]
     for a, b in combinations(range(len(made)), 2):
         rooms = []
         for own, other in ((a, b), (b, a)):
             face = block[own]
-            points = [each @ np.array(face.rotation).T + np.array(face.translation) for each in reach[own]]
-            near = min((float(_depths(block[other], each).min()) for each in points), default=np.inf)
+            points = [extent @ np.array(face.rotation).T + np.array(face.translation) for extent in reach[own]]
+            near = min((float(_depths(block[other], extent).min()) for extent in points), default=np.inf)
             rooms.append(near - made[other].depth - made[other].face)
         if max(rooms) < 0:
             raise InputError(
@@ -353,17 +355,17 @@ def _overlap(plates: Sequence[BodyPart]) -> str:
     By the separating axes: two convex bodies are apart along the normal of one of their faces, or along the cross
     product of two of their edges.
     """
-    hulls = [_hull(each.pieces[0]) for each in plates]
+    hulls = [_hull(plate.pieces[0]) for plate in plates]
     middles = np.array([points.mean(axis=0) for points, _, _ in hulls])
     sizes = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points, _, _ in hulls])
     for a, b in combinations(range(len(plates)), 2):
         if np.linalg.norm(middles[a] - middles[b]) >= sizes[a] + sizes[b]:
             continue
-        (one, normals, edges), (other, more, others) = hulls[a], hulls[b]
+        (first_hull, normals, edges), (second_hull, more, others) = hulls[a], hulls[b]
         crossed = np.cross(edges[:, None], others[None]).reshape(-1, 3)
         axes = np.concatenate([normals, more, crossed[np.linalg.norm(crossed, axis=1) > PARALLEL]])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        mine, theirs = one @ axes.T, other @ axes.T
+        mine, theirs = first_hull @ axes.T, second_hull @ axes.T
         common = np.minimum(mine.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - mine.min(axis=0)).min()
         if common > JOINED:
             first, second = (plates[k].name.rpartition("/")[0] for k in (a, b))
@@ -382,5 +384,9 @@ def _hull(piece: PosedPart) -> tuple[Array, Array, Array]:
     along = np.column_stack([steps / np.linalg.norm(steps, axis=1, keepdims=True), np.zeros(len(ring))])
     up = np.array([[0.0, 0.0, 1.0]])
     corners = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in body.span])
-    turn = np.array(piece.rotation).T
-    return piece.to_body(corners), np.concatenate([up, np.cross(along, up)]) @ turn, np.concatenate([up, along]) @ turn
+    to_rig = np.array(piece.rotation).T
+    return (
+        piece.to_body(corners),
+        np.concatenate([up, np.cross(along, up)]) @ to_rig,
+        np.concatenate([up, along]) @ to_rig,
+    )

@@ -202,15 +202,15 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
 def face_works(rig: Rig, fabrication: Fabrication, made: MadeBody) -> list[Workpiece]:
     """Describe each marker of a rig for its own sheets: its plate, or its face of the body."""
     works = []
-    for k, (each, one) in enumerate(zip(rig.markers, made.made, strict=True)):
-        work = _face_work(each, made, k, fabrication) if made.block else workpiece(each.marker, fabrication, one)
-        block = replace(work.block, title=f"{each.name}: {work.block.title}", name=f"{rig_name(rig)}, {each.name}")
+    for k, (plate, result) in enumerate(zip(rig.markers, made.made, strict=True)):
+        work = _face_work(plate, made, k, fabrication) if made.block else workpiece(plate.marker, fabrication, result)
+        block = replace(work.block, title=f"{plate.name}: {work.block.title}", name=f"{rig_name(rig)}, {plate.name}")
         works.append(replace(work, block=block))
     return works
 
 
 def _lines(made: MadeBody) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(line for one in made.made for line in one.lines))
+    return tuple(dict.fromkeys(line for plate in made.made for line in plate.lines))
 
 
 def _sides(made: MadeBody) -> list[_Side]:
@@ -234,9 +234,9 @@ def _datums(sides: Sequence[_Side]) -> list[_Side]:
     """Up to three sides: the first, one at a right angle to it if there is one, and one that fixes what is left."""
     chosen = [sides[0]]
     while len(chosen) < 3:
-        own = np.array([side.normal for side in chosen])
+        normals = np.array([side.normal for side in chosen])
         # How far each normal is from the directions that are fixed, the farthest first.
-        away = [np.linalg.norm(side.normal - np.linalg.pinv(own) @ (own @ side.normal)) for side in sides]
+        away = [np.linalg.norm(side.normal - np.linalg.pinv(normals) @ (normals @ side.normal)) for side in sides]
         best = int(np.argmax(np.round(away, 9)))
         if away[best] < STRAIGHT:
             break
@@ -246,7 +246,7 @@ def _datums(sides: Sequence[_Side]) -> list[_Side]:
 
 def _main_view(rig: Rig) -> tuple[Array, Array, Array]:
     """Directions to the right and up in the main view, and toward the viewer: -y, or where more faces point."""
-    normals = np.array([each.rotation_matrix[:, 2] for each in rig.markers])
+    normals = np.array([plate.rotation_matrix[:, 2] for plate in rig.markers])
     x, y, z = np.eye(3)
     ways = [(x, z, -y), (x, y, z), (y, z, x), (-x, z, y), (-y, z, -x), (x, -y, -z)]
     return max(ways, key=lambda way: round(float(np.maximum(normals @ way[2], 0).sum()), 6))
@@ -273,7 +273,7 @@ def _view(
 ) -> RigView:  # fmt: skip
     flat, toward = np.stack(axes[:2], axis=1), axes[2]
     names = []
-    marked = {each.name: each for each in rig.markers}
+    marked = {plate.name: plate for plate in rig.markers}
     letters = {side.name: letter for letter, side in zip(LETTERS, datums, strict=False)} if made.block else {}
     for side in sides:
         slope = float(side.normal @ toward)
@@ -283,9 +283,9 @@ def _view(
         controls = _controls(side, datums, accuracy) if straight and made.block else ()
         letter = letters.get(side.name, "") if straight else ""
         names.append(_name(side.name, side.ring @ flat, marked.get(side.name), flat, controls, letter))
-    told = _words(toward)
+    way = _words(toward)
     return RigView(
-        place, f"seen from {told if told.startswith('-') else f'+{told}'}", _projected(axes, rig, made), tuple(names),
+        place, f"seen from {way if way.startswith('-') else f'+{way}'}", _projected(axes, rig, made), tuple(names),
         (_words(axes[0]), _words(axes[1])),
     )  # fmt: skip
 
@@ -299,15 +299,17 @@ def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigV
     axes = (right, np.cross(toward, right), toward)
     flat = np.stack(axes[:2], axis=1)
     names = tuple(
-        _name(each.name, 1e3 * each.to_body(_flat(np.concatenate(each.marker.boundary.outlines()))) @ flat, each, flat)
-        for each in rig.markers
-        if each.rotation_matrix[:, 2] @ toward > SHOWN
+        _name(
+            plate.name, 1e3 * plate.to_body(_flat(np.concatenate(plate.marker.boundary.outlines()))) @ flat, plate, flat
+        )
+        for plate in rig.markers
+        if plate.rotation_matrix[:, 2] @ toward > SHOWN
     )
     return RigView("picture", "seen from a corner, not to scale", _projected(axes, rig, made), names)
 
 
 def _name(
-    words: str, ring: Array, each: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
+    words: str, ring: Array, plate: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
 ) -> FaceName:
     """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
     middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
@@ -315,9 +317,9 @@ def _name(
     places = np.concatenate(
         [[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))]
     )
-    if each is not None:
-        dots = 1e3 * each.to_body(each.marker.xyz) @ flat
-        radii = np.array([500 * point.feature.diameter for point in each.marker.control_points])
+    if plate is not None:
+        dots = 1e3 * plate.to_body(plate.marker.xyz) @ flat
+        radii = np.array([500 * point.feature.diameter for point in plate.marker.control_points])
         # Names are wider than high.
         room = np.linalg.norm((places[:, None] - dots) * [0.5, 1.0], axis=-1) - radii
         middle = places[int(np.argmax(np.round(room.min(axis=1), 6)))]
@@ -332,21 +334,21 @@ def _flat(points: Array) -> Array:
 def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> tuple[ViewFace, ...]:
     """Visible faces of the body or the plates with dots and tags on them, the farthest first."""
     flat, toward = np.stack(axes[:2], axis=1), axes[2]
-    found: list[tuple[float, list[ViewFace]]] = []
+    groups: list[tuple[float, list[ViewFace]]] = []
     if made.block:
         for k, face in enumerate(made.block):
             if face.normal @ toward > STRAIGHT:
-                own = [_face(face.ring() @ flat)]
-                own += _ink(rig.markers[k], flat) if k < len(rig.markers) and face.normal @ toward > SHOWN else []
-                found.append((float(face.ring().mean(axis=0) @ toward), own))
+                faces = [_face(face.ring() @ flat)]
+                faces += _ink(rig.markers[k], flat) if k < len(rig.markers) and face.normal @ toward > SHOWN else []
+                groups.append((float(face.ring().mean(axis=0) @ toward), faces))
     else:
-        for each in rig.markers:
-            found.append(_plates(each, made, flat, toward))
-    found.sort(key=lambda one: round(one[0], 6))
-    return tuple(face for _, faces in found for face in faces)
+        for plate in rig.markers:
+            groups.append(_plates(plate, made, flat, toward))
+    groups.sort(key=lambda group: round(group[0], 6))
+    return tuple(face for _, faces in groups for face in faces)
 
 
-def _plates(each: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
+def _plates(plate: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[float, list[ViewFace]]:
     """Distance toward the viewer of a marker's plates, and what is seen of them: convex hull, face, dots."""
     from scipy.spatial import ConvexHull
 
@@ -354,18 +356,18 @@ def _plates(each: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[fl
     for part in made.parts:
         piece = part.pieces[0]
         body = piece.part.add[0]
-        if not piece.part.is_plate or part.name.rpartition("/")[0] != each.name or not isinstance(body, Prism):
+        if not piece.part.is_plate or part.name.rpartition("/")[0] != plate.name or not isinstance(body, Prism):
             continue
         ring = np.array(flattened(body.outer, OFF))
         ends = [piece.to_body(np.column_stack([ring, np.full(len(ring), z)])) for z in body.span]
         depth = float(np.concatenate(ends).mean(axis=0) @ toward)
         points = np.concatenate(ends) @ flat
         faces.append(_face(points[ConvexHull(points).vertices]))
-        slope = float(each.rotation_matrix[:, 2] @ toward)
+        slope = float(plate.rotation_matrix[:, 2] @ toward)
         if abs(slope) > SHOWN:
             faces.append(_face(ends[slope > 0] @ flat))
-    if each.rotation_matrix[:, 2] @ toward > SHOWN:
-        faces += _ink(each, flat)
+    if plate.rotation_matrix[:, 2] @ toward > SHOWN:
+        faces += _ink(plate, flat)
     return depth, faces
 
 
@@ -373,7 +375,7 @@ def _face(ring: Array, material: str = "light", fine: bool = False) -> ViewFace:
     return ViewFace((Contour(tuple(map(tuple, ring.tolist()))),), material, fine=fine)
 
 
-def _ink(each: Plate, flat: Array) -> list[ViewFace]:
+def _ink(plate: Plate, flat: Array) -> list[ViewFace]:
     """Dots and tag of a marker as they are seen."""
     turns = 2 * np.pi * np.arange(TURNS) / TURNS
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -381,14 +383,14 @@ def _ink(each: Plate, flat: Array) -> list[ViewFace]:
 
     def add(points: Array, height: float, material: str) -> None:
         local = np.column_stack([points, np.full(len(points), height)])
-        faces.append(_face(1e3 * each.to_body(local / 1e3) @ flat, material, fine=True))
+        faces.append(_face(1e3 * plate.to_body(local / 1e3) @ flat, material, fine=True))
 
-    for dot in dots_of(each.marker):
+    for dot in dots_of(plate.marker):
         add([dot.x, dot.y] + dot.radius * circle, dot.z, "dark")
         if dot.inner:
             add([dot.x, dot.y] + dot.inner * circle, dot.z, "light")
-    if each.marker.tag is not None:
-        rings = [1e3 * each.to_body(_flat(ring)) @ flat for ring in each.marker.tag.outlines]
+    if plate.marker.tag is not None:
+        rings = [1e3 * plate.to_body(_flat(ring)) @ flat for ring in plate.marker.tag.outlines]
         faces.append(ViewFace(tuple(Contour(tuple(map(tuple, ring.tolist()))) for ring in rings), "dark", fine=True))
     return faces
 
@@ -414,9 +416,9 @@ def _kind(side: _Side, datum: _Side) -> Literal["parallelism", "perpendicularity
 def _face_table(rig: Rig) -> DrawingTable:
     """Where each marker is in the rig: its origin, and where its axes point."""
     rows = []
-    for each in rig.markers:
-        axes = ["(" + ", ".join(_fixed(value, 6) for value in each.rotation_matrix[:, k]) + ")" for k in range(3)]
-        rows.append((each.name, *(_fixed(value, 4) for value in 1e3 * each.translation_vector), *axes))
+    for plate in rig.markers:
+        axes = ["(" + ", ".join(_fixed(value, 6) for value in plate.rotation_matrix[:, k]) + ")" for k in range(3)]
+        rows.append((plate.name, *(_fixed(value, 4) for value in 1e3 * plate.translation_vector), *axes))
     headings = ("face", "x", "y", "z", "its x axis (right)", "its y axis (up)", "its z axis (out)")
     title = "Faces in the rig frame: origins in mm, and axes as unit vectors, theoretically exact"
     return DrawingTable(title, headings, tuple(rows), (0,))
@@ -474,22 +476,28 @@ def _signed(value: float) -> str:
 
 def _face_work(each: Plate, made: MadeBody, k: int, fabrication: Fabrication) -> Workpiece:
     """Describe one face of a body as if it were a plate, with the body seen from the side."""
-    face, one = made.block[k], made.made[k]
-    low = face.height - 2 * one.depth - 1
-    slab = Part("plate", "light", (Prism(Contour(face.corners), (), low, face.height), *one.add), one.cut, one.marked)
+    face, result = made.block[k], made.made[k]
+    low = face.height - 2 * result.depth - 1
+    slab = Part(
+        "plate",
+        "light",
+        (Prism(Contour(face.corners), (), low, face.height), *result.add),
+        result.cut,
+        result.marked,
+    )
     outline = Polygon((tuple((x / 1e3, y / 1e3) for x, y in face.corners),))
     marker = replace(each.marker, substrate=replace(each.marker.substrate, outline=outline))
-    work = workpiece(marker, fabrication, replace(one, parts=(slab, *one.parts)))
+    work = workpiece(marker, fabrication, replace(result, parts=(slab, *result.parts)))
     depth = f"({millimeters(face.height - low)})"
     sections = tuple(
         replace(section, title=f"{section.title}, upper part of the body",
                 upright=tuple(each for each in section.upright if each.words != depth))
         for section in work.sections
     )  # fmt: skip
-    turn = np.array(face.rotation)
-    flat, toward = turn[:, [0, 2]], -turn[:, 1]
-    shift = np.array(face.translation) @ flat
-    side = tuple(_face(other.ring() @ flat - shift) for other in made.block if other.normal @ toward > STRAIGHT)
+    rotation = np.array(face.rotation)
+    flat, toward = rotation[:, [0, 2]], -rotation[:, 1]
+    offset = np.array(face.translation) @ flat
+    side = tuple(_face(wall.ring() @ flat - offset) for wall in made.block if wall.normal @ toward > STRAIGHT)
     foot = min(face_.box[1] for face_ in side)
     tables = tuple(
         replace(table, rows=tuple(row for row in table.rows if "plate" not in (row[1], row[0].rpartition(" ")[2])))
@@ -556,12 +564,12 @@ def _place(view: RigView, first: bool) -> tuple[int, int]:
 
 def _head(view: RigView, style: Style) -> float:
     """Width of the words and the tolerance frames above a view."""
-    own = max((_named(name, style) for name in view.names if name.controls), default=0.0)
-    return max(own, text_width(view.words, 0.8 * style.words))
+    names_width = max((_named(name, style) for name in view.names if name.controls), default=0.0)
+    return max(names_width, text_width(view.words, 0.8 * style.words))
 
 
 def _named(name: FaceName, style: Style) -> float:
-    frames = sum(frame_width(each, style.words) + 1.5 * style.scale for each in name.controls)
+    frames = sum(frame_width(control, style.words) + 1.5 * style.scale for control in name.controls)
     return text_width(f"{name.words}  ", style.words) + frames + datum_reach(style.words) * bool(name.datum)
 
 
@@ -611,12 +619,12 @@ def _draw(
         box = around(view.faces)
         # Views of one row or column are aligned, by the frame of the rig.
         aside = max(columns[column] - side - scale * (box[2] - box[0]), 0) / 2 + side * 0.6
-        own = DrawingView(starts[column] + aside - scale * box[0], lows[row] + above * 0.45 - scale * box[1], scale)
-        shapes += _drawn_view(view, own, style)
+        view_at = DrawingView(starts[column] + aside - scale * box[0], lows[row] + above * 0.45 - scale * box[1], scale)
+        shapes += _drawn_view(view, view_at, style)
         if view.place == "main":
-            shapes += _sizes(work, own.box(box), style)
+            shapes += _sizes(work, view_at.box(box), style)
         elif view.place in ("+u", "-u") and not any(s.place == "+u" and view.place == "-u" for s in work.views):
-            edges = own.box(box)
+            edges = view_at.box(box)
             below = edges[1] - 1.4 * CLOSE * style.scale
             shapes += across(edges[0], edges[2], below, edges[1], work.sizes[2], style)
     return [*shapes, *_drawn_picture(work, style, _corner(room, starts, columns, lows, rows, gap))]
@@ -720,14 +728,14 @@ def _drawn_picture(work: RigWork, style: Style, room: Box) -> list[Shape]:
     """The whole from a corner, as large as there is room, not to scale."""
     left, bottom, right, top = room
     box = around(work.picture.faces)
-    words = 3.5 * style.scale
-    scale = min((right - left) / (box[2] - box[0]), (top - bottom - words) / (box[3] - box[1])) * 0.86
+    caption = 3.5 * style.scale
+    scale = min((right - left) / (box[2] - box[0]), (top - bottom - caption) / (box[3] - box[1])) * 0.86
     if scale * max(box[2] - box[0], box[3] - box[1]) < SMALLEST:
         return []
     x = (left + right - scale * (box[0] + box[2])) / 2
-    view = DrawingView(x, bottom + words + (top - bottom - words - scale * (box[1] + box[3])) / 2, scale)
+    view = DrawingView(x, bottom + caption + (top - bottom - caption - scale * (box[1] + box[3])) / 2, scale)
     shapes = [shape for face in work.picture.faces for shape in drawn(face, view)]
     shapes += _on_faces(work.picture.names, view, style)
     low = view.at((0.0, box[1]))[1]
-    below = lettering(work.picture.words, (left + right) / 2, low - words, 0.8 * style.words, "center", color=GRAY)
+    below = lettering(work.picture.words, (left + right) / 2, low - caption, 0.8 * style.words, "center", color=GRAY)
     return [*shapes, below]

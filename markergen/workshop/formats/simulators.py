@@ -163,7 +163,7 @@ class Simulated:
             tuple(_collisions(made, shown)),
             any(part.mesh.marked.any() for part in made.parts),
             (
-                f"It shows {' and '.join(each.path for each in shown)} beside it, and weighs {mass * 1e3:.3g} g "
+                f"It shows {' and '.join(mesh.path for mesh in shown)} beside it, and weighs {mass * 1e3:.3g} g "
                 f"({DENSITY:g} kg/m^3).",
                 *made.notes,
             ),
@@ -172,7 +172,7 @@ class Simulated:
     @property
     def meshes(self) -> dict[str, bytes]:
         """Files of the meshes by path."""
-        return {each.path: each.stl for each in self.shown}
+        return {mesh.path: mesh.stl for mesh in self.shown}
 
     def moments(self) -> dict[str, str]:
         """Entries of the inertia on and above its diagonal, by name: ``ixx`` and so on."""
@@ -230,13 +230,13 @@ def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def roll_pitch_yaw(turn: Array) -> Array:
+def roll_pitch_yaw(rotation: Array) -> Array:
     """Angles (3,) in rad about the fixed axes x, y, z in this order of a rotation (3, 3); yaw 0 where it is free."""
-    flat = float(np.hypot(turn[0, 0], turn[1, 0]))
-    pitch = np.arctan2(-turn[2, 0], flat)
+    flat = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = np.arctan2(-rotation[2, 0], flat)
     if flat < 1e-9:
-        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
 def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ...]:
@@ -298,22 +298,22 @@ def export_urdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Outpu
 def _robot(body: Simulated) -> str:
     moments = " ".join(f'{name}="{value}"' for name, value in body.moments().items())
     visuals = "".join(
-        f"""    <visual name="{each.name}">
+        f"""    <visual name="{item.name}">
       <origin xyz="0 0 0" rpy="0 0 0"/>
-      <!-- {each.digest} -->
-      <geometry><mesh filename={quoteattr(each.path)}/></geometry>
-      <material name="{each.material}"><color rgba="{each.color}"/></material>
+      <!-- {item.digest} -->
+      <geometry><mesh filename={quoteattr(item.path)}/></geometry>
+      <material name="{item.material}"><color rgba="{item.color}"/></material>
     </visual>
 """
-        for each in body.shown
+        for item in body.shown
     )
     collisions = "".join(
         f"""    <collision>
-      <origin xyz="{numbers(each.center)}" rpy="{each.angles}"/>
-      <geometry><{_urdf_shape(each)}/></geometry>
+      <origin xyz="{numbers(item.center)}" rpy="{item.angles}"/>
+      <geometry><{_urdf_shape(item)}/></geometry>
     </collision>
 """
-        for each in body.collisions
+        for item in body.collisions
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <robot name="{body.name}">
@@ -328,10 +328,10 @@ def _robot(body: Simulated) -> str:
 """
 
 
-def _urdf_shape(each: Collision) -> str:
-    if each.mesh is not None:
-        return f"mesh filename={quoteattr(each.mesh.path)}"
-    return " ".join([each.shape, *(f'{name}="{value}"' for name, value in each.measures.items())])
+def _urdf_shape(collision: Collision) -> str:
+    if collision.mesh is not None:
+        return f"mesh filename={quoteattr(collision.mesh.path)}"
+    return " ".join([collision.shape, *(f'{name}="{value}"' for name, value in collision.measures.items())])
 
 
 def export_sdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -344,22 +344,22 @@ def export_sdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
 def _model(body: Simulated) -> str:
     moments = "".join(f"<{name}>{value}</{name}>" for name, value in body.moments().items())
     visuals = "".join(
-        f"""      <visual name="{each.name}">
+        f"""      <visual name="{item.name}">
         <pose>0 0 0 0 0 0</pose>
-        <!-- {each.digest} -->
-        <geometry><mesh><uri>{escape(each.path)}</uri></mesh></geometry>
-        <material><ambient>{each.color}</ambient><diffuse>{each.color}</diffuse></material>
+        <!-- {item.digest} -->
+        <geometry><mesh><uri>{escape(item.path)}</uri></mesh></geometry>
+        <material><ambient>{item.color}</ambient><diffuse>{item.color}</diffuse></material>
       </visual>
 """
-        for each in body.shown
+        for item in body.shown
     )
     collisions = "".join(
-        f"""      <collision name={quoteattr(each.name)}>
-        <pose>{numbers(each.center)} {each.angles}</pose>
-        <geometry>{_sdf_shape(each)}</geometry>
+        f"""      <collision name={quoteattr(item.name)}>
+        <pose>{numbers(item.center)} {item.angles}</pose>
+        <geometry>{_sdf_shape(item)}</geometry>
       </collision>
 """
-        for each in body.collisions
+        for item in body.collisions
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <sdf version="1.7">
@@ -377,11 +377,11 @@ def _model(body: Simulated) -> str:
 """
 
 
-def _sdf_shape(each: Collision) -> str:
-    if each.mesh is not None:
-        return f"<mesh><uri>{escape(each.mesh.path)}</uri></mesh>"
-    inside = "".join(f"<{name}>{value}</{name}>" for name, value in each.measures.items())
-    return f"<{each.shape}>{inside}</{each.shape}>"
+def _sdf_shape(collision: Collision) -> str:
+    if collision.mesh is not None:
+        return f"<mesh><uri>{escape(collision.mesh.path)}</uri></mesh>"
+    inside = "".join(f"<{name}>{value}</{name}>" for name, value in collision.measures.items())
+    return f"<{collision.shape}>{inside}</{collision.shape}>"
 
 
 def _config(body: Simulated, stem: str) -> str:
@@ -412,33 +412,33 @@ def _body(body: Simulated) -> str:
     moments = body.moments()
     inertia = " ".join(moments[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     # Some meshes are open, where the other material is engraved; no volume is taken from any.
-    colors = {each.material: each.color for each in body.shown}
+    colors = {item.material: item.color for item in body.shown}
     materials = "".join(
         f"""    <material name="{name}" rgba="{color}" specular="0"/>
 """
         for name, color in colors.items()
     )
     assets = "".join(
-        f"""    <!-- {each.digest} -->
-    <mesh name="{each.name}" file={quoteattr(each.path)} inertia="shell"/>
+        f"""    <!-- {item.digest} -->
+    <mesh name="{item.name}" file={quoteattr(item.path)} inertia="shell"/>
 """
-        for each in body.shown
+        for item in body.shown
     )
     visuals = "".join(
-        f"""      <geom name="{each.name}" class="seen" mesh="{each.name}" material="{each.material}"/>
+        f"""      <geom name="{item.name}" class="seen" mesh="{item.name}" material="{item.material}"/>
 """
-        for each in body.shown
+        for item in body.shown
     )
     collisions = "".join(
-        f"""      <geom name={quoteattr(each.name)} {_mjcf_shape(each)} group="3"/>
+        f"""      <geom name={quoteattr(item.name)} {_mjcf_shape(item)} group="3"/>
 """
-        for each in body.collisions
+        for item in body.collisions
     )
     sites = "".join(
-        f"""      <site name={quoteattr(each.name)} class="place" pos="{numbers(each.place)}"{_euler(each.rotation)}\
-{f' size="{number(each.diameter / 4)}"' if each.diameter else ""}/>
+        f"""      <site name={quoteattr(item.name)} class="place" pos="{numbers(item.place)}"{_euler(item.rotation)}\
+{f' size="{number(item.diameter / 4)}"' if item.diameter else ""}/>
 """
-        for each in body.sites
+        for item in body.sites
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <mujoco model="{body.name}">
@@ -458,19 +458,21 @@ def _body(body: Simulated) -> str:
 """
 
 
-def _mjcf_shape(each: Collision) -> str:
+def _mjcf_shape(solid: Collision) -> str:
     """Type, half of the size, and place; a mesh stands for its convex hull."""
-    if each.mesh is not None:
-        return f'type="mesh" mesh="{each.mesh.name}"'
-    halves = (each.size[0], each.size[1] / 2) if each.shape == "cylinder" else np.array(each.size) / 2
-    return f'type="{each.shape}" size="{numbers(np.array(halves))}" pos="{numbers(each.center)}"{_euler(each.rotation)}'
+    if solid.mesh is not None:
+        return f'type="mesh" mesh="{solid.mesh.name}"'
+    halves = (solid.size[0], solid.size[1] / 2) if solid.shape == "cylinder" else np.array(solid.size) / 2
+    return (
+        f'type="{solid.shape}" size="{numbers(np.array(halves))}" pos="{numbers(solid.center)}"{_euler(solid.rotation)}'
+    )
 
 
-def _euler(turn: Array) -> str:
+def _euler(rotation: Array) -> str:
     """Rotation as a quaternion w, x, y, z; nothing for none."""
     from scipy.spatial.transform import Rotation
 
-    if np.array_equal(turn, np.eye(3)):
+    if np.array_equal(rotation, np.eye(3)):
         return ""
-    x, y, z, w = Rotation.from_matrix(turn).as_quat(canonical=True)
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return f' quat="{numbers(np.array([w, x, y, z]))}"'
