@@ -37,7 +37,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker import Marker
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
-from markergen.model.sight import coverage, diameters_of, disks_in_view
+from markergen.model.sight import coverage, disks_in_view
 from markergen.model.spec import ImageNoise
 from markergen.render import DEFAULT_OPTICS, Patch, circle, render_patches, render_view
 from markergen.validation.bounds import image_covariance
@@ -78,7 +78,7 @@ def pad_contestant(pad: Marker) -> Look:
         least = image_covariance(pad, PAPER_CAMERA, here, DEFAULT_OPTICS)[0, found.ids]
         off = np.linalg.norm(found.pixels - truth, axis=-1)
         assert found.pose is not None
-        large = disks_in_view(pad.xyz, diameters_of(pad), PAPER_CAMERA, here)[0, found.ids]
+        large = disks_in_view(pad.xyz, 2 * pad.radii, PAPER_CAMERA, here)[0, found.ids]
         return off, off[large] / np.sqrt(np.trace(least[large], axis1=-2, axis2=-1)), found.pose.rotation
 
     return look

@@ -42,7 +42,7 @@ from markergen.model.poses import named_poses
 from markergen.model.tag import Tag
 from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS
-from markergen.validation.rigs.views import built
+from markergen.validation.print_error import misprinted
 
 EDGE, FAMILY, CELLS = 0.08, "aruco:DICT_4X4_50", 8
 POSES = "sphere:distance=0.25..0.6m,sampling=random,count={}"
@@ -137,7 +137,7 @@ def cubes(rig: mg.Rig, views: int, aprilcube: str | None) -> Rows:
     aruco, frames, scores = tag_poses(tags, camera), list[Image](), dict[str, Score]()
     for k, truth in enumerate(zip(poses.rotation, poses.translation, strict=True)):
         clutter = Scenery(BACKGROUNDS["clutter"](camera, np.random.default_rng([k, 0])))
-        made = built(rig, ErrorSources(PRINT_SIGMA), np.random.default_rng([k, 2]))
+        made = misprinted(rig, ErrorSources(PRINT_SIGMA), np.random.default_rng([k, 2]))
         image, rough, other = (
             render_view(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), clutter)
             for each in (rig, made, tags)

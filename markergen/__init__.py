@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from markergen.model.rig import Rig
     from markergen.optimize.design import Design
     from markergen.optimize.rig_design import RigDesign
-    from markergen.validation.rigs.validation import RigValidation
-    from markergen.validation.validation import Validation
+    from markergen.validation.result import Validation
     from markergen.verification.result import Verification
 
 __version__ = "0.2.0"
@@ -57,7 +56,6 @@ __all__ = [
     "Rescaled",
     "Rig",
     "RigDesign",
-    "RigValidation",
     "Study",
     "Validation",
     "Verification",
@@ -81,8 +79,7 @@ _HOMES = {
     "optimize.design": ("Design",),
     "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
-    "validation.rigs.validation": ("RigValidation",),
-    "validation.validation": ("Validation",),
+    "validation.result": ("Validation",),
     "comparison.result": ("Comparison",),
     "verification.result": ("Verification",),
     "calibration.calibration": ("Calibration",),
@@ -100,7 +97,7 @@ _HOMES = {
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
-_RENAMED = {"RigMarker": "Plate"}
+_RENAMED = {"RigMarker": "Plate", "RigValidation": "Validation"}
 """Names of the release before, and what they are now; they go with the next."""
 
 # Silent unless the application configures logging.

@@ -2,8 +2,7 @@
 
 import logging
 import time
-from collections.abc import Mapping
-from typing import Any, Unpack, overload
+from typing import Any, Unpack
 
 from markergen.api.arguments import as_camera, files_among
 from markergen.defaults import VIEWS
@@ -13,14 +12,11 @@ from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
-from markergen.options.kinds import CameraLike, File, Files, MarkerLike, TargetLike
-from markergen.presentation.results import Targets
+from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text
-from markergen.validation.result import check_pictures
-from markergen.validation.rigs.validation import RigValidation, rig_setting, validate_rig
-from markergen.validation.rigs.views import RigViews
-from markergen.validation.validation import Validation, setting_of
+from markergen.validation.result import Validation, check_pictures
+from markergen.validation.setting import setting_of
 from markergen.validation.validation import validate as run
 from markergen.validation.views import SyntheticViews
 
@@ -28,33 +24,11 @@ _log = logging.getLogger(__name__)
 
 """Default number of synthetic images."""
 
-
-@overload
-def validate(
-    marker: MarkerLike,
-    camera: CameraLike | None = None,
-    *,
-    save: Files = (),
-    json: File | None = None,
-    report: File | None = None,
-    pictures: File | None = None,
-    progress: Progress | None = None,
-    **options: Unpack[ValidateKeywords],
-) -> Validation: ...
-
-
-@overload
-def validate(
-    marker: Rig,
-    camera: CameraLike | None = None,
-    *,
-    save: Files = (),
-    json: File | None = None,
-    report: File | None = None,
-    pictures: File | None = None,
-    progress: Progress | None = None,
-    **options: Unpack[ValidateKeywords],
-) -> RigValidation: ...
+NOT_FOR_RIGS = {
+    "refine": "it fits one plate to the grey levels",
+    "trials_for_all": "there are no common layouts of its plates",
+}
+"""Options that a rig does not take, and why."""
 
 
 def validate(
@@ -67,7 +41,7 @@ def validate(
     pictures: File | None = None,
     progress: Progress | None = None,
     **options: Unpack[ValidateKeywords],
-) -> Validation | RigValidation:
+) -> Validation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
     Noisy trials at every pose that sees the whole marker are compared with the Cramer-Rao bound; then synthetic images
@@ -94,7 +68,7 @@ def validate(
 
     Returns
     -------
-    Validation, or RigValidation for a rig
+    Validation
 
     Raises
     ------
@@ -119,19 +93,22 @@ def validate(
     (True, 'estimators.lm.failure_rate = 0 <= 0')
     """
     check_progress(progress)
-    settled = settle(options, ValidateKeywords)
+    settled, usual = settle(options, ValidateKeywords), settle({}, ValidateKeywords)
     targets = Validation.targets(save, pictures, json=json, report=report)
     optics = optics_from_text(settled["optics"] or "")
     judged = load_marker_or_rig(marker)
     if isinstance(judged, Rig):
-        return _validated(judged, marker, camera, settled, targets, progress)
-    views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
+        for name, reason in NOT_FOR_RIGS.items():
+            if settled[name] != usual[name]:
+                option = f"--{name.replace('_', '-')}"
+                raise InputError(f"no {option} for a rig: {reason}", brief(settled[name]), "leave it out")
+    views = (VIEWS if judged.radii.all() else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
     setting = setting_of(judged, settled["poses"], as_camera(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     printed = planned_print(judged) if settled["print_sigma"] is None else settled["print_sigma"]
-    series = SyntheticViews(
+    series: SyntheticViews[Any] = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"],
         ErrorSources(printed, covariance, scale_sigma=settled["scale_sigma"]),
         settled["hide"], settled["refine"],
@@ -147,40 +124,6 @@ def validate(
     _log.info("validated in %.1f s", time.perf_counter() - began)
     written = Validation(results, series).write(targets, progress)
     return Validation(results, series, written)
-
-
-ONLY_MARKERS = ("hide", "refine", "stress", "trials_for_all", "scale_sigma")
-"""Options that a rig does not take."""
-
-
-def _validated(
-    rig: Rig,
-    source: object,
-    camera: CameraLike | None,
-    settled: Mapping[str, Any],
-    targets: Targets,
-    progress: Progress | None,
-) -> RigValidation:
-    """Validate a rig."""
-    usual = settle({}, ValidateKeywords)
-    for name in ONLY_MARKERS:
-        if settled[name] != usual[name]:
-            raise InputError(f"no --{name.replace('_', '-')} for a rig", brief(settled[name]), "leave it out")
-    views = VIEWS if settled["views"] is None else settled["views"]
-    by, poses = rig_setting(rig, settled["poses"], as_camera(camera))
-    covariance = camera_covariance(settled["camera_covariance"], camera, by)
-    printed = planned_print(rig) if settled["print_sigma"] is None else settled["print_sigma"]
-    series = RigViews(
-        rig, by, poses, views, settled["seed"], optics_from_text(settled["optics"] or ""), settled["background"],
-        ErrorSources(printed, covariance),
-    )  # fmt: skip
-    check_pictures(targets, views)
-    targets.check(files_among(source, camera, settled["camera_covariance"], settled["poses"]))
-    _log.info("validating: %d poses x %d runs, %d views", len(poses), settled["runs"], views)
-    results = validate_rig(
-        series, settled["noise"], settled["runs"], settled["seed"], settled["workers"], progress
-    )  # fmt: skip
-    return RigValidation(results, series, RigValidation(results, series).write(targets, progress))
 
 
 validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

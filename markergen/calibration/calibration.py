@@ -40,7 +40,7 @@ from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 
 Array = NDArray[np.float64]
 

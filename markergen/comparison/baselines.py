@@ -1,6 +1,7 @@
 """Contestants to compare a marker with: other markers, common layouts, tags and boards, all of one size."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from markergen.comparison.contestants import KINDS, Arena, Contestant, forms
@@ -16,8 +17,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.read.poses import poses_from
 from markergen.units import format_length
-from markergen.validation.rigs.validation import rig_setting
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 
 DEFAULTS = (
     "ngon", "square", "random", "aruco:DICT_4X4_50", "edges:aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5",
@@ -98,7 +98,7 @@ def _rig_line_up(
     wanted: Sequence[str], rigs: Mapping[str, Rig], poses: str | PoseDistribution | None
 ) -> tuple[list[Contestant], Setting]:
     first = next(iter(rigs.values()))
-    camera, distribution = rig_setting(first, poses)
+    setting = setting_of(first, poses)
     found = list[Contestant]()
     for text in wanted if len(wanted) > 1 else [*wanted, *RIG_DEFAULTS]:
         if text in rigs:
@@ -111,7 +111,7 @@ def _rig_line_up(
             raise InputError(
                 "a rig, or a tag on each of its plates", text, "give a rig.json, aruco:DICT or apriltag:FAMILY"
             )
-    return found, Setting(Circle(first.radius), camera, distribution)
+    return found, replace(setting, sight=None)
 
 
 def _read(text: str) -> Marker | Rig:

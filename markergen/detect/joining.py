@@ -364,7 +364,7 @@ def spatial_errors(body: Body, dots: Indices, turn: Array, errors: ErrorSources)
 
     A dot at R x + t in the body, on a plate whose pose is off by (w, dt), is off by w x R x + dt.
     """
-    whole = np.zeros((len(dots), 3, len(dots), 3))
+    whole, scaled = np.zeros((len(dots), 3, len(dots), 3)), np.zeros((len(dots), 3, 2))
     for k, each in enumerate(body.plates):
         own = np.flatnonzero(body.owner[dots] == k)
         if not len(own):
@@ -377,6 +377,9 @@ def spatial_errors(body: Body, dots: Indices, turn: Array, errors: ErrorSources)
         whole[own[:, None, None, None], np.arange(3)[:, None, None], own[:, None], np.arange(3)] = np.einsum(
             "ia,manb,jb->minj", out, block, out
         )
+        scaled[own] = each.rotation_matrix[:, :2] @ sources.scaled(each.marker.xyz[rows])
+    # Printed on one printer, all plates have its scale.
+    whole += np.einsum("mik,njk->minj", scaled, scaled)
     relation = body.relation_covariance
     if relation is not None:
         moved = np.zeros((len(dots), 3, len(relation)))

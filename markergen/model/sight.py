@@ -18,6 +18,7 @@ from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 MARGIN_PX = 3.0
@@ -96,7 +97,7 @@ def disks_in_view(
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """What each of P poses sees of a marker whose dots have one or several diameters.
+    """What each of P poses sees of a body whose dots have one or several diameters.
 
     Attributes
     ----------
@@ -104,17 +105,26 @@ class Coverage:
     diameters : array (n,), m
     seen : array (P, n) of bool
         See `dots_in_view`.
+    owner : array (n,) of int or None
+        Plate of each dot; None if all are on one.
     """
 
     points: Array
     diameters: Array
     poses: PoseDistribution
     seen: Mask
+    owner: Indices | None = None
 
     @cached_property
-    def scales(self) -> tuple[NDArray[np.intp], ...]:
-        """Indices of the dots of each diameter, the largest first."""
-        return scales_of(self.diameters)
+    def on_plates(self) -> tuple[Indices, ...]:
+        """Indices of the dots of each plate."""
+        owner = np.zeros(len(self.points), dtype=np.intp) if self.owner is None else self.owner
+        return tuple(np.flatnonzero(owner == k) for k in range(owner.max(initial=0) + 1))
+
+    @cached_property
+    def scales(self) -> tuple[Indices, ...]:
+        """Indices of the dots of each diameter of each plate, the largest first."""
+        return tuple(dots[scale] for dots in self.on_plates for scale in scales_of(self.diameters[dots]))
 
     @cached_property
     def serving(self) -> Mask:
@@ -123,11 +133,26 @@ class Coverage:
 
     @property
     def served(self) -> Mask:
-        """Mask (P,) of the poses in which the marker can be found."""
+        """Mask (P,) of the poses in which the body can be found: by dots of one scale of one plate."""
         return np.asarray(self.serving.any(axis=-1))
 
+    @cached_property
+    def plate_served(self) -> Mask:
+        """Mask (P, k): whether each of k plates can be found by itself."""
+        parts = ([np.isin(scale[0], dots) for scale in self.scales] for dots in self.on_plates)
+        return np.stack([self.serving[:, part].any(axis=-1) for part in parts], axis=-1)
+
+    @cached_property
+    def plates(self) -> Indices:
+        """Number (P,) of plates of which dots are in view."""
+        return np.sum([self.seen[:, dots].any(axis=1) for dots in self.on_plates], axis=0)
+
+    def by_plates(self) -> dict[str, Mask]:
+        """Masks (P,) of the served poses by the number of plates of which dots are in view."""
+        return {str(k): mask for k in np.unique(self.plates) if (mask := self.served & (self.plates == k)).any()}
+
     @property
-    def count(self) -> NDArray[np.intp]:
+    def count(self) -> Indices:
         """Number (P,) of dots in view."""
         return np.asarray(self.seen.sum(axis=-1))
 
@@ -156,7 +181,7 @@ class Coverage:
                 mask = mask | before
             merged.append((low, high, mask))
             missed = True
-        return [self._gap(*each) for each in merged]
+        return [self._gap(*band) for band in merged]
 
     def _gap(self, low: float, high: float, mask: Mask) -> str:
         short = mask & ~self.served
@@ -177,16 +202,15 @@ class Coverage:
                 "poses": int(mask.sum()),
                 "served": int(self.served[mask].sum()),
                 "dots": [int(self.count[mask].min()), float(np.median(self.count[mask])), int(self.count[mask].max())],
-                "serving": [int(each) for each in self.serving[mask].sum(axis=0)],
+                "serving": self.serving[mask].sum(axis=0).tolist(),
             }
             for low, high, mask in self.bands()
         ]
 
 
-def coverage(marker: Marker, camera: Camera, poses: PoseDistribution) -> Coverage:
-    """What each pose sees of a marker; dots are large enough from `Feature.least_pixels` on."""
-    diameters = diameters_of(marker)
-    return Coverage(marker.xyz, diameters, poses, dots_in_view(marker, camera, poses))
+def coverage(body: Body, camera: Camera, poses: PoseDistribution) -> Coverage:
+    """What each pose sees of a body; dots are large enough from `Feature.least_pixels` on."""
+    return Coverage(body.xyz, 2 * body.radii, poses, dots_in_view(body, camera, poses), body.owner)
 
 
 def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) -> PoseDistribution:
@@ -207,12 +231,6 @@ def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) ->
     return poses.taken(kept, poses.dropped + len(poses) - kept.size)
 
 
-def partly_seen(marker: Marker, camera: Camera, poses: PoseDistribution) -> Mask | None:
-    """Mask (P, n) of the dots that count, of a marker with dots of several sizes; None if all count."""
-    several = len(marker.constellations) > 1
-    return coverage(marker, camera, poses).seen if several else None
-
-
-def diameters_of(marker: Marker) -> Array:
-    """Diameters (n,) in m of a marker's dots."""
-    return np.array([point.feature.diameter for point in marker.control_points])
+def partly_seen(body: Body, camera: Camera, poses: PoseDistribution) -> Mask | None:
+    """Mask (P, n) of the dots that count; None if all do, as those of a marker with dots of one size."""
+    return None if body.is_single else coverage(body, camera, poses).seen

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.coverage import paint
+from markergen.model.body import Body
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
 from markergen.registry import Registry
 from markergen.render.optics import Optics
 from markergen.render.patches import Patch, project_patches
@@ -212,9 +212,9 @@ def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[O
 
 
 def hiding(
-    marker: Marker, hidden: Iterable[int], camera: Camera, rotation: Array, translation: Array, rng: np.random.Generator
+    body: Body, hidden: Iterable[int], camera: Camera, rotation: Array, translation: Array, rng: np.random.Generator
 ) -> tuple[Occluder, ...]:
-    """Fingers on the marker that hide the given dots completely, and no others.
+    """Fingers on the plates that hide the given dots completely, and no others of their plates.
 
     A finger is a strip 10 % wider than the dot. It reaches the dot from outside the boundary, from the direction with
     the largest gap to the other dots; if every direction would touch another dot, a disk covers the dot alone.
@@ -222,12 +222,14 @@ def hiding(
     Parameters
     ----------
     hidden : iterable of int
-        Indices of control points.
+        Numbers of the dots in the body.
     rotation, translation : arrays (3, 3) and (3,), m
-        The pose from which the marker is seen.
+        The pose T_camera_body.
     """
     occluders = []
-    for k in map(int, hidden):
+    for dot in map(int, hidden):
+        plate, k = body.plates[body.owner[dot]], dot - int(body.first[body.owner[dot]])
+        marker, pose = plate.marker, plate.camera_pose(rotation, translation)
         point = marker.control_points[k]
         radius = 0.55 * point.feature.diameter
         gaps = marker.xyz[:, :2] - marker.xyz[k, :2]
@@ -244,7 +246,7 @@ def hiding(
         outline = marker.xyz[k, :2] + np.concatenate([end, length * along[best] - end])
         patch = Patch((np.column_stack([outline, np.full(len(outline), point.z)]),), 0.0)
         grey = float(rng.integers(40, 240))
-        occluders += [Occluder(seen, grey) for seen in project_patches([patch], camera, rotation, translation) if seen]
+        occluders += [Occluder(seen, grey) for seen in project_patches([patch], camera, *pose) if seen]
     return tuple(occluders)
 
 

@@ -104,7 +104,7 @@ class Sketch:
         return sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
 
     @property
-    def series(self) -> SyntheticViews:
+    def series(self) -> SyntheticViews[Marker]:
         """The marker in its setting with these errors, as `validate` takes it."""
         return SyntheticViews(self.marker, self.setting.camera, self.setting.poses, 0, errors=self.sources)
 

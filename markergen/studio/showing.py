@@ -27,7 +27,6 @@ from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, planned_print
 from markergen.model.rig_json import load_rig
-from markergen.model.sight import coverage
 from markergen.options import given
 from markergen.options.declarations import DesignKeywords
 from markergen.presentation.pages import data_uri
@@ -39,10 +38,7 @@ from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_nam
 from markergen.validation import headline
 from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
-from markergen.validation.rigs import bounds as rigs
-from markergen.validation.rigs.validation import rig_setting
-from markergen.validation.rigs.views import RigViews
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
@@ -78,7 +74,8 @@ def subject(request: Mapping[str, Any]) -> Exhibit:
         content = table_in(request, "rig")
         refuse_named_plates(content)
         rig = load_rig(content)
-        return Exhibit(rig, *rig_setting(rig))
+        setting = setting_of(rig)
+        return Exhibit(rig, setting.camera, setting.poses)
     if "marker" in request:
         marker = load_marker(table_in(request, "marker"))
         setting = setting_of(marker)
@@ -182,12 +179,8 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
 def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tuple[dict[str, Any], str]:
     """Errors to expect at every pose, of the print that was planned and to first order, and a sentence on them."""
     usual = ErrorSources(planned_print(what))
-    if isinstance(what, Rig):
-        visibility = rigs.visibility(RigViews(what, camera, poses, 0, errors=usual))
-        served, budget = visibility.served, rigs.budget_of(visibility)
-    else:
-        series = SyntheticViews(what, camera, poses, 0, errors=usual)
-        served, budget = coverage(what, camera, poses).served, budget_of(series)
+    series: SyntheticViews[Any] = SyntheticViews(what, camera, poses, 0, errors=usual)
+    served, budget = series.coverage.served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
     turned, moved = (headline.amount(rms(error[served])) for error in total.values())
     at_poses = {name: np.where(served, error, np.inf) for name, error in total.items()}

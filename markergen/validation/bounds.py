@@ -1,4 +1,4 @@
-"""Cramer-Rao bounds of a marker over a pose distribution, from its points, its dots, or all grey levels."""
+"""Cramer-Rao bounds of a marker or rig over a pose distribution, from its points, its dots, or all grey levels."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.bounds.dots import plate_covariances
+from markergen.detect.joining import spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.maths.information import (
     apply_pose_step,
@@ -20,7 +21,9 @@ from markergen.maths.information import (
 )
 from markergen.model.body import Body
 from markergen.model.camera import Camera
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 from markergen.model.sight import partly_seen
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import Setting
@@ -32,6 +35,7 @@ from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 UNSEEN_PX2 = 1e12
@@ -56,6 +60,10 @@ class PoseBounds:
     rotation_deg: Array
     translation_pct: Array
     separation: Array
+
+    def summary(self, poses: Mask) -> dict[str, float]:
+        """RMS of the bounds over some poses."""
+        return {"rotation_deg": rms(self.rotation_deg[poses]), "translation_pct": rms(self.translation_pct[poses])}
 
 
 def pose_bounds(
@@ -142,56 +150,106 @@ def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation
 
 
 def image_covariance(
-    marker: Body, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
+    body: Body, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
 ) -> Array:
-    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise at each pose.
+    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise at each pose T_camera_body.
 
     Contrast and noise are those at each dot's position in the image; motion counts as an isotropic blur. Bare points
     have no image and get `bare_px` on every coordinate.
     """
-    if not marker.radii.any():
-        return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
+    if not body.radii.any():
+        return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(body), 2, 2))
 
     def contrast_to_noise(pixels: Array) -> Array:
         factor = light_at(optics, pixels, camera.width, camera.height)
         dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
         return np.asarray((light - dark) / optics.grey_noise((dark + light) / 2))
 
-    return plate_covariances(marker, camera, poses, optics.edge_blur, contrast_to_noise)
+    return plate_covariances(body, camera, poses, optics.edge_blur, contrast_to_noise)
 
 
-def counted_covariance(series: SyntheticViews, bare_px: float = 0.0) -> Array:
+def counted_covariance(series: SyntheticViews[Marker], bare_px: float = 0.0) -> Array:
     """`image_covariance` (P, n, 2, 2) at every pose of a series; of dots that do not count, `UNSEEN_PX2`."""
     image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
     seen = partly_seen(series.marker, series.camera, series.poses)
     return image if seen is None else np.where(seen[..., None, None], image, UNSEEN_PX2 * np.eye(2))
 
 
-def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
-    """Error budget (P, 6, 6) for every pose of a series, with its optics, print and calibration."""
-    poses = series.poses
-    image = counted_covariance(series, bare_px)
-    errors = series.errors.of(series.marker)
-    return pose_budget(series.marker.xyz, poses.rotation, poses.translation, series.camera, image, errors)
+def budget_of(series: SyntheticViews[Any], bare_px: float = 0.0, alone: bool = False) -> PoseBudget:
+    """Error budget (P, 6, 6) for every pose of a series, with its optics, print and calibration.
+
+    Of a rig, from all dots in view or, `alone`, from those of the plate that determine the pose best. The weights are
+    those of `detect`: each dot's noise from the image, its print and the plates' relation. What the relation does to
+    all dots of a plate at once is exact. Infinite where no plate shows enough dots.
+    """
+    body, poses, camera = series.marker, series.poses, series.camera
+    if isinstance(body, Marker):
+        image = counted_covariance(series, bare_px)
+        return pose_budget(body.xyz, poses.rotation, poses.translation, camera, image, series.errors.of(body))
+    image, in_view = image_covariance(body, camera, poses, series.optics), series.coverage
+    parts = {name: np.full((len(poses), 6, 6), np.inf) for name in ("image", "print", "camera", "total")}
+    for pose in map(int, np.flatnonzero(in_view.served)):
+        dots = np.flatnonzero(in_view.seen[pose])
+        plates = np.flatnonzero(in_view.plate_served[pose])
+        choices = [dots[body.owner[dots] == k] for k in plates] if alone else [dots]
+        budgets = [rig_budget(series, pose, choice, image[pose, choice]) for choice in choices]
+        best = min(budgets, key=lambda budget: float(budget.rotation_deg["total"][0]))
+        for name, values in parts.items():
+            values[pose] = getattr(best, name)[0]
+    return PoseBudget(**parts)
 
 
-def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]:
-    """Return pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent."""
-    budget = budget_of(series, bare_px)
-    image = counted_covariance(series, bare_px)
-    variance = np.trace(image, axis1=-2, axis2=-1)
+def rig_budget(series: SyntheticViews[Rig], pose: int, dots: Indices, image: Array) -> PoseBudget:
+    """Error budget (1, 6, 6) of a rig at a pose from some dots (m,), whose centers have covariances (m, 2, 2), px^2."""
+    rig, poses = series.marker, series.poses
+    return pose_budget(
+        rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, image[None],
+        spatial_errors(rig, dots, np.eye(3), series.errors),
+    )  # fmt: skip
+
+
+def error_budget(
+    series: SyntheticViews[Any],
+    bare_px: float = 0.0,
+    budget: PoseBudget | None = None,
+    alone: PoseBudget | None = None,
+) -> dict[str, Any]:
+    """Return pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent.
+
+    Those of a rig are over the poses at which a plate shows enough dots, also for the best plate ``alone``. Budgets
+    that are at hand already need not be computed again.
+    """
+    body, poses = series.marker, series.poses
+    is_rig = isinstance(body, Rig)
+    counted = series.coverage.served if is_rig else np.ones(len(poses), dtype=bool)
+    budget = budget or budget_of(series, bare_px)
+
+    def parts(whole: PoseBudget) -> dict[str, Any]:
+        with np.errstate(invalid="ignore"):
+            pct = whole.translation_pct(poses.translation)
+        return {
+            "rotation_deg": {name: rms(part[counted]) for name, part in whole.rotation_deg.items()},
+            "translation_pct": {name: rms(part[counted]) for name, part in pct.items()},
+        }
+
+    if is_rig:
+        image = image_covariance(body, series.camera, poses, series.optics)
+        variance = np.trace(image, axis1=-2, axis2=-1)[series.coverage.seen & counted[:, None]]
+    else:
+        variance = np.trace(counted_covariance(series, bare_px), axis1=-2, axis2=-1)
+        variance = variance[variance < UNSEEN_PX2]
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
-        "print_measured": series.marker.places_measured,
+        "print_measured": any(plate.marker.places_measured for plate in body.plates),
         "camera_exact": series.errors.camera_covariance is None,
-        "outlook": _outlook(series),
-        "image_px": float(np.sqrt(np.mean(variance[variance < UNSEEN_PX2]))),
-        "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
-        "translation_pct": {name: rms(part) for name, part in budget.translation_pct(series.poses.translation).items()},
+        **({} if is_rig else {"outlook": _outlook(series)}),
+        "image_px": float(np.sqrt(np.mean(variance))),
+        **parts(budget),
+        **({"alone": parts(alone or budget_of(series, alone=True))} if is_rig else {}),
     }
 
 
-def _outlook(series: SyntheticViews) -> str | None:
+def _outlook(series: SyntheticViews[Marker]) -> str | None:
     """What more dots would bring (see `outlook`); None for a relief, bare points, several sizes and measured prints."""
     marker, errors = series.marker, series.errors
     several = len(marker.constellations) > 1

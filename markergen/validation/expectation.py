@@ -30,6 +30,7 @@ from markergen.estimators.budget import PoseBudget, print_covariance
 from markergen.maths.information import apply_pose_step, flip_separation, mirrored_rotation
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import angle_between
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.validation.bounds import budget_of, counted_covariance
 from markergen.validation.metrics import FLIP_SEPARATION, pose_failed
@@ -89,7 +90,7 @@ class Expectation:
 class _Images:
     """What is drawn and weighed at P poses: exact normalized images, their covariances, and the budget of the pose."""
 
-    series: SyntheticViews
+    series: SyntheticViews[Marker]
     budget: PoseBudget
     exact: Array
     image: Array
@@ -108,7 +109,7 @@ class _Images:
 
 
 def expect(
-    series: SyntheticViews,
+    series: SyntheticViews[Marker],
     bare_px: float = 0.0,
     seed: int = 0,
     sample: bool | None = None,
@@ -165,7 +166,7 @@ def _draws(poses: int, dots: int) -> int:
     return int(np.clip(limit, LEAST_DRAWS, MOST_DRAWS))
 
 
-def _images(series: SyntheticViews, bare_px: float) -> _Images:
+def _images(series: SyntheticViews[Marker], bare_px: float) -> _Images:
     marker, camera, poses = series.marker, series.camera, series.poses
     pixels = np.broadcast_to(counted_covariance(series, bare_px), (len(poses), len(marker), 2, 2))
     exact = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
@@ -309,6 +310,6 @@ def _rng(seed: int, pose: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(pose, _STREAM)))
 
 
-def without_calibration(series: SyntheticViews) -> SyntheticViews:
+def without_calibration(series: SyntheticViews[Marker]) -> SyntheticViews[Marker]:
     """Return the series with an exact calibration, as that of the views, which are rendered with the camera itself."""
     return replace(series, errors=replace(series.errors, camera_covariance=None))

@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.estimators.budget import PoseBudget
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 from markergen.presentation.tables import number, percent
 from markergen.validation.expectation import Expectation, expect
 from markergen.validation.metrics import rms, share_interval
@@ -32,7 +35,7 @@ _KEYS = ("rotation_deg", "translation_mm")
 _UNITS = {"rotation_deg": "deg", "translation_mm": "mm"}
 
 
-def of(expected: Expectation, series: SyntheticViews, bare_px: float, seed: int) -> dict[str, Any]:
+def of(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
     """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
     ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
@@ -53,6 +56,38 @@ def of(expected: Expectation, series: SyntheticViews, bare_px: float, seed: int)
             key: over_all[key] for key in ("rotation_deg", "translation_pct")
         }
     return found
+
+
+def of_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
+    """Errors to expect of a rig, to first order: by the number of plates in view, and in the hardest case to plan with.
+
+    Parameters
+    ----------
+    joint, alone : PoseBudget
+        Of all plates in view, and of the best of them by itself; see `budget_of`.
+    """
+    by_plates, errors = series.coverage.by_plates(), series.errors
+    expected = {name: _first_order(joint, mask) for name, mask in by_plates.items()}
+    rows = {
+        name: {"poses": int(mask.sum()), **expected[name], "alone": _first_order(alone, mask)}
+        for name, mask in by_plates.items()
+    }
+    served = series.coverage.served
+    measured = any(plate.marker.places_measured for plate in series.marker.plates)
+    return {
+        **{key: max(row[key] for row in expected.values()) for key in _KEYS},
+        "by_plates": rows,
+        "all": {"poses": int(served.sum()), **_first_order(joint, served)},
+        "alone": _first_order(alone, served),
+        "source": source_of(1e3 * errors.print_sigma, errors.camera_covariance is not None, measured),
+    }
+
+
+def _first_order(budget: PoseBudget, poses: Mask) -> dict[str, float]:
+    return {
+        "rotation_deg": rms(budget.rotation_deg["total"][poses]),
+        "translation_mm": rms(1e3 * budget.translation["total"][poses]),
+    }
 
 
 def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dict[str, Any]:
@@ -149,44 +184,70 @@ def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = F
     return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
 
 
-def sentences(found: Mapping[str, Any]) -> list[str]:
-    """Say what to plan with, first, then how it was computed, and what the views of the same run say to it.
+def verdict(results: Mapping[str, Any]) -> list[str]:
+    """State what to plan with, first, then how it was computed, and what the views of the same run show."""
+    return _rig_sentences(results) if "rig" in results else sentences(results["headline"])
 
-    Parameters
-    ----------
-    found : mapping
-        Return value of `headline`, with that of `compare_views` under ``views``.
-    """
-    turned, moved = (found["hardest"][key] for key in _KEYS)
-    over_all, deg, mm = found["all"], amount(found["rotation_deg"]), amount(found["translation_mm"])
-    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(turned["tilt"]) < 10 else ""
-    rate = f" ({percent(turned['flip_rate'])} there)" if turned["flip_rate"] > LEAST_SAID else ""
+
+def sentences(claim: Mapping[str, Any]) -> list[str]:
+    """Sentences about a marker's `headline`, with that of `compare_views` under ``views``."""
+    rotated, moved = (claim["hardest"][key] for key in _KEYS)
+    over_all, deg, mm = claim["all"], amount(claim["rotation_deg"]), amount(claim["translation_mm"])
+    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
+    rate = f" ({percent(rotated['flip_rate'])} there)" if rotated["flip_rate"] > LEAST_SAID else ""
     with_flips = f"RMS, including flips{rate}"
-    views = found.get("views") or {}
+    views = claim.get("views") or {}
     # What is claimed is no plan where the views of the same run contradict it.
     begin, end = (
         ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
     )
-    if _place(turned) == _place(moved):
-        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(turned)}.{frontal}{end}"
+    if _place(rotated) == _place(moved):
+        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(rotated)}.{frontal}{end}"
     else:
-        places = f"{deg} deg (at {_place(turned)}) and {mm} mm (at {_place(moved)})"
+        places = f"{deg} deg (at {_place(rotated)}) and {mm} mm (at {_place(moved)})"
         plan = f"{begin} {places} {with_flips}: the hardest cases.{frontal}{end}"
-    if turned["failure_rate"]:
-        plan += f" {percent(turned['failure_rate'])} of the estimates fail there, and are not included."
-    said = [
+    if rotated["failure_rate"]:
+        plan += f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
+    sentences = [
         plan,
         f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
         f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
-        f"{found['source']}.",
+        f"{claim['source']}.",
     ]
     if over_all["sampled"]:
-        says = f" (in the hardest it claims {amount(turned['first_order_deg'])} deg)" if turned["sampled"] else ""
-        said.append(
+        says = f" (in the hardest it claims {amount(rotated['first_order_deg'])} deg)" if rotated["sampled"] else ""
+        sentences.append(
             f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
-            f" {found['draws']} estimates were sampled in each, and are what counts here."
+            f" {claim['draws']} estimates were sampled in each, and are what counts here."
         )
-    return said + (_of_views(found["views"]) if found.get("views") else [])
+    return sentences + (_of_views(claim["views"]) if claim.get("views") else [])
+
+
+def _rig_sentences(results: Mapping[str, Any]) -> list[str]:
+    """State what to plan with of a rig, first, what several plates gain, and what the views found."""
+    plan, poses, views = results["headline"], results["poses"], results["views"]
+    hardest = max(plan["by_plates"], key=lambda name: plan["by_plates"][name]["rotation_deg"] or np.inf)
+
+    def errors(row: Mapping[str, Any]) -> str:
+        return f"{amount(row['rotation_deg'])} deg and {amount(row['translation_mm'])} mm"
+
+    sentences = [
+        f"Plan with {errors(plan)} RMS: the hardest case, with {hardest} plate{'s' * (hardest != '1')} in view.",
+        f"Over all {plan['all']['poses']} poses: {errors(plan['all'])}, with {plan['source']}; the best plate of each "
+        f"alone: {errors(plan['alone'])}.",
+    ]
+    if results["rig"]["relation_exact"]:
+        sentences.append("The relation of the plates is taken as exact: the rig has no relation_covariance.")
+    if poses["served"] < poses["count"]:
+        missed = poses["count"] - poses["served"]
+        sentences.append(f"{missed} of {poses['count']} poses show no plate well enough to find it.")
+    if views:
+        wrong = f", {views['wrong']} with wrong labels" if views["wrong"] else ", none with a wrong label"
+        sentences.append(f"Found in {views['detected']} of {views['count']} views{wrong}.")
+        flipped, seen = views["plates"]["flipped"], views["plates"]["found"]
+        if flipped:
+            sentences.append(f"Of {seen} plates that were found there, {flipped} by themselves have a flipped pose.")
+    return sentences
 
 
 def amount(value: float | None, digits: int = 2) -> str:

@@ -1,14 +1,18 @@
 """Simulated print errors, consistent with the error budget."""
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators.budget import ErrorSources
+from markergen.maths.rotation import exponential
 from markergen.model.marker import Marker
+from markergen.model.rig import Rig
 
 Array = NDArray[np.float64]
+B = TypeVar("B", Marker, Rig)
 
 
 def displacement(
@@ -38,11 +42,36 @@ def displacement(
     return np.asarray((roots @ offset[..., None])[..., 0]) + scaled
 
 
-def misprinted(marker: Marker, errors: ErrorSources, rng: np.random.Generator) -> Marker:
-    """Return the marker as printed, or itself if there are no errors."""
-    if not (errors.scale_sigma or errors.print_sigma or marker.places_measured):
-        return marker
-    return displaced(marker, displacement(marker, errors, rng))
+def misprinted(body: B, errors: ErrorSources, rng: np.random.Generator) -> B:
+    """Return a marker as printed, or itself without errors; and a rig as printed and assembled.
+
+    The plates of a rig have one scale, and are moved by the covariance of their relation.
+    """
+    if isinstance(body, Rig):
+        return _assembled(body, errors, rng)
+    if not (errors.scale_sigma or errors.print_sigma or body.places_measured):
+        return body
+    return displaced(body, displacement(body, errors, rng))
+
+
+def _assembled(rig: Rig, errors: ErrorSources, rng: np.random.Generator) -> Rig:
+    plates = [
+        replace(plate, marker=misprinted(plate.marker, replace(errors, scale_sigma=0.0), rng)) for plate in rig.plates
+    ]
+    relation = rig.relation_covariance
+    if relation is not None:
+        values, vectors = np.linalg.eigh(relation)
+        steps = (vectors * np.sqrt(np.maximum(values, 0))) @ rng.standard_normal(len(values))
+        for k, (plate, step) in enumerate(zip(plates, steps.reshape(-1, 6), strict=True)):
+            rotation = exponential(step[:3]) @ plate.rotation_matrix
+            translation = tuple(plate.translation_vector + step[3:])
+            plates[k] = replace(plate, rotation=tuple(map(tuple, rotation)), translation=translation)
+    if errors.scale_sigma:
+        scale = rng.standard_normal(2)
+        for k, (plate, designed) in enumerate(zip(plates, rig.plates, strict=True)):
+            scaled = errors.of(designed.marker).scaled(designed.marker.xyz) @ scale
+            plates[k] = replace(plate, marker=displaced(plate.marker, scaled))
+    return replace(rig, markers=tuple(plates))
 
 
 def displaced(marker: Marker, offset: Array) -> Marker:

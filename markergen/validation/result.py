@@ -1,38 +1,69 @@
-"""What the results of validating a marker and of validating a rig have in common: access by name, checks, and files."""
+"""The result of a validation: to print, draw, save, check and process."""
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from markergen.errors import InputError, brief
 from markergen.files import Written, write_all
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.objectives import Setting
 from markergen.options import Progress, check_progress
-from markergen.presentation.plots import figure_bytes, new_figure
+from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
-from markergen.validation import fail_if
-from markergen.validation.views import Picture, ViewSeries, remove_earlier
+from markergen.presentation.tables import Table, data_frame, number
+from markergen.validation import fail_if, headline, tables
+from markergen.validation.bounds import budget_of
+from markergen.validation.metrics import STATISTICS
+from markergen.validation.report import html_report, rig_report
+from markergen.validation.report.plots import errors_over
+from markergen.validation.setting import setting_for
+from markergen.validation.view_records import DETECTOR
+from markergen.validation.views import Picture, SyntheticViews, remove_earlier
 from markergen.validation.views import pictures as drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 
-S = TypeVar("S", bound=ViewSeries[Any])
+class Validation(SavableResult):
+    """The result of `markergen.validate`.
 
-
-class ValidationResult(SavableResult, Generic[S]):
-    """The result of a validation.
+    ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those for a report or a
+    folder of pictures are rendered again, identically.
 
     Parameters
     ----------
     results : mapping
-        In the form described in docs/validate.md.
-    series : ViewSeries
+        Return value of `validation.validate`, in the form described in docs/validate.md, of a rig in docs/rigs.md.
+    series : SyntheticViews
         Marker or rig, camera, poses, optics and error sources of the results.
     written : sequence of Written
         Files that were written together with the results.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> marker = mg.design(n=4, dot="30mm", restarts=2).marker
+    >>> validation = mg.validate(marker, poses="cone:count=20", runs=0, views=0)
+    >>> 0 < validation.bound["rotation_deg"] < 1
+    True
+    >>> print(validation.views)
+    None
+
+    Of a rig, all plates in view are compared with the best of them alone:
+
+    >>> marker = mg.design(n=5, boundary="rect:80mmx80mm", restarts=2).marker
+    >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    >>> faces = mg.Plate("+z", marker, np.eye(3), [0, 0, 0.04]), mg.Plate("+x", marker, side, [0.04, 0, 0])
+    >>> poses = "cone:tilt=40..50,azimuth=0,distance=0.3,count=10"
+    >>> validation = mg.validate(mg.Rig(faces), poses=poses, runs=0, views=0)
+    >>> both = validation.headline["by_plates"]["2"]
+    >>> both["rotation_deg"] < both["alone"]["rotation_deg"]
+    True
     """
 
     KINDS: ClassVar[Mapping[str, str]] = {
@@ -43,9 +74,21 @@ class ValidationResult(SavableResult, Generic[S]):
         ".png": "plot",
     }
 
-    def __init__(self, results: Mapping[str, Any], series: S, written: Sequence[Written] = ()) -> None:
+    def __init__(
+        self, results: Mapping[str, Any], series: SyntheticViews[Any], written: Sequence[Written] = ()
+    ) -> None:
         self._results = dict(results)
         self.series, self.written = series, tuple(written)
+
+    @property
+    def marker(self) -> Marker | Rig:
+        """The marker that was validated, or the rig."""
+        return self.series.marker
+
+    @property
+    def setting(self) -> Setting:
+        """Camera, and the poses that see the entire marker; of a rig, all poses, with the dots that each shows."""
+        return setting_for(self.marker, self.series.camera, self.series.poses)
 
     @property
     def results(self) -> Mapping[str, Any]:
@@ -54,7 +97,10 @@ class ValidationResult(SavableResult, Generic[S]):
 
     @property
     def bound(self) -> Mapping[str, Any]:
-        """RMS Cramer-Rao bounds ``rotation_deg`` and ``translation_pct``, also ``by_polar_angle``, ``by_distance``."""
+        """RMS Cramer-Rao bounds ``rotation_deg`` and ``translation_pct``, also ``by_polar_angle``, ``by_distance``.
+
+        Those of a rig are ``by_plates`` in view instead of ``by_polar_angle``.
+        """
         return MappingProxyType(self._results["bound"])
 
     @property
@@ -124,22 +170,22 @@ class ValidationResult(SavableResult, Generic[S]):
 
     def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
         """Write files that were sorted and checked before, and the pictures of views that they need."""
-        told = progress or (lambda *_: None)
-        shown: list[Picture] = []
+        report = progress or (lambda *_: None)
+        images: list[Picture] = []
         if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
-            told("pictures", 0, 1)
-            shown = list(drawn(self.series, self.views))
-            told("pictures", 1, 1)
+            report("pictures", 0, 1)
+            images = list(drawn(self.series, self.views))
+            report("pictures", 1, 1)
         contents = {}
         for kind, path in targets.files:
             if kind == "report":
-                told("report", 0, 1)
-                contents[path] = self._report(shown)
-                told("report", 1, 1)
+                report("report", 0, 1)
+                contents[path] = self._report(images)
+                report("report", 1, 1)
             else:
                 contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
         if targets.pictures is not None:
-            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
+            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in images}
         write_all(contents)
         if targets.pictures is not None:
             remove_earlier(targets.pictures, {path.name for path in contents})
@@ -153,18 +199,120 @@ class ValidationResult(SavableResult, Generic[S]):
         """Return the results as JSON text."""
         return json_bytes(self._results)
 
-    @abstractmethod
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the errors and their bound; None makes a new figure, available as ``ax.figure``."""
+    @property
+    def nees(self) -> Mapping[str, Any] | None:
+        """Normalized estimation error squared of LM, 6 on average if the covariances are right; None for 0 runs."""
+        nees = self._results["nees"]
+        return None if nees is None else MappingProxyType(nees)
 
-    @abstractmethod
-    def _report(self, shown: Sequence[Picture]) -> bytes:
-        """Return the report as an HTML page, with these pictures."""
+    def to_frame(self) -> "DataFrame":
+        """Return a pandas data frame with one row per estimator and polar angle, and one over all poses.
+
+        Its columns are ``source`` (``trials`` or ``views``), ``estimator``, ``polar_angle_deg`` (a text: an angle, a
+        bin such as ``30..40``, or ``all``; of a rig ``plates``, the number of plates in view), mean, std, rms, median,
+        p95 and max of ``rotation_deg`` and ``translation_pct`` (as in ``rotation_deg_rms``), each with its ``bound``,
+        ``efficiency``, ``flip_rate`` and ``failure_rate``. Undefined values are missing.
+
+        Raises
+        ------
+        MissingLibraryError
+            If pandas is not installed.
+        """
+        column, groups = ("plates", "by_plates") if self._is_rig else ("polar_angle_deg", "by_polar_angle")
+        rows = []
+        for name, estimator in self.estimators.items():
+            for group, row in {"all": estimator, **estimator[groups]}.items():
+                bound = row["bound"] if self._is_rig else self.bound if group == "all" else self.bound[groups][group]
+                rows.append({"source": "trials", "estimator": name, column: group, **_columns(row, bound)})
+        views = self.views or {"estimators": {}, groups: {}}
+        for name in views.get("estimators", (DETECTOR,)):
+            for group, row in {"all": views, **views[groups]}.items():
+                measured = row["estimators"][name] if "estimators" in row else row
+                rows.append({"source": "views", "estimator": name, column: group, **_columns(measured, {})})
+        return data_frame(rows)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the RMS rotation error of each estimator over the polar angle, with the bound beneath.
+
+        Of a rig: of all plates in view and of the best alone, over the distance.
+
+        The errors are those of the trials, or, if there were none, of the synthetic views.
+
+        Parameters
+        ----------
+        ax : matplotlib axes or None
+            Axes to draw on; None makes a new figure, available as ``ax.figure``.
+        """
+        ax = axes_of(ax)
+        groups, label = ("by_distance", "distance, m") if self._is_rig else ("by_polar_angle", "tilt, deg")
+        titles = tables.RIG_TITLES if self._is_rig else {}
+        measured = {titles.get(name, name): _rotation(row[groups]) for name, row in self.estimators.items()}
+        if self.views and not measured and not self._is_rig:
+            views = self.views[groups]
+            for name in self.views["estimators"]:
+                measured[name] = _rotation({group: row["estimators"][name] for group, row in views.items()})
+        errors_over(measured, _rotation(self.bound[groups]), ax)
+        ax.set_xlabel(label)
+        ax.set_ylabel("rotation error, deg")
+        return ax
+
+    def parts(self) -> list[str | Table]:
+        """Return sentences and tables in the order in which the command prints them."""
+        results = self._results
+        plan, *more = headline.verdict(results)
+        # The verdict last, where a terminal still shows it.
+        return [tables.heading(results), *tables.of(results), *tables.sentences(results), *more, plan]
+
+    def __repr__(self) -> str:
+        results, views = self._results, self._results["views"]
+        plan, poses = results["headline"], f"{results['poses']['count']} poses"
+        if self._is_rig:
+            parts = [f"{len(self.marker.plates)} markers", poses]
+        else:
+            parts = [f"{len(self.marker)} dots", f"{poses} x {results['runs']} runs"]
+        if views:
+            parts.append(f"{views['detected']} of {views['count']} views found")
+        parts.append(f"plan with {number(plan['rotation_deg'])} deg {number(plan['translation_mm'])} mm")
+        if not self._is_rig:
+            if views and plan["views"]["disagreements"]:
+                parts.append("the views disagree")
+            measured = {"bound": self.bound, **{name: _rms(row) for name, row in self.estimators.items()}}
+            parts += [
+                f"{name} {number(row['rotation_deg'])} deg {number(row['translation_pct'])} %"
+                for name, row in measured.items()
+            ]
+        return f"<Validation: {', '.join(parts)}>"
+
+    @property
+    def _is_rig(self) -> bool:
+        return "rig" in self._results
+
+    def _report(self, images: Sequence[Picture]) -> bytes:
+        if self._is_rig:
+            return rig_report(self.series, self._results, self.plot, images)
+        budget = budget_of(self.series, self._results["noise_px"])
+        return html_report(self._results, self.series.marker, self.setting, images, budget)
 
     def _figure(self) -> "Figure":
         figure = new_figure()
         self.plot(figure.add_subplot())
         return figure
+
+
+def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:
+    return {group: row["rotation_deg"] for group, row in rows.items()}
+
+
+def _rms(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: row[key]["rms"] for key in ("rotation_deg", "translation_pct")}
+
+
+def _columns(row: Mapping[str, Any], bound: Mapping[str, Any]) -> dict[str, Any]:
+    columns: dict[str, Any] = {}
+    for key in ("rotation_deg", "translation_pct"):
+        columns |= {f"{key}_{name}": row.get(key, {}).get(name) for name in ("count", *STATISTICS)}
+        columns[f"{key}_bound"] = bound.get(key)
+    return columns | {key: row.get(key) for key in ("efficiency", "flip_rate", "failure_rate")}
 
 
 def check_pictures(targets: Targets, views: int) -> None:

@@ -19,6 +19,7 @@ TITLES = {
     "sqpnp": "SQPnP",
     "dlt": "DLT",
 }
+RIG_TITLES = {"lm": "all plates in view", "lm_alone": "the best plate alone"}
 EPNP = (
     "EPnP: the better of two calls to OpenCV's, on the image upright and turned, with a new translation; a single call "
     "mirrors the pose in two of five views of a flat marker, which makes it wrong by about 80 deg RMS."
@@ -51,6 +52,50 @@ DOMINANT = 0.9
 """Share of the variance above which improving any other source gains less than 5 % of the error."""
 
 _VIEW_HEADER = ["", "views", "found", "wrong", "dots px", "bound", "RE deg", "TE %", "H px", "NEES", "in 95 %"]
+
+
+def of(results: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of the results in the order in which the command prints them."""
+    views = results["views"]
+    if "rig" in results:
+        return [
+            rig_table(results),
+            *([rig_trial_table(results)] if results["estimators"] else []),
+            budget_table(results),
+            *([rig_view_table(views)] if views else []),
+            *([rig_stress_table(views)] if views and "stress" in views else []),
+        ]
+    tables = trial_tables(results) if results["estimators"] else []
+    if "coverage" in results:
+        tables.append(coverage_table(results))
+    if results["comparisons"] or "coverage" not in results:
+        tables.append(comparison_table(results))
+    tables.append(budget_table(results))
+    return tables + (view_tables(views) if views else [])
+
+
+def trial_tables(results: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a marker's trials."""
+    tables = [rotation_table(results), translation_table(results)]
+    tables += [polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
+    return [*tables, homography_table(results)] if results.get("homography") else tables
+
+
+def view_tables(views: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a marker's views."""
+    tables = [group_table(views)]
+    if views["detected"]:
+        tables.append(estimator_table(views))
+    if views.get("stress"):
+        tables.append(stress_table(views))
+    return tables
+
+
+def sentences(results: Mapping[str, Any]) -> list[str]:
+    """Return what the command prints between the tables and the verdict of `headline.sentences`."""
+    if "rig" in results:
+        return limit_sentences(results)
+    return [*trial_sentences(results), *view_sentences(results)]
 
 
 def rotation_table(results: Mapping[str, Any]) -> Table:
@@ -235,6 +280,73 @@ def heading(results: Mapping[str, Any]) -> str:
         f"camera {camera['width']}x{camera['height']}, focal lengths {camera['fx']:g} and {camera['fy']:g} px, "
         f"principal point ({camera['cx']:g}, {camera['cy']:g}){lens}"
     )
+
+
+def rig_table(results: Mapping[str, Any]) -> Table:
+    """Errors to expect by the number of plates in view, of all together and of the best alone."""
+    rows = [
+        [
+            name,
+            str(row["poses"]),
+            *(number(row[key]) for key in ("rotation_deg", "translation_mm")),
+            *(number(row["alone"][key]) for key in ("rotation_deg", "translation_mm")),
+        ]
+        for name, row in results["headline"]["by_plates"].items()
+    ]
+    header = ["plates in view", "poses", "RE deg", "mm", "best alone RE deg", "mm"]
+    return Table("Errors to expect, rms to first order", header, rows, "Without flips of plates alone.")
+
+
+def rig_trial_table(results: Mapping[str, Any]) -> Table:
+    """Errors in the trials by the number of plates in view."""
+    rows = []
+    for name, estimator in results["estimators"].items():
+        for plates, row in estimator["by_plates"].items():
+            errors = [number(row["rotation_deg"]["rms"]), number(row["bound"]["rotation_deg"])]
+            errors += [number(row["translation_pct"]["rms"]), number(row["bound"]["translation_pct"])]
+            shares = [number(row["efficiency"]), percent(row["flip_rate"]), percent(row["failure_rate"])]
+            rows.append([f"{RIG_TITLES[name]}: {plates}", *errors, *shares])
+    header = ["", "RE deg", "bound", "TE %", "bound", "effic.", "flips", "failed"]
+    return Table("Trials by the number of plates in view, rms", header, rows, "LM from noisy image points, with flips.")
+
+
+def rig_view_table(views: Mapping[str, Any]) -> Table:
+    """Results of the synthetic views, by the number of plates in view."""
+    rows = [
+        [
+            *_rig_view_row(name, row)[:7],
+            number(row["both"]["alone_deg"]["rms"]),
+            *_rig_view_row(name, row)[7:],
+            f"{row['plates']['flipped']}/{row['plates']['found']}",
+        ]
+        for name, row in {"all": views, **views["by_plates"]}.items()
+    ]
+    header = ["plates", "views", "found", "wrong", "dots px", "RE deg", "expected", "alone", "mm", "NEES", "flips"]
+    caption = (
+        "RMS. Expected: to first order. Alone: the plate's own pose that claims the least error. "
+        "Flips: of the own poses of all plates."
+    )
+    hidden = f", {views['hidden']} of the dots in view hidden" if views["hidden"] else ""
+    return Table(f"Synthetic views ({views['background']} background{hidden})", header, rows, caption)
+
+
+def rig_stress_table(views: Mapping[str, Any]) -> Table:
+    """Results of the same views of a rig under worse conditions."""
+    rows = [_rig_view_row(name, row) for name, row in {"as above": views, **views["stress"]}.items()]
+    header = ["", "views", "found", "wrong", "dots px", "RE deg", "expected", "mm", "NEES"]
+    return Table("The same views under worse conditions", header, rows, "")
+
+
+def _rig_view_row(name: str, views: Mapping[str, Any]) -> list[str]:
+    return [
+        name,
+        *(str(views[key]) for key in ("count", "detected", "wrong")),
+        number(views["point_px"]["rms"]),
+        number(views["rotation_deg"]["rms"]),
+        number(views["expected_deg"]),
+        number(views["translation_mm"]["rms"]),
+        number(views["nees"]),
+    ]
 
 
 def coverage_table(results: Mapping[str, Any]) -> Table:

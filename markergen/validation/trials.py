@@ -1,7 +1,7 @@
-"""Noisy trials of a marker at every pose: estimates from noisy image points, their errors, and the bounds."""
+"""Noisy trials of a marker or rig at every pose: estimates from noisy image points, their errors, and the bounds."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
+from markergen.maths.information import covariance, flip_separation
 from markergen.maths.projection import project, to_camera
+from markergen.model.body import Plate
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 from markergen.model.sight import partly_seen, poses_that_serve
 from markergen.objectives.homography import validation_grid
 from markergen.pool import chunks_of, map_counted, workers_for
@@ -29,13 +32,14 @@ from markergen.validation.metrics import (
     mean_nees_interval,
     pose_failed,
     pose_nees,
-    rms,
     rotation_error_deg,
     statistics,
     translation_error_pct,
 )
+from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 BLOCK = 4096
@@ -98,6 +102,9 @@ class Experiment:
         Trials per pose.
     seen : array (P, n) of bool or None
         Points that each pose sees; None if all.
+    frames : sequence of P Plate or None
+        Of a rig: the plate in whose frame the pose is estimated and mirrored; then poses that see no point are left
+        out, and noise is drawn for all points, so that experiments with other points of the rig have the same.
     """
 
     points: Array
@@ -110,10 +117,16 @@ class Experiment:
     seed: int
     estimators: tuple[str, ...]
     seen: Mask | None = None
+    frames: Sequence[Plate] | None = None
 
     def points_of(self, index: int) -> Array:
-        """Points (m, 3) in m that a pose sees."""
-        return self.points if self.seen is None else self.points[self.seen[index]]
+        """Points (m, 3) in m that a pose sees; of a rig, in the plate's frame."""
+        points = self.points if self.seen is None else self.points[self.seen[index]]
+        if self.frames is not None:
+            points = self.frames[index].to_marker(points)
+            if np.abs(points[:, 2]).max() < 1e-9 * self.radius:
+                points[:, 2] = 0.0
+        return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,27 +148,14 @@ class TrialResults:
     errors: Mapping[str, Errors]
     condition: Array | None = None
 
-    def as_dict(
-        self,
-        criteria: Any = None,
-        comparisons: Any = None,
-        views: Any = None,
-        budget: Any = None,
-        labels: Any = None,
-        dots: Any = None,
-        headline: Any = None,
-        expected: Any = None,
-        coverage: Any = None,
-    ) -> dict[str, Any]:
+    def as_dict(self, **parts: Any) -> dict[str, Any]:
         """Return the results as plain JSON values, with None for undefined numbers.
 
-        Parameters
-        ----------
-        criteria, comparisons, views, budget, labels, dots, headline, expected, coverage
-            JSON values computed elsewhere, to be included; coverage only if there is one.
+        The parts are JSON values computed elsewhere, to be included: criteria, comparisons, views, budget, labels,
+        dots, headline, expected, and coverage only if there is one.
         """
         experiment = self.experiment
-        poses = experiment.poses
+        poses, summarized = experiment.poses, partial(pose_summary, experiment.bounds)
         by_polar_angle, by_distance = poses.by_polar_angle(), poses.by_distance()
         content = {
             "marker": {
@@ -164,10 +164,10 @@ class TrialResults:
                 "dot_diameter": self.marker.dot_diameter,
                 "spec_hash": self.marker.spec_hash,
             },
-            "headline": headline,
-            "criteria": criteria,
-            **({} if coverage is None else {"coverage": coverage}),
-            "comparisons": comparisons,
+            "headline": parts.get("headline"),
+            "criteria": parts.get("criteria"),
+            **({} if parts.get("coverage") is None else {"coverage": parts["coverage"]}),
+            "comparisons": parts.get("comparisons"),
             "nees": self._nees(by_polar_angle),
             "camera": experiment.camera.as_dict(),
             "poses": {"name": poses.name, "count": len(poses), "dropped": poses.dropped},
@@ -181,47 +181,120 @@ class TrialResults:
                 if isinstance(errors, HomographyErrors)
             },
             "estimators": {
-                name: _by_group(self._pose, errors, by_polar_angle)
-                | {"by_distance": {name: self._pose(errors, mask) for name, mask in by_distance.items()}}
+                name: _by_group(summarized, errors, by_polar_angle)
+                | {"by_distance": {name: summarized(errors, mask) for name, mask in by_distance.items()}}
                 for name, errors in self.errors.items()
                 if isinstance(errors, PoseErrors)
             },
-            "bound": self._bound(np.ones(len(poses), dtype=bool))
+            "bound": experiment.bounds.summary(np.ones(len(poses), dtype=bool))
             | {
-                "by_polar_angle": {name: self._bound(mask) for name, mask in by_polar_angle.items()},
-                "by_distance": {name: self._bound(mask) for name, mask in by_distance.items()},
+                "by_polar_angle": {name: experiment.bounds.summary(mask) for name, mask in by_polar_angle.items()},
+                "by_distance": {name: experiment.bounds.summary(mask) for name, mask in by_distance.items()},
             },
-            "labels": labels,
-            "dots": dots,
-            "budget": budget,
-            "expected": expected,
-            "views": views,
+            "labels": parts.get("labels"),
+            "dots": parts.get("dots"),
+            "budget": parts.get("budget"),
+            "expected": parts.get("expected"),
+            "views": parts.get("views"),
         }
         values: dict[str, Any] = plain(content)
         return values
 
-    def _pose(self, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
-        failed, flipped = errors.failed[poses], errors.flipped[poses]
-        rotation_deg, translation_pct = errors.rotation_deg[poses], errors.translation_pct[poses]
-        return {
-            "rotation_deg": statistics(rotation_deg[~failed]),
-            "translation_pct": statistics(translation_pct[~failed]),
-            "nearest_rotation_deg": statistics(errors.nearest_deg[poses][~failed]),
-            "flip_rate": np.mean(flipped),
-            "failure_rate": np.mean(failed),
-            "efficiency": efficiency(rotation_deg, ~(failed | flipped), self.experiment.bounds.rotation_deg[poses]),
-        }
-
-    def _bound(self, poses: Mask) -> dict[str, Any]:
-        bounds = self.experiment.bounds
-        return {
-            "rotation_deg": rms(bounds.rotation_deg[poses]),
-            "translation_pct": rms(bounds.translation_pct[poses]),
-        }
-
     def _nees(self, groups: Mapping[str, Mask]) -> dict[str, Any] | None:
         errors = self.errors.get(NEES_OF)
-        return _by_group(_nees, errors, groups) if isinstance(errors, PoseErrors) else None
+        return _by_group(_nees_summary, errors, groups) if isinstance(errors, PoseErrors) else None
+
+
+def pose_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
+    """Return statistics of the errors at some poses, as plain values."""
+    failed, flips = errors.failed[poses], errors.flipped[poses]
+    rotation_deg, translation_pct = errors.rotation_deg[poses], errors.translation_pct[poses]
+    return {
+        "rotation_deg": statistics(rotation_deg[~failed]),
+        "translation_pct": statistics(translation_pct[~failed]),
+        "nearest_rotation_deg": statistics(errors.nearest_deg[poses][~failed]),
+        "flip_rate": np.mean(flips),
+        "failure_rate": np.mean(failed),
+        "efficiency": efficiency(rotation_deg, ~(failed | flips), bounds.rotation_deg[poses]),
+    }
+
+
+def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int, seed: int) -> dict[str, Experiment]:
+    """Trials by LM at every pose that shows enough dots of a plate of a rig.
+
+    Returns
+    -------
+    dict
+        ``lm``: from all dots in view; ``lm_alone``: from those of the plate with the least bound.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+    check_trials(noise_px, runs, seed)
+    rig, camera, poses, in_view = series.marker, series.camera, series.poses, series.coverage
+    counted = in_view.seen & in_view.served[:, None]
+    on_plate = rig.owner == np.arange(len(rig.plates))[:, None]
+    bounds_alone = [pose_bounds(rig.xyz, camera, poses, 1.0, counted & dots).rotation_deg for dots in on_plate]
+    best = np.where(in_view.plate_served.T, bounds_alone, np.inf).argmin(axis=0)
+    most = np.stack([(counted & dots).sum(axis=1) for dots in on_plate]).argmax(axis=0)
+
+    def experiment(seen: Mask, plates: Indices) -> Experiment:
+        bounds = pose_bounds(rig.xyz, camera, poses, noise_px, seen)
+        frames = [rig.plates[k] for k in plates]
+        if noise_px:
+            views = [
+                plate.camera_pose(*pose) for plate, *pose in zip(frames, poses.rotation, poses.translation, strict=True)
+            ]
+            rotation, translation = (np.stack(part) for part in zip(*views, strict=True))
+            separation = flip_separation(rotation, translation, covariance(bounds.information)) / noise_px
+            bounds = replace(bounds, separation=separation)
+        return Experiment(rig.xyz, rig.radius, camera, poses, bounds, noise_px, runs, seed, (NEES_OF,), seen, frames)
+
+    return {"lm": experiment(counted, most), "lm_alone": experiment(counted & on_plate[best], best)}
+
+
+def rig_trials(
+    series: SyntheticViews[Rig],
+    noise_px: float,
+    runs: int,
+    seed: int,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Return ``bound``, ``estimators`` and ``nees`` of a rig in the form described in docs/rigs.md."""
+    experiments = rig_experiments(series, noise_px, runs, seed)
+    served, distances = series.coverage.served, series.poses.by_distance().items()
+    groups = {
+        "by_plates": series.coverage.by_plates(),
+        "by_distance": {name: both for name, mask in distances if (both := mask & served).any()},
+    }
+    estimators, nees = dict[str, Any](), None
+    for name, experiment in experiments.items() if runs else ():
+        errors = all_errors(experiment, workers, progress)[NEES_OF]
+        assert isinstance(errors, PoseErrors)
+        summarized = partial(_rig_summary, experiment.bounds, errors)
+        estimators[name] = summarized(served) | {
+            key: {group: summarized(mask) for group, mask in masks.items()} for key, masks in groups.items()
+        }
+        nees = nees or _nees_summary(errors, served)
+    bounds = experiments["lm"].bounds
+    return {
+        "bound": bounds.summary(served)
+        | {key: {name: bounds.summary(mask) for name, mask in masks.items()} for key, masks in groups.items()},
+        "estimators": estimators,
+        "nees": nees,
+    }
+
+
+def _rig_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
+    return {
+        "poses": int(poses.sum()),
+        "bound": bounds.summary(poses),
+        **pose_summary(bounds, errors, poses),
+        "nees": _nees_summary(errors, poses)["mean"],
+    }
 
 
 def run_experiment(
@@ -284,10 +357,17 @@ def run_experiment(
         raise ValueError(f"{len(condition)} condition numbers for {len(poses)} poses")
     if not runs:
         return TrialResults(marker, experiment, {}, condition)
-    workers = workers_for(workers, 1 + len(poses) * runs // WORTH_A_WORKER)
-    results = map_counted(partial(run_trials, experiment), chunks_of(len(poses), POSES_AT_ONCE), workers, progress)
-    errors = join([errors for chunk in results for errors in chunk], stack=True)
-    return TrialResults(marker, experiment, errors, condition)
+    return TrialResults(marker, experiment, all_errors(experiment, workers, progress), condition)
+
+
+def all_errors(
+    experiment: Experiment, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Errors]:
+    """Errors of every estimator, arrays (P, runs), distributed over processes."""
+    count = len(experiment.poses)
+    workers = workers_for(workers, 1 + count * experiment.runs // WORTH_A_WORKER)
+    results = map_counted(partial(run_trials, experiment), chunks_of(count, POSES_AT_ONCE), workers, progress)
+    return join([errors for chunk in results for errors in chunk], stack=True)
 
 
 def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str, Errors]]:
@@ -302,10 +382,13 @@ def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
     """
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed, spawn_key=(index,)))
     rotation, translation = experiment.poses.rotation[[index]], experiment.poses.translation[[index]]
-    exact = experiment.camera.project(experiment.points_of(index), rotation, translation)
+    seen = slice(None) if experiment.seen is None else experiment.seen[index]
+    drawn = experiment.points if experiment.frames is not None else experiment.points_of(index)
+    exact = experiment.camera.project(drawn, rotation, translation)
     for start in range(0, experiment.runs, BLOCK):
         count = min(BLOCK, experiment.runs - start)
-        yield exact + experiment.noise_px * rng.standard_normal((count, *exact.shape[1:]))
+        images = exact + experiment.noise_px * rng.standard_normal((count, *exact.shape[1:]))
+        yield images if experiment.frames is None else images[:, seen]
 
 
 def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
@@ -318,6 +401,9 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
 
 
 def _run_pose(experiment: Experiment, index: int) -> dict[str, Errors]:
+    if experiment.frames is not None and experiment.seen is not None and not experiment.seen[index].any():
+        nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
+        return {name: PoseErrors(nothing, nothing, nothing, nothing, no, no) for name in experiment.estimators}
     blocks = []
     for images in noisy_images(experiment, index):
         batch = Correspondences.from_distorted(experiment.points_of(index), images, experiment.camera)
@@ -335,18 +421,26 @@ def _errors(experiment: Experiment, index: int, batch: Correspondences, estimato
         pixels = project(grid, rotation[None], translation[None], experiment.camera.matrix)[0]
         he_px2 = homography_error_px2(homography, grid, pixels)
         return HomographyErrors(he_px2, homography_failed(batch.object_points[:, :2], homography, he_px2))
-    found = batch.once(estimator)
-    estimates = found.best
-    te_pct = translation_error_pct(estimates[1], translation)
-    failed = pose_failed(batch.object_points, *estimates, te_pct)
+    solutions = batch.once(estimator)
+    # The pose of a rig is estimated, and mirrored, in the frame of a plate.
+    in_frame, truth = solutions.best, (rotation, translation)
+    rotations, (estimate, place) = solutions.rotation, in_frame
+    if experiment.frames is not None:
+        frame = experiment.frames[index]
+        truth = frame.camera_pose(rotation, translation)
+        rotations = rotations @ frame.rotation_matrix.T
+        estimate = rotations[:, 0]
+        place = place - estimate @ frame.translation_vector
+    te_pct = translation_error_pct(place, translation)
+    failed = pose_failed(batch.object_points, *in_frame, te_pct)
     can_flip = experiment.bounds.separation[index] > FLIP_SEPARATION
-    flips = ~failed & flipped(estimates[0], rotation, translation) & can_flip
+    flips = ~failed & flipped(in_frame[0], *truth) & can_flip
     nees = np.full(len(te_pct), np.nan)
     if estimator.name == NEES_OF and experiment.noise_px:
         kept = ~(failed | flips)
         information = experiment.bounds.information[index] / experiment.noise_px**2
-        nees[kept] = pose_nees(estimates[0][kept], estimates[1][kept], rotation, translation, information)
-    every_deg = rotation_error_deg(found.rotation, rotation)
+        nees[kept] = pose_nees(estimate[kept], place[kept], rotation, translation, information)
+    every_deg = rotation_error_deg(rotations, rotation)
     nearest_deg = np.fmin.reduce(every_deg, axis=1)
     return PoseErrors(every_deg[:, 0], nearest_deg, te_pct, nees, failed, flips)
 
@@ -390,7 +484,7 @@ def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:
     }
 
 
-def _nees(errors: PoseErrors, poses: Mask) -> dict[str, Any]:
+def _nees_summary(errors: PoseErrors, poses: Mask) -> dict[str, Any]:
     """Mean NEES, and its 99 % interval around 6 if the bound's covariance is right."""
     values = errors.nees[poses]
     values = values[np.isfinite(values)]

@@ -9,16 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
+from markergen.estimators.budget import PoseBudget
 from markergen.maths.rotation import logarithm
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
 from markergen.objectives.homography import validation_grid
-from markergen.validation.bounds import image_covariance
+from markergen.validation.bounds import budget_of, image_covariance
 from markergen.validation.metrics import (
     POSE_PARAMETERS,
+    flipped,
     homography_error_px2,
     mean_nees_interval,
     pose_failed,
+    rms,
     rotation_error_deg,
     share_interval,
     statistics,
@@ -27,13 +31,15 @@ from markergen.validation.metrics import (
 from markergen.validation.views import SyntheticViews, View, take_views
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 DETECTOR = "detect"
 """Name of the pose that the detection itself reports, from weighted image points, with its covariance."""
 
 NOMINAL_COVERAGE = 0.95
 
-CONDITIONS: dict[str, Callable[[SyntheticViews], SyntheticViews]] = {
+CONDITIONS: dict[str, Callable[[SyntheticViews[Any]], SyntheticViews[Any]]] = {
     "blur 2 px": lambda series: replace(series, optics=replace(series.optics, blur_px=2.0)),
     "noise 8": lambda series: replace(series, optics=replace(series.optics, noise_grey=8.0)),
     "half the light": lambda series: replace(
@@ -65,6 +71,13 @@ class Record:
         NEES: the pose error squared, weighted by the inverse of the detector's covariance.
     homography_px : float
         Root of HE, px; nan if there is no homography.
+    plates : array (k,) of int
+        Plates of a rig that were found by themselves.
+    plate_deg, plate_sigma_deg : arrays (k,)
+        Rotation errors of their own poses, degrees, and the standard deviations that the detection claims for these,
+        RMS over the directions.
+    plate_flipped : array (k,) of bool
+        True where such a pose is nearer to the mirrored pose than to the true one.
     """
 
     index: int
@@ -80,42 +93,81 @@ class Record:
     pose_error: Array
     nees: float
     homography_px: float
+    plates: Indices
+    plate_deg: Array
+    plate_sigma_deg: Array
+    plate_flipped: Mask
+
+    @property
+    def rotation_deg(self) -> float:
+        """Rotation error of the detector's pose."""
+        return float(np.rad2deg(np.linalg.norm(self.pose_error[:3])))
+
+    @property
+    def translation_mm(self) -> float:
+        """Translation error of the detector's pose."""
+        return float(1e3 * np.linalg.norm(self.pose_error[3:]))
+
+    @property
+    def best_alone(self) -> int | None:
+        """Position of the plate whose own pose claims the least error; None if none was found by itself."""
+        return int(self.plate_sigma_deg.argmin()) if len(self.plates) else None
 
 
-def record(series: SyntheticViews, view: View) -> Record:
+def record(series: SyntheticViews[Any], view: View) -> Record:
     """Compare a view with the truth."""
-    empty = np.zeros(0)
+    empty, none = np.zeros(0), np.zeros(0, dtype=np.intp)
+    nothing = none, empty, empty, np.zeros(0, dtype=bool)
     if not view.detected:
         return Record(
-            view.index, view.pose, False, view.wrong, view.failure, np.zeros(0, dtype=np.intp), np.zeros((0, 2)),
-            empty, empty, {}, np.full(6, np.nan), np.nan, np.nan,
+            view.index, view.pose, False, view.wrong, view.failure, none, np.zeros((0, 2)),
+            empty, empty, {}, np.full(6, np.nan), np.nan, np.nan, *nothing,
         )  # fmt: skip
-    rotation, translation = series.poses.rotation[view.pose], series.poses.translation[view.pose]
+    body, rotation, translation = series.marker, series.poses.rotation[view.pose], series.poses.translation[view.pose]
     here = PoseDistribution("here", rotation[None], translation[None])
-    covariance = image_covariance(series.marker, series.camera, here, series.optics)[0]
+    covariance = image_covariance(body, series.camera, here, series.optics)[0]
     bound = np.trace(covariance, axis1=-2, axis2=-1)
-    poses = _pose_errors(series, view, rotation, translation)
-    error, nees = _own_error(view, rotation, translation)
+    is_rig = isinstance(body, Rig)
     return Record(
-        view.index, view.pose, True, False, "", view.found, view.error, view.uncorrected_px,
-        bound[view.found], poses, error, nees,
-        _homography_px(series, view, rotation, translation),
+        view.index, view.pose, True, False, "", view.found, view.error, view.uncorrected_px, bound[view.found],
+        {} if is_rig else _pose_errors(series, view, rotation, translation),
+        *_own_error(view, rotation, translation),
+        np.nan if is_rig else _homography_px(series, view, rotation, translation),
+        *(_plates_alone(body, view, rotation, translation) if is_rig else nothing),
     )  # fmt: skip
 
 
+def _plates_alone(rig: Rig, view: View, rotation: Array, translation: Array) -> tuple[Indices, Array, Array, Mask]:
+    """Plates with poses of their own, their errors and claimed standard deviations, and whether they are flipped."""
+    parts = [(rig.constellations[part.marker].plate, part.pose) for part in view.detection.parts if part.pose]
+    truths = [plate.camera_pose(rotation, translation) for plate, _ in parts]
+    estimates = [pose for _, pose in parts]
+    pairs = list(zip(estimates, truths, strict=True))
+    return (
+        np.array([rig.plates.index(plate) for plate, _ in parts], dtype=np.intp),
+        np.array([float(np.rad2deg(np.linalg.norm(logarithm(pose.rotation @ truth[0].T)))) for pose, truth in pairs]),
+        np.array([float(pose.budget.rotation_deg["total"]) for pose in estimates]),
+        np.array([flipped(pose.rotation[None], *truth)[0] for pose, truth in pairs], dtype=bool),
+    )
+
+
 def take_records(
-    series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+    series: SyntheticViews[Any], workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[Record]:
     """Take all views of a series, distributed over processes; the records do not depend on the number of processes."""
     return take_views(partial(_record, series), series.count, workers, progress)
 
 
-def _record(series: SyntheticViews, k: int) -> Record:
+def _record(series: SyntheticViews[Any], k: int) -> Record:
     return record(series, series.take(k))
 
 
-def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
-    """Plain values of the series in the form described in docs/validate.md; nan for undefined numbers."""
+Summarize = Callable[[SyntheticViews[Any], list[Record]], dict[str, Any]]
+"""Makes plain values of the records of a series; nan for undefined numbers."""
+
+
+def summarize(series: SyntheticViews[Marker], records: list[Record]) -> dict[str, Any]:
+    """Plain values of views of a marker, in the form described in docs/validate.md; see `Summarize`."""
     poses = series.poses
     names = [DETECTOR, *_estimators(series.marker)]
     pose = np.array([each.pose for each in records])
@@ -136,17 +188,103 @@ def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
     }
 
 
-def stress(
-    series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+def summarize_rig(
+    series: SyntheticViews[Rig], records: list[Record], budget: PoseBudget | None = None
 ) -> dict[str, Any]:
-    """Return the summary of the views under each condition, in the form of `summarize` without single views."""
+    """Plain values of views of a rig, in the form described in docs/rigs.md, also by the number of plates in view.
+
+    The `budget` of the series need not be computed again if it is at hand; see `Summarize`.
+    """
+    in_view, budget = series.coverage, budget or budget_of(series)
+    at = np.array([record.pose for record in records])
+    groups = {"none": ~in_view.served} | in_view.by_plates()
+    return {
+        **_rig_summary(records, budget),
+        "served": int(in_view.served[at].sum()),
+        "optics": {**vars(series.optics)},
+        "background": series.background,
+        "print_sigma_mm": 1e3 * series.errors.print_sigma,
+        "by_plates": {
+            name: _rig_summary([taken for taken, inside in zip(records, mask[at], strict=True) if inside], budget)
+            for name, mask in groups.items()
+            if mask[at].any()
+        },
+        "samples": [
+            {
+                **_place_of(record, series),
+                "rotation_deg": record.rotation_deg,
+                "translation_mm": record.translation_mm,
+                "nees": record.nees,
+                "alone": {
+                    series.marker.plates[k].name: deg for k, deg in zip(record.plates, record.plate_deg, strict=True)
+                },
+                "dots": record.found.tolist(),
+            }
+            for record in records
+            if record.detected
+        ],
+        "failures": [
+            {**_place_of(record, series), "reason": record.failure} for record in records if not record.detected
+        ],
+        "hidden": series.hidden,
+    }
+
+
+def _place_of(record: Record, series: SyntheticViews[Rig]) -> dict[str, Any]:
+    return {
+        "view": record.index,
+        "pose": record.pose,
+        "distance": float(series.poses.distance[record.pose]),
+        "plates": int(series.coverage.plates[record.pose]),
+    }
+
+
+def _rig_summary(records: list[Record], budget: PoseBudget) -> dict[str, Any]:
+    """Statistics of some views: all plates together, and in the same views the plate alone that claims the least error.
+
+    Flips of plates are of all that were found by themselves.
+    """
+    kept = [record for record in records if record.detected]
+    both = [(record, best) for record in kept if (best := record.best_alone) is not None]
+    at = np.array([record.pose for record in kept], dtype=np.intp)
+    points = _joined((record.error for record in kept), 2)
+    flips = np.concatenate([np.zeros(0, dtype=bool), *(record.plate_flipped for record in kept)])
+    nees = np.array([record.nees for record in kept])
+    return {
+        "count": len(records),
+        "detected": len(kept),
+        "wrong": sum(record.wrong for record in records),
+        "rate": len(kept) / len(records),
+        "rate_interval": share_interval(len(kept), len(records)),
+        "point_px": statistics(np.linalg.norm(points, axis=-1)),
+        "rotation_deg": statistics(np.array([record.rotation_deg for record in kept])),
+        "translation_mm": statistics(np.array([record.translation_mm for record in kept])),
+        "expected_deg": rms(budget.rotation_deg["total"][at]) if len(at) else None,
+        "expected_mm": rms(1e3 * budget.translation["total"][at]) if len(at) else None,
+        "nees": nees.mean() if len(nees) else None,
+        "both": {
+            "count": len(both),
+            "rotation_deg": statistics(np.array([record.rotation_deg for record, _ in both])),
+            "alone_deg": statistics(np.array([record.plate_deg[k] for record, k in both])),
+        },
+        "plates": {"found": len(flips), "flipped": int(flips.sum())},
+    }
+
+
+def stress(
+    series: SyntheticViews[Any],
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    summary: Summarize = summarize,
+) -> dict[str, Any]:
+    """Return the summary of the views under each condition, without single views."""
     results = {}
     total = len(CONDITIONS) * series.count
     for number, (name, worsen) in enumerate(CONDITIONS.items()):
-        told = _shifted(progress, number * series.count, total) if progress else None
+        later = _shifted(progress, number * series.count, total) if progress else None
         worse = worsen(series)
-        found = summarize(worse, take_records(worse, workers, told))
-        results[name] = {key: value for key, value in found.items() if key != "samples"}
+        summarized = summary(worse, take_records(worse, workers, later))
+        results[name] = {key: value for key, value in summarized.items() if key != "samples"}
     return results
 
 
@@ -250,7 +388,7 @@ def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, 
 
 
 def _pose_errors(
-    series: SyntheticViews, view: View, rotation: Array, translation: Array
+    series: SyntheticViews[Marker], view: View, rotation: Array, translation: Array
 ) -> dict[str, tuple[float, float]]:
     camera, points = series.camera, series.marker.xyz[view.found]
     batch = Correspondences.from_distorted(points, view.detection.pixels[None], camera)
@@ -268,7 +406,7 @@ def _pose_errors(
     return errors
 
 
-def _homography_px(series: SyntheticViews, view: View, rotation: Array, translation: Array) -> float:
+def _homography_px(series: SyntheticViews[Marker], view: View, rotation: Array, translation: Array) -> float:
     if view.detection.homography is None or len(series.marker.constellations) > 1:
         return np.nan
     grid = validation_grid(series.marker.boundary.radius)

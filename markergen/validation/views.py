@@ -1,10 +1,9 @@
 """Synthetic views of markers and rigs, detected like photos and compared with the truth; pictures of some of them."""
 
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -20,6 +19,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
+from markergen.model.sight import Coverage, coverage
 from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
@@ -43,15 +43,16 @@ WORTH_A_WORKER = 60
 T = TypeVar("T")
 
 
-Subject = TypeVar("Subject", Marker, Rig)
+B = TypeVar("B", Marker, Rig)
 
 
 @dataclass(frozen=True, eq=False)
-class ViewSeries(ABC, Generic[Subject]):
+class SyntheticViews(Generic[B]):
     """Parameters of a series of synthetic views; equal ones give the same images in any process at any time.
 
     Attributes
     ----------
+    marker : Marker or Rig
     poses : PoseDistribution
         T_camera_marker or T_camera_rig.
     count : int
@@ -61,7 +62,12 @@ class ViewSeries(ABC, Generic[Subject]):
         ``plain``: unbounded substrate; or a name from render's table of backgrounds.
     errors : ErrorSources
         `print_sigma` displaces every dot of every view's print, except measured dots, which are displaced by their
-        covariance instead; the detection's covariance accounts for all of it.
+        covariance instead, and the plates of a rig by that of their relation; the detection's covariance accounts for
+        all of it.
+    hidden : int
+        Number of covered dots, chosen anew for every view; on a rig, of those in view.
+    refine : str
+        ``none`` or ``photometric``.
 
     Raises
     ------
@@ -69,7 +75,7 @@ class ViewSeries(ABC, Generic[Subject]):
         If a number is out of range, a name is unknown, or a dot has no size.
     """
 
-    subject: Subject
+    marker: B
     camera: Camera
     poses: PoseDistribution
     count: int = 20
@@ -77,6 +83,8 @@ class ViewSeries(ABC, Generic[Subject]):
     optics: Optics = DEFAULT_OPTICS
     background: str = "plain"
     errors: ErrorSources = field(default_factory=lambda: ErrorSources(print_sigma=0.0))
+    hidden: int = 0
+    refine: str = "none"
 
     def __post_init__(self) -> None:
         if not 0 <= self.count <= MOST_VIEWS:
@@ -85,88 +93,43 @@ class ViewSeries(ABC, Generic[Subject]):
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         if self.background != "plain":
             _ = BACKGROUNDS[self.background]
+        if self.count and not self.marker.radii.all():
+            raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
+        if not 0 <= self.hidden <= len(self.marker):
+            raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
+        check_refinement(self.refine)
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """What each pose shows."""
+        return coverage(self.marker, self.camera, self.poses)
 
     def pose_of(self, k: int) -> int:
         """Return the index into the pose distribution for view k."""
         jitter = np.random.default_rng([self.seed, self.count, k, 3]).random()
         return int((k + jitter) * len(self.poses) / self.count)
 
-    def streams(self, k: int) -> list[np.random.Generator]:
-        """Return the random streams of view k for noise, print error and surroundings.
+    def take(self, k: int) -> "View":
+        """Render and detect view k (0 to count - 1).
 
-        Each source has its own, so that switching off the print error changes nothing else.
+        Noise, print error and surroundings have their own random streams, so that switching off the print error changes
+        nothing else.
         """
-        return [np.random.default_rng([self.seed, self.count, k, part]) for part in range(3)]
-
-    def behind(self, rng: np.random.Generator) -> NDArray[np.float32] | None:
-        """Return the background of one view, for `Scenery`."""
-        return None if self.background == "plain" else BACKGROUNDS[self.background](self.camera, rng)
-
-    @abstractmethod
-    def take(self, k: int) -> "View":
-        """Render and detect view k (0 to count - 1)."""
-
-    @abstractmethod
-    def words(self, sample: Mapping[str, Any]) -> tuple[str, str]:
-        """Say where a view of the summary was taken, and how far off it is if it was detected."""
-
-
-@dataclass(frozen=True, eq=False)
-class SyntheticViews(ViewSeries[Marker]):
-    """A series of views of a marker.
-
-    Attributes
-    ----------
-    hidden : int
-        Number of covered dots, chosen anew for every view.
-    refine : str
-        ``none`` or ``photometric``.
-    """
-
-    hidden: int = 0
-    refine: str = "none"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.count and min(point.feature.diameter for point in self.marker.control_points) == 0:
-            raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
-        if not 0 <= self.hidden <= len(self.marker):
-            raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
-        check_refinement(self.refine)
-
-    @property
-    def marker(self) -> Marker:
-        """Marker in the views."""
-        return self.subject
-
-    def take(self, k: int) -> "View":
-        """See `ViewSeries.take`."""
-        marker, camera, pose = self.marker, self.camera, self.pose_of(k)
+        body, camera, pose = self.marker, self.camera, self.pose_of(k)
         rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
-        noise, misprint, surroundings = self.streams(k)
-        printed = misprinted(marker, self.errors, misprint)
-        hidden = np.sort(surroundings.choice(len(marker), self.hidden, replace=False))
-        scenery = Scenery(
-            self.behind(surroundings), hiding(printed, hidden, camera, rotation, translation, surroundings)
-        )
+        noise, misprint, surroundings = (np.random.default_rng([self.seed, self.count, k, part]) for part in range(3))
+        printed = misprinted(body, self.errors, misprint)
+        dots = np.flatnonzero(self.coverage.seen[pose]) if self.hidden and body.frame == "rig" else np.arange(len(body))
+        hidden = np.sort(surroundings.choice(dots, min(self.hidden, len(dots)), replace=False))
+        behind = None if self.background == "plain" else BACKGROUNDS[self.background](camera, surroundings)
+        scenery = Scenery(behind, hiding(printed, hidden, camera, rotation, translation, surroundings))
         image = render_view(printed, camera, rotation, translation, self.optics, noise, scenery)
-        found = detect(image, marker, camera, self.errors)
-        if self.refine == "photometric" and found.found:
-            found = refine(image, marker, camera, found, self.errors)
+        detection = detect(image, body, camera, self.errors)
+        if self.refine == "photometric" and detection.found:
+            assert isinstance(body, Marker)
+            detection = refine(image, body, camera, detection, self.errors)
         truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
-        ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
-        return View(k, pose, image, found, truth, ids, hidden)
-
-    def words(self, sample: Mapping[str, Any]) -> tuple[str, str]:
-        """See `ViewSeries.words`."""
-        where = f"{sample['polar_angle_deg']:g} deg at {sample['distance']:.3g} m"
-        if "reason" in sample:
-            return where, sample["reason"]
-        found = f"dots off by {sample['point_px_rms']:.4f} px"
-        if sample["rotation_deg"] is None:
-            return where, found
-        turned, moved = sample["rotation_deg"], sample["translation_pct"]
-        return where, f"{found}, rotation by {turned:.3f} deg, translation by {moved:.3f} %"
+        return View(k, pose, image, detection, truth, body.ids, hidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +202,7 @@ def take_views(
     """Take what `take` makes of each view, distributed over processes; it does not depend on their number."""
     workers = workers_for(workers, 1 + count // WORTH_A_WORKER)
     parts = map_counted(partial(_chunk, take), chunks_of(count, AT_ONCE), workers, progress)
-    return [each for part in parts for each in part]
+    return [taken for part in parts for taken in part]
 
 
 def _chunk(take: Callable[[int], T], indices: Iterable[int]) -> list[T]:
@@ -262,7 +225,25 @@ class Picture:
     png: bytes
 
 
-def pictures(series: ViewSeries[Any], views: Mapping[str, Any]) -> Iterator[Picture]:
+def captions(sample: Mapping[str, Any]) -> tuple[str, str]:
+    """Where a view of a summary was taken, and how far off it is if it was detected, in words."""
+    if "plates" in sample:
+        where = f"{sample['plates']} plate{'s' * (sample['plates'] != 1)} in view at {sample['distance']:.3g} m"
+    else:
+        where = f"{sample['polar_angle_deg']:g} deg at {sample['distance']:.3g} m"
+    if "reason" in sample:
+        return where, sample["reason"]
+    if "plates" in sample:
+        off = f"rotation off by {sample['rotation_deg']:.3f} deg, translation by {sample['translation_mm']:.3f} mm"
+        return where, f"{len(sample['dots'])} dots, {off}"
+    dots = f"dots off by {sample['point_px_rms']:.4f} px"
+    if sample["rotation_deg"] is None:
+        return where, dots
+    rotation_deg, translation_pct = sample["rotation_deg"], sample["translation_pct"]
+    return where, f"{dots}, rotation by {rotation_deg:.3f} deg, translation by {translation_pct:.3f} %"
+
+
+def pictures(series: SyntheticViews[Any], views: Mapping[str, Any]) -> Iterator[Picture]:
     """Render views worth a closer look, with the detection drawn in: failures, the worst, and typical ones.
 
     Parameters
@@ -270,17 +251,18 @@ def pictures(series: ViewSeries[Any], views: Mapping[str, Any]) -> Iterator[Pict
     views : mapping
         Summary of the same series.
     """
-    ranked = sorted(views["samples"], key=lambda each: -(each["rotation_deg"] or 0.0))
+    ranked = sorted(views["samples"], key=lambda sample: -(sample["rotation_deg"] or 0.0))
     # Evenly spaced among all failures, since neighbors look alike.
     kinds = {"failure": spread(views["failures"], FAILURES)}
     kinds |= {"worst": ranked[:WORST], "typical": spread(ranked[WORST:], TYPICAL)}
-    for kind, chosen in kinds.items():
-        for each in chosen:
-            view, (where, said) = series.take(each["view"]), series.words(each)
+    for kind, samples in kinds.items():
+        for sample in samples:
+            view, (where, caption) = series.take(sample["view"]), captions(sample)
             marks = [view.detection] if view.detection.found else []
             yield Picture(
-                f"{kind}-{each['view']:04d}", f"{kind.capitalize()}: {where}", f"View {each['view']}, {where}: {said}.",
-                overlay(view.image, series.subject, series.camera, marks),
+                f"{kind}-{sample['view']:04d}", f"{kind.capitalize()}: {where}",
+                f"View {sample['view']}, {where}: {caption}.",
+                overlay(view.image, series.marker, series.camera, marks),
             )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from markergen.options import declared
 from markergen.options.declarations import ValidateKeywords
 from markergen.validation import result as results_module
 from markergen.validation.report.plots import errors_over
-from markergen.validation.validation import Validation
+from markergen.validation.result import Validation
 
 FAST = {"poses": "cone:count=20", "runs": 0, "views": 0, "workers": 1}
 FILES = ("r.html", "r.json", "r.svg", "r.png")

@@ -22,7 +22,7 @@ from markergen.optimize.design import design
 from markergen.read.poses import POSE_FORMATS, poses_from, read_poses
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.read.spec_file import spec_from_mapping
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 
 FILE = "poses.txt"
 

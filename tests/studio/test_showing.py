@@ -19,7 +19,7 @@ from markergen.model.rig_json import rig_to_json
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
 from markergen.validation import headline
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 
 
 @pytest.fixture(scope="module")

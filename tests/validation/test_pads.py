@@ -12,7 +12,7 @@ from markergen.model.poses import named_poses
 from markergen.model.sight import partly_seen, poses_that_serve
 from markergen.model.spec import PAPER_CAMERA
 from markergen.validation.bounds import UNSEEN_PX2, counted_covariance, pose_bounds
-from markergen.validation.validation import setting_of
+from markergen.validation.setting import setting_of
 from markergen.validation.views import SyntheticViews
 
 WIDE = "cone:distance=0.3..8m,tilt=0..45,count=24"

@@ -13,8 +13,10 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
 from markergen.presentation.results import json_bytes
-from markergen.validation.rigs.bounds import budget_of, visibility
-from markergen.validation.rigs.views import RigViews, built, record, take_records
+from markergen.validation.bounds import budget_of
+from markergen.validation.print_error import misprinted
+from markergen.validation.view_records import CONDITIONS, record, take_records
+from markergen.validation.views import SyntheticViews
 from tests.support.rigs import cube
 
 AROUND = "sphere:distance=0.3..0.6m,count=20"
@@ -57,28 +59,75 @@ def test_what_is_said_has_the_numbers(found):
     assert text.splitlines()[-1].startswith("Plan with ")
     assert "Found in 6 of 6 views, none with a wrong label." in text
     assert "the best plate alone: 2" in text
-    assert repr(found).startswith("<RigValidation: 6 markers, 20 poses, 6 of 6 views found, plan with ")
+    assert repr(found).startswith("<Validation: 6 markers, 20 poses, 6 of 6 views found, plan with ")
 
 
 def test_the_same_views_every_time(rig):
-    series = RigViews(rig, PAPER_CAMERA, named_poses(AROUND), 4, errors=ErrorSources(1e-4))
+    series = SyntheticViews(rig, PAPER_CAMERA, named_poses(AROUND), 4, errors=ErrorSources(1e-4))
     one, again = series.take(2), series.take(2)
     assert (one.image == again.image).all()
     assert (one.detection.pixels == again.detection.pixels).all()
 
 
-def test_options_of_markers_alone_are_refused(rig):
-    for option in ({"hide": 1}, {"refine": "photometric"}, {"stress": True}, {"scale_sigma": 0.001}):
-        with pytest.raises(InputError, match=r"for a rig"):
+def test_options_that_make_no_sense_for_a_rig_are_refused(rig):
+    for option in ({"refine": "photometric"}, {"trials_for_all": True}):
+        with pytest.raises(InputError, match=r"for a rig: "):
             mg.validate(rig, poses=AROUND, **option)
     with pytest.raises(InputError, match=r"four dots of a plate"):
         mg.validate(rig, poses="sphere:distance=8m,count=5", runs=0, views=0)
 
 
+def test_what_the_type_of_a_validation_promises_is_there(rig, found):
+    assert found.marker == rig
+    assert found.setting.boundary.radius == pytest.approx(rig.radius)
+    assert found.setting.sight.seen.shape == (20, len(rig))
+    assert found.nees["count"] == pytest.approx(5 * found.results["poses"]["served"], abs=10)
+    assert found.nees["mean"] == pytest.approx(found.estimators["lm"]["nees"])
+    frame = found.to_frame()
+    assert set(frame.source) == {"trials", "views"}
+    assert set(frame.plates) == {"all", *found.views["by_plates"], *found.headline["by_plates"]}
+    every = frame[(frame.estimator == "lm") & (frame.plates == "all")].iloc[0]
+    assert every.rotation_deg_rms == found.estimators["lm"]["rotation_deg"]["rms"]
+    assert every.rotation_deg_bound == found.bound["rotation_deg"]
+
+
+def test_dots_of_a_rig_in_view_are_hidden(rig):
+    series = SyntheticViews(rig, PAPER_CAMERA, named_poses(AROUND), 3, errors=ErrorSources(1e-4), hidden=2)
+    for k in range(3):
+        view = series.take(k)
+        assert len(view.hidden) == 2
+        assert series.coverage.seen[view.pose, view.hidden].all()
+        assert not np.isin(view.found, view.hidden).any()
+
+
+def test_a_rig_is_stressed(rig):
+    result = mg.validate(rig, poses=AROUND, runs=0, views=2, stress=True, workers=1)
+    stressed = result.views["stress"]
+    assert set(stressed) == set(CONDITIONS)
+    assert stressed["one dot hidden"]["hidden"] == 1
+    assert stressed["noise 8"]["expected_deg"] > result.views["expected_deg"]
+    assert "half the light" in str(result)
+
+
+def test_a_wrong_scale_counts_alike_for_a_rig_and_its_only_marker(rig):
+    marker = rig.markers[0].marker
+    alone = mg.Rig((mg.Plate("a", marker, np.eye(3).tolist(), (0, 0, 0)),))
+    poses, sizes = named_poses("cone:distance=0.3..0.4m,tilt=10..50,count=5"), []
+    for body in (marker, alone):
+        series = SyntheticViews(body, PAPER_CAMERA, poses, 0, errors=ErrorSources(1e-5, scale_sigma=2e-3))
+        sizes.append(budget_of(series).translation["print"])
+        made = [
+            misprinted(body, series.errors, np.random.default_rng(k)).xyz[:, 0] / body.xyz[:, 0] for k in range(200)
+        ]
+        assert np.std([np.median(scale) for scale in made]) == pytest.approx(2e-3, rel=0.25)
+    # A rig's weights count the scale as an error of the single dots, a marker's do not.
+    np.testing.assert_allclose(sizes[1], sizes[0], rtol=0.1)
+
+
 def test_a_rig_is_assembled_as_its_relation_says(rig):
     sigma = np.tile([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4], 6)
     loose, rng = replace(rig, relation=np.diag(sigma**2).tolist()), np.random.default_rng(0)
-    made = [built(loose, ErrorSources(0.0), rng) for _ in range(200)]
+    made = [misprinted(loose, ErrorSources(0.0), rng) for _ in range(200)]
     shifts = np.array([[each.translation_vector for each in one.markers] for one in made]) - [
         each.translation_vector for each in rig.markers
     ]
@@ -89,14 +138,14 @@ def test_a_rig_is_assembled_as_its_relation_says(rig):
 
 @pytest.mark.long
 def test_views_are_as_good_as_expected(rig):
-    series = RigViews(
+    series = SyntheticViews(
         rig, PAPER_CAMERA, named_poses("sphere:distance=0.3..0.6m,count=400"), 400, background="clutter",
         errors=ErrorSources(1e-4),
     )  # fmt: skip
-    records, shown = take_records(series), visibility(series)
-    several = [each for each in records if shown.plates[each.pose] > 2 and each.detected]
+    records = take_records(series)
+    several = [each for each in records if series.coverage.plates[each.pose] > 2 and each.detected]
     assert all(each.detected for each in records)
-    expected = budget_of(shown).rotation_deg["total"][[each.pose for each in several]]
+    expected = budget_of(series).rotation_deg["total"][[each.pose for each in several]]
     # Some 170 views of three degrees of freedom: the standard error of the RMS is some 4 %.
     measured = np.sqrt(np.mean([each.rotation_deg**2 for each in several]))
     assert measured == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.15)

@@ -12,7 +12,8 @@ from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
 from markergen.presentation.results import json_bytes
 from markergen.validation import tables
-from markergen.validation.validation import setting_of, validate
+from markergen.validation.setting import setting_of
+from markergen.validation.validation import validate
 from markergen.validation.views import SyntheticViews
 
 

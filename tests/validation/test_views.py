@@ -82,7 +82,7 @@ def test_background_is_behind_the_marker(series, background):
 
 
 def test_views_of_light_dots(series):
-    light = replace(series, subject=light_marker(series.marker), background="photo", refine="photometric")
+    light = replace(series, marker=light_marker(series.marker), background="photo", refine="photometric")
     for k in (3, 13):
         view = light.take(k)
         assert view.detected, view.failure

@@ -94,10 +94,7 @@ def trials(subject: Subject) -> Section:
                 "would show.",
             )
         )
-    section.tables += [tables.rotation_table(results), tables.translation_table(results)]
-    section.tables += [tables.polar_angle_table(results, key) for key, _, _ in ERRORS]
-    if results.get("homography"):
-        section.tables.append(tables.homography_table(results))
+    section.tables += tables.trial_tables(results)
     return section
 
 
@@ -288,11 +285,7 @@ def _with_unit(key: str, value: Any) -> str:
 
 
 def _views_tables(seen: Results) -> list[Table]:
-    found = [tables.group_table(seen)]
-    if seen["detected"]:
-        found.append(tables.estimator_table(seen))
-    if seen.get("stress"):
-        found.append(tables.stress_table(seen))
+    found = tables.view_tables(seen)
     failures = seen["failures"]
     if failures:
         rows = [

@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Mapping
 from functools import partial
 
-from markergen.model.body import Plate
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
 from markergen.model.sight import coverage
@@ -72,9 +71,9 @@ def answer(subject: Subject) -> Section:
     section = Section(
         sentences(subject.headline), tables=[table], book=("what to plan with", "validate.md#what-to-plan-with")
     )
-    found, alone = subject.expected, Plate("marker", subject.marker, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
-    errors = {"rotation": found.rotation_deg, "translation": found.translation_mm}
-    section.plots += pose_dome([alone], subject.setting.poses, errors, found.source)
+    expected = subject.expected
+    errors = {"rotation": expected.rotation_deg, "translation": expected.translation_mm}
+    section.plots += pose_dome(subject.marker.plates, subject.setting.poses, errors, expected.source)
     if "coverage" in subject.results:
         covered = coverage(subject.marker, subject.setting.camera, subject.setting.poses)
         section.tables.append(tables.coverage_table(subject.results))

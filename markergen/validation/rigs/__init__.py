@@ -1,1 +1,0 @@
-"""Validation of rigs: bounds, noisy trials, synthetic views, and the report."""
