@@ -242,7 +242,7 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_parser):
 
 
 def test_the_parser_says_what_is_missing():
-    code = "import sys; sys.modules['OCP'] = None; from markergen.guard import serve; serve(sys.argv[1], sys.argv[2])"
+    code = "import sys; sys.modules['OCP'] = None; from markergen.guard import run_parser; run_parser(*sys.argv[1:])"
     run = subprocess.run(
         [sys.executable, "-c", code, step.PARSER, str(8 << 30)], input=b"", capture_output=True, check=True
     )
