@@ -142,9 +142,9 @@ def test_opencv_is_there_before_the_first_request():
     """Requests of a page come together, and one would meet OpenCV half imported by another."""
     script = (
         "import sys, uvicorn\n"
-        "from markergen.studio.server import serve\n"
+        "from markergen.studio.server import run_server\n"
         "uvicorn.Server.run = lambda self, sockets: print('cv2' in sys.modules)\n"
-        "serve(browser=False)\n"
+        "run_server(browser=False)\n"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "True"
