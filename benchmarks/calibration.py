@@ -19,12 +19,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse import lil_matrix
 
 import markergen as mg
 from benchmarks.calibration_sets import CAMERA, SimulatedSet, hand_held, in_gauge, photographed, printed
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
@@ -33,8 +33,6 @@ from markergen.detect.conic_projection import refine_poses
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import Camera, Distortion
 from markergen.model.poses import paper
-
-Array = NDArray[np.float64]
 
 SIGMA = 0.03
 FALSE = 0.05

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import markergen as mg
 from benchmarks.calibration import one_set, pose_error
 from benchmarks.calibration_sets import CAMERA, SimulatedSet, in_gauge
+from markergen.arrays import Array
 from markergen.calibration.network import Network
 from markergen.detect import Detector
 from markergen.maths.rotation import angle_between
@@ -29,8 +30,6 @@ from markergen.model.marker import Marker
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view
 from markergen.validation.print_error import displaced
-
-Array = NDArray[np.float64]
 
 
 class Row:

@@ -3,15 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
 from markergen.calibration.working_error import sensitivity
 from markergen.maths.rotation import exponential, logarithm, turn_z
 from markergen.model.camera import Camera, Distortion
-
-Array = NDArray[np.float64]
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
 BASE = ("fx", "fy", "cx", "cy", "k1", "k2")

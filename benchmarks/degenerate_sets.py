@@ -16,16 +16,15 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.calibration import ROUGH, SIGMA, UNKNOWN, designed
 from benchmarks.calibration_sets import CAMERA, SimulatedSet, hand_held, in_gauge, nees, photographed, printed
+from markergen.arrays import Array
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import CameraFreedom
 from markergen.calibration.weaknesses import explain, findings, refusal
 from markergen.maths.rotation import exponential, turn_z
 
-Array = NDArray[np.float64]
 Poses = tuple[Array, Array]
 Take = Callable[[np.random.Generator, Array], Poses]
 

@@ -27,8 +27,9 @@ import numpy as np
 import markergen as mg
 from benchmarks import detection_scenes as scenes
 from benchmarks.detection_photos import GRIDS, add_photos, labeled, photos
-from benchmarks.detection_scenes import Array, Image, Rows
+from benchmarks.detection_scenes import Image, Rows
 from benchmarks.loading import seconds
+from markergen.arrays import Array
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag

@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 
 import markergen as mg
-from benchmarks.detection_scenes import Array, Image, Rows, load_run, print_table, save_run
+from benchmarks.detection_scenes import Image, Rows, load_run, print_table, save_run
+from markergen.arrays import Array
 
 HIT_PX, WRONG_PX, DOTS = 0.4, 3.0, 15
 GRIDS = ("robot_grid", "circle_grid", "hex_grid", "dual_asymmetric")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
+from markergen.arrays import Array
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -20,7 +21,6 @@ from markergen.model.tag import Tag
 from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, Occluder, hiding, scattered
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 Rows = dict[str, dict[str, Any]]
 

@@ -6,14 +6,13 @@ from collections.abc import Callable
 import autograd.numpy as anp
 import numpy as np
 from autograd import value_and_grad
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, differential_evolution, minimize
 
+from markergen.arrays import Array
 from markergen.objectives import Objective, Setting
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import GROW, LONGEST, SHRINK
 
-Array = NDArray[np.float64]
 Gradient = Callable[[Array], tuple[float, Array]]
 
 NEAR = 1e-3

@@ -20,9 +20,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import markergen as mg
+from markergen.arrays import Array
 from markergen.bounds.dots import dot_information
 from markergen.comparison.contestants.printed import lm_pose
 from markergen.comparison.contestants.pupil import PupilTag
@@ -42,7 +42,6 @@ from markergen.model.spec import ImageNoise
 from markergen.render import DEFAULT_OPTICS, Patch, circle, render_patches, render_view
 from markergen.validation.bounds import image_covariance
 
-Array = NDArray[np.float64]
 Found = tuple[Array, Array, Array] | None
 """Errors in px of the points found, those of large dots over their bounds, and the rotation of the pose."""
 

@@ -30,7 +30,8 @@ import numpy as np
 
 import markergen as mg
 from benchmarks import detection_scenes as scenes
-from benchmarks.detection_scenes import Array, Image, Rows
+from benchmarks.detection_scenes import Image, Rows
+from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between

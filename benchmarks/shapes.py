@@ -21,14 +21,12 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.optima import BESIDE, HEADINGS, add_options, beside, row
+from markergen.arrays import Array
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
-
-Array = NDArray[np.float64]
 
 
 def main() -> None:

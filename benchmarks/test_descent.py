@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.conftest import RADIUS, matrices
-from benchmarks.peers import Array, autograd_condition, descend_one_by_one
+from benchmarks.peers import autograd_condition, descend_one_by_one
+from markergen.arrays import Array
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import descend

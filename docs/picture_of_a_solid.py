@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
+
 Index = NDArray[np.int64]
 
 FINER = 3

@@ -1,4 +1,5 @@
 """Types of arrays, named once."""
+# tests: tests/bounds/confusion/test_affine.py tests/bounds/confusion/test_perspective.py
 
 import numpy as np
 from numpy.typing import NDArray

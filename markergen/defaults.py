@@ -1,4 +1,5 @@
 """Defaults that stand in several places: in options and their help, in signatures, and in what counts on them."""
+# tests: tests/studio/test_look.py tests/api/test_validate.py
 
 PRINT_SIGMA = 1e-4
 """Standard deviation in m of a printed dot's position along each axis, unless another one is given."""

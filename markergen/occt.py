@@ -1,4 +1,5 @@
 """Open CASCADE, the CAD kernel, through OCP, its bindings for Python: imported once, and only where solids need it."""
+# tests: tests/exporters/test_save.py tests/verification/test_solid_readers.py
 
 import gc
 import signal

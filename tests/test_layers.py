@@ -250,3 +250,17 @@ def test_loading_a_marker_loads_nothing_heavy():
 def test_a_camera_by_its_numbers_needs_numpy_alone():
     loaded = loaded_by("from markergen.model.camera import Camera\nCamera(640, 480, 800, 800, 320, 240)")
     assert loaded & {*HEAVY, "yaml", "pydantic", "shapely"} == set()
+
+
+def test_every_module_has_tests_of_its_name_or_names_them():
+    missing = []
+    for path in MODULES:
+        if path.name.startswith("__") or path == ROOT / "arrays.py":
+            continue
+        where = path.relative_to(ROOT)
+        if (ROOT.parent / "tests" / where.parent / f"test_{path.stem}.py").is_file():
+            continue
+        named = re.search(r"^# tests: (.+)$", path.read_text(), re.MULTILINE)
+        if not named or not all((ROOT.parent / test).is_file() for test in named[1].split()):
+            missing.append(str(where))
+    assert missing == []

@@ -152,7 +152,8 @@ def test_the_command_lists_what_a_figure_counts():
     root = Path(__file__).parents[1]
     listed = subprocess.run([*command, "floors"], cwd=root, capture_output=True, text=True, check=True)
     assert "== floors ==\nmarkergen." in listed.stdout
-    assert listed.stdout.endswith("\nmarkergen.errors\n")
+    # The last of the longest chain imports nothing of ours.
+    assert listed.stdout.splitlines()[-1] in ("markergen.arrays", "markergen.errors")
     refused = subprocess.run([*command, "ceilings"], cwd=root, capture_output=True, text=True)
     assert refused.returncode == 2
     assert "there is no 'ceilings'" in refused.stderr

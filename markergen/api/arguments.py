@@ -1,4 +1,5 @@
 """Conversion of the argument forms that callers may use to the one that the engines take."""
+# tests: tests/api/test_compare.py tests/api/test_design.py
 
 from collections.abc import Sequence
 from os import PathLike

@@ -1,4 +1,5 @@
 """Names that an option takes one of, for lists in a page and for shells that complete them; loaded when asked for."""
+# tests: tests/cli/test_completion.py
 
 from collections.abc import Callable, Iterable
 

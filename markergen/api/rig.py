@@ -1,4 +1,5 @@
 """``markergen.rig``: from a shape to a rig and its files."""
+# tests: tests/studio/test_look.py
 
 import logging
 from collections.abc import Mapping

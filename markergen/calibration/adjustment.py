@@ -19,16 +19,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Mask
+from markergen.arrays import Array, Mask
 from markergen.calibration.network import Network, Views, moved_camera
 from markergen.detect.conic_projection import pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-3, least=1e-12, most=1e12, slack=1e-12)
 STEPS = 100

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.flexing import Flex, flexing
@@ -41,8 +42,6 @@ from markergen.presentation.results import SavableResult, Targets, json_bytes, p
 from markergen.presentation.tables import Table
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
 from markergen.validation.setting import setting_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

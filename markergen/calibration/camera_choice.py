@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
 from markergen.calibration.judging import (
     LEAST_JUDGED,
@@ -22,7 +23,6 @@ from markergen.calibration.judging import (
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.model.camera import Camera, Distortion
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 CHANCE = 0.01

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
 from markergen.maths.rotation import exponential, turn_z
-
-Array = NDArray[np.float64]
 
 SIDES = (
     "right edge",

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
 from markergen.calibration.judging import NotJudged
-
-Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.005
 """Probability that a rigid marker is said to bend."""

@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 FOLDS, ALONE = 5, 10
 """Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""

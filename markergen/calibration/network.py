@@ -8,12 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.maths.batched import Batched
 from markergen.model.camera import Camera, Distortion
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 LEAST_DOTS = 4
 """Minimum number of dots of a view: three determine its pose, and say nothing of dots or camera."""

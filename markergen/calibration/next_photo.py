@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.coverage import SIDES, posed
 from markergen.calibration.weaknesses import bounded_covariance
@@ -28,7 +29,6 @@ from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, axes_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 TILTS_DEG, TURNS_DEG = (20.0, 40.0, 60.0), (0.0, 90.0, 180.0, 270.0)
 """Tilts of candidates to each of eight sides, and turns of the camera, deg."""

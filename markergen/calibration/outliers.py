@@ -9,14 +9,11 @@ starts from an adjustment with a robust cost (Cauchy's), and ends when no measur
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
+from markergen.arrays import Array, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, Network, Views
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FALSE_ALARM = 1e-3
 """Probability that any measurement of a network without outliers is rejected."""

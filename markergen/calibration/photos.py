@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
@@ -35,7 +36,6 @@ from markergen.read.images import check_frame, find_images, grey_frame, read_ima
 
 Index = NDArray[np.intp]
 
-Array = NDArray[np.float64]
 
 SEARCH_SIGMA = 5e-4
 """Standard deviation in m of a printed dot while the print is unknown: no dot is to be taken for an outlier."""

@@ -16,8 +16,8 @@ the calibration's boards.
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.information import pose_jacobian
 from markergen.maths.projection import perspective
 from markergen.maths.rotation import exponential
@@ -27,7 +27,6 @@ from markergen.presentation.plots import FAINT, INK
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 COLUMNS = 60
 """Width of the grid; its height follows from the image's."""

@@ -15,9 +15,9 @@ from functools import cached_property
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space
 
+from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, dots_prior, normal_equations, residuals
 from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
 from markergen.errors import InputError
@@ -26,8 +26,6 @@ from markergen.maths.rotation import angle_between, skew
 from markergen.model.body import Body, Plate
 from markergen.model.camera import Camera
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Pose = tuple[Array, Array]
 
 STEPS, HALVINGS, SMALLEST = 30, 8, 1e-10

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.camera_choice import CameraChoice
 from markergen.calibration.coverage import PhotoCoverage, coverage_of
 from markergen.calibration.flexing import Flex
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
     from markergen.calibration.calibration import Calibration
 
-Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 
 METHOD = [
     (

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.network import Length, Network
 from markergen.defaults import RULER_SIGMA
 from markergen.model.marker import Marker
 from markergen.model.rescale import scale_sigmas
-
-Array = NDArray[np.float64]
 
 DOUBTED = 3.0
 """Difference in standard deviations from which on rulers are said to contradict the photographs."""

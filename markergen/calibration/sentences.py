@@ -5,8 +5,8 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJudged
 from markergen.calibration.projection_uncertainty import projection_uncertainty
 from markergen.calibration.working_error import ExpectedError
@@ -16,7 +16,6 @@ from markergen.presentation.tables import number
 if TYPE_CHECKING:
     from markergen.calibration.calibration import Calibration
 
-Array = NDArray[np.float64]
 
 SOURCES = ("image", "print", "camera")
 """Sources of an `ExpectedError`."""

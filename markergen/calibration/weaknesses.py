@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.network import Network, Views
 from markergen.calibration.working_error import sensitivity
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
-
-Array = NDArray[np.float64]
 
 FREE_M, FREE_PX = 0.1, 1000.0
 """What is taken to be known of a dot, and of the image of a dot by the camera: next to nothing."""

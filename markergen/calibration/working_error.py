@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.conic_projection import pose_rows
 from markergen.estimators.budget import pose_gain
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

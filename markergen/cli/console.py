@@ -1,4 +1,5 @@
 """Terminal helpers shared by the commands: exit status, progress with time left, tables, and files written."""
+# tests: tests/cli/test_detect_video.py
 
 import sys
 from collections.abc import Callable, Iterable, Iterator

@@ -1,4 +1,5 @@
 """Declared options as those of a command: parsers, types, and help by group."""
+# tests: tests/cli/test_help.py
 
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches

@@ -1,4 +1,5 @@
 """The result of a comparison, with its tables and plot: to print, draw, save and process."""
+# tests: tests/comparison/test_compare.py
 
 from collections.abc import Mapping, Sequence
 from functools import partial

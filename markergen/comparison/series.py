@@ -1,4 +1,5 @@
 """Views of several contestants, from the same poses with the same noise, and what was found in each."""
+# tests: tests/comparison/test_compare.py tests/api/test_compare.py
 
 import time
 from collections.abc import Sequence

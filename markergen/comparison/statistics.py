@@ -1,4 +1,5 @@
 """Statistics of a comparison: errors with intervals, bounds, flips, and ratios to the first contestant."""
+# tests: tests/comparison/test_compare.py
 
 from collections.abc import Sequence
 from typing import Any

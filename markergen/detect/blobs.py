@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.batched import Batched
 from markergen.model.camera import NO_DISTORTION, Camera
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect import kernel
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _BILINEAR, _PIXEL = 1 / 6, 1 / 12

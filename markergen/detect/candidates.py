@@ -3,15 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect import kernel
 from markergen.detect.blobs import Blobs, Image
 from markergen.detect.blurred_outlines import unblurred
 from markergen.detect.components import Components, find_components
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Eight = NDArray[np.uint8]
-Indices = NDArray[np.intp]
 
 # Columns of the rows that describe an edge, in pixels and grey levels of a level of the pyramid; see `_even_edges`.
 CENTER, AXES, LIGHT, STEP, UNEVEN, RMS, SLOPE, MIDDLE, INVERSE = (

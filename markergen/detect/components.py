@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect import kernel
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Integers = NDArray[np.int64]
 Eight = NDArray[np.uint8]
 Image = NDArray[np.uint8] | NDArray[np.uint16]

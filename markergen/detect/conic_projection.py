@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Mask
+from markergen.arrays import Array, Mask
 from markergen.detect import kernel
 from markergen.maths.batched import Batched
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.levenberg_marquardt import FACTOR, Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.body import Body
-
-Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
 """Damping; the ridge holds the direction that collinear dots leave free."""

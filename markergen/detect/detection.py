@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
@@ -35,8 +36,6 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
 from markergen.model.rig import Target
 from markergen.read.images import LARGEST_FRAME
-
-Array = NDArray[np.float64]
 
 MAX_COPIES = 32
 """Maximum number of copies of one marker in one image."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.detection import MAX_COPIES, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -32,7 +33,6 @@ from markergen.read.cameras.covariance import counted, is_exact
 from markergen.read.images import check_frame, grey_frame, read_image
 from markergen.units import parse_length
 
-Array = NDArray[np.float64]
 CovarianceSource = str | Path | Array | None
 FrameLike = NDArray[Any] | str | os.PathLike[str]
 

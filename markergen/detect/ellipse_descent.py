@@ -1,8 +1,10 @@
 """Descent to the ellipses that fit grey levels best, batched: the twin of kernel_fit.c."""
+# tests: tests/detect/test_ellipse_fit.py
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect import edge_psf, outline_pixels
 from markergen.detect.edge_psf import blurred_ellipse
 from markergen.detect.outline_pixels import (
@@ -15,9 +17,7 @@ from markergen.detect.outline_pixels import (
     white_noise,
 )
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 # Columns of the unknowns.
 CENTER, SHAPE, LIGHT, DARK, BLUR, SLOPES = slice(0, 2), slice(2, 5), 5, 6, 7, slice(8, 12)

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect import kernel
 from markergen.detect.blobs import Blobs
 from markergen.detect.components import grey_noise
@@ -28,9 +29,7 @@ from markergen.detect.ellipse_descent import (
 from markergen.detect.outline_pixels import QUANTIZATION, outline_pixels
 from markergen.maths.batched import Batched
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _NOISE_SLACK, _MOST_NOISE = 1.5, 2.0

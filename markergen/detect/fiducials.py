@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.errors import InputError
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Board, Tag
 
-Array = NDArray[np.float64]
 Fiducial = Tag | Board
 
 REFINEMENTS = ("none", "subpix", "contour", "apriltag")
@@ -307,8 +307,6 @@ def _dictionary(family: str) -> Any:
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))
 
-
-Indices = NDArray[np.intp]
 
 MATCH_PX, MATCH_SHARE = 2.0, 0.12
 """Maximum distance of a tag's corner from its place in a labeling: px, plus a share of its longest side in the image.

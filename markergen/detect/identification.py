@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect import kernel, kernel_pose
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import Outlines
@@ -33,9 +34,6 @@ from markergen.detect.seen_models import Model, Poses
 from markergen.model.camera import Camera
 from markergen.model.feature import DOT_PIXELS
 from markergen.model.tag import Tag
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
 """Maximum misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect.blobs import Blobs, Ellipses, undo_lens
 from markergen.detect.conic_projection import Outlines, body_outlines, outlines, pose_rows
 from markergen.detect.identification import expected
@@ -25,9 +26,6 @@ from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import LEAST_FACING
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 GATE_SIGMA, GATE_PX = 4.0, 1.0
 """Maximum distance of a dot from where a pose of the body predicts it: a multiple of that place's standard deviation,

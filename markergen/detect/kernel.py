@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array
+
 Integers = NDArray[np.int64]
 Eight = NDArray[np.uint8]
 

@@ -2,6 +2,7 @@
 
 The build hook loads this file by its path, before the package is installed, so it imports the standard library alone.
 """
+# tests: tests/detect/test_kernel.py tests/test_packaging.py
 
 import hashlib
 import os

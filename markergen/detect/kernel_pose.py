@@ -1,11 +1,11 @@
 """Calls of the compiled part that estimate poses and judge labelings: see kernel_pose.c."""
+# tests: tests/detect/test_kernel.py
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.kernel import at, indices, library, shaped
-
-Array = NDArray[np.float64]
 
 _DAMPING, _POSE, _JUDGE = 5, 4, 11
 """Lengths of rows in kernel_pose.c."""

@@ -7,14 +7,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import SCHEDULE, Outlines
 from markergen.detect.pose_hypotheses import STRONG_VOTES, DotLayout, guess_poses
 from markergen.detect.seen_models import FIT_TOLERANCE, Model, Planes, Poses
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 LEAST_DOTS = 4
 """Minimum number of dots: fewer do not determine pose and labels."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from markergen.arrays import Array, Indices
+
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 _ENOUGH, _ROWS = 20_000, 64
 """Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than the second."""

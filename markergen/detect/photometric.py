@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.detect.blobs import Image, as_dark
 from markergen.detect.plane_model import (
     BLUR,
@@ -37,8 +38,6 @@ from markergen.maths.dlt import estimate_homography
 from markergen.maths.projection import apply_homography, plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-
-Array = NDArray[np.float64]
 
 REFINEMENTS = ("none", "photometric")
 """Refinements that may follow a detection."""
@@ -136,8 +135,6 @@ def _predicted(marker: Marker, chosen: NDArray[np.intp], lens: Camera, detection
         dots.append(PredictedDot(planes[i], apply_homography(inverse, place[None])[0], inner[i] / radius[i], neighbors))
     return dots
 
-
-Mask = NDArray[np.bool_]
 
 _LEAST_PIXELS = 3 * UNKNOWNS
 

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.edge_psf import BOXED, pixel_edge
 from markergen.model.camera import Camera
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
 _EDGE = 3.5

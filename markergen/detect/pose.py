@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect import kernel, kernel_pose
 from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
@@ -23,8 +23,6 @@ from markergen.maths.dlt import estimate_homography, four_in_general_position
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import NO_DISTORTION, Camera
-
-Array = NDArray[np.float64]
 
 CONTENDER = 1e-3
 """Minimum likelihood of a second pose relative to the best one, for it to be reported."""

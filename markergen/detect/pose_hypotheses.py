@@ -15,14 +15,12 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.errors import InputError
 from markergen.maths.batched import Batched
 from markergen.model.marker import Marker
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MANY_DOTS, NEAR_DOTS, PAIRED_DOTS = 16, 8, 5
 """Number of dots above which only neighbors form pairs; number of a dot's neighbors that confirm a guess, and of those

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.results import Detection
 from markergen.errors import InputError
@@ -17,8 +18,6 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig, Target
 from markergen.read.images import check_frame
-
-Array = NDArray[np.float64]
 
 _FOUND, _GUESSED = (0, 110, 255), (255, 200, 0)
 """Orange and cyan in cv2's order (blue, green, red): dots that were found, and predicted places of the others."""

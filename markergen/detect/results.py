@@ -1,13 +1,13 @@
 """Results of detection: labeled dots with their pose, or dots without labels."""
+# tests: tests/detect/test_photometric.py
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.pose import PoseEstimate
-
-Array = NDArray[np.float64]
 
 
 def _empty(*shape: int) -> Array:

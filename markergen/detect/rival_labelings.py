@@ -5,6 +5,7 @@ takes dots to other dots: for few dots any affine mapping near a rotation, since
 roughly; for many a rotation, by pairs of dots or about the middle of all. Rivals that label nearly all of the blobs are
 found from a few of them.
 """
+# tests: tests/detect/test_identification.py
 
 import math
 from dataclasses import replace
@@ -14,13 +15,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect.blobs import Ellipses
 from markergen.detect.labeling_hypotheses import GUESS_PX, LEAST_DOTS, Labelings, assign, fit_labelings, joined
 from markergen.detect.pose_hypotheses import MANY_DOTS, DotLayout
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 FEW_DOTS = 12
 """Maximum number of dots for which affine mappings are tried."""

@@ -1,11 +1,12 @@
 """Models of how a marker is seen: poses of a calibrated camera, and homographies where there is no calibration."""
+# tests: tests/detect/test_fiducials_as_labels.py tests/detect/test_labeling_hypotheses.py
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import (
     Outlines,
@@ -18,9 +19,6 @@ from markergen.detect.conic_projection import (
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.maths.batched import Batched
 from markergen.maths.projection import apply_homography, perspective
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FIT_TOLERANCE = 1e-3
 """Relative change of the misfit at which a fit stops: enough to tell labelings apart."""

@@ -18,14 +18,12 @@ from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect.detector import Found
 from markergen.detect.presentation import transform_as_dict
 from markergen.errors import InputError, brief
 from markergen.maths.rotation import exponential, left_jacobian, logarithm
-
-Array = NDArray[np.float64]
 
 GATE = 27.86
 """Largest squared Mahalanobis distance of a pose that is believed: one of 10,000 good ones is further off (chi2, 6)."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import Outlines, body_outlines
@@ -25,9 +26,6 @@ from markergen.model.body import Constellation
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.read.images import grey_frame
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _LEAST_MARGIN = 12.0
 """Minimum distance in px that a dot may have moved since the frame before; a large dot, by its own diameter."""

@@ -1,4 +1,5 @@
 """Annotations around markers on a sheet: axis arrows, columns of facts, paragraphs and the title block."""
+# tests: tests/drawing/test_paper_net.py tests/drawing/test_print_measurements.py
 
 from collections.abc import Sequence
 

@@ -1,4 +1,5 @@
 """Placement of dot numbers on a sheet: outside all quiet zones, clear of other numbers and of all other ink."""
+# tests: tests/drawing/test_sheet_layout.py tests/workshop/drafting/test_views.py
 
 from collections.abc import Sequence
 

@@ -2,6 +2,7 @@
 
 What is cut and what is only kept free follows the rule of docs/conventions.md.
 """
+# tests: tests/drawing/test_sheet_layout.py tests/cli/test_drawn_plates.py
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """Straight edges of a body's plates, the plates that they meet, and labels beside them."""
+# tests: tests/drawing/test_paper_net.py
 
 from dataclasses import dataclass, replace
 

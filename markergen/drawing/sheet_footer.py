@@ -1,4 +1,5 @@
 """Foot of a sheet: rulers, axes, lengths to measure, remedies if they are off, and the title block."""
+# tests: tests/drawing/test_sheet_layout.py
 
 from collections.abc import Mapping, Sequence
 

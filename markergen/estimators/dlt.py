@@ -1,4 +1,5 @@
 """Normalized direct linear transform, the paper's estimator."""
+# tests: tests/contracts/test_estimators.py
 
 import numpy as np
 

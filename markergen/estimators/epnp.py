@@ -1,4 +1,5 @@
 """OpenCV's EPnP (Lepetit, Moreno-Noguer & Fua 2009), with workarounds for two of its defects on flat markers."""
+# tests: tests/contracts/test_estimators.py
 
 from dataclasses import replace
 

@@ -1,4 +1,5 @@
 """OpenCV's SQPnP (Terzakis & Lourakis 2020)."""
+# tests: tests/contracts/test_estimators.py
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.opencv import solve_each

@@ -1,4 +1,5 @@
 """Shapes drawn on a page of reportlab's canvas, in mm, for all PDF formats."""
+# tests: tests/exporters/test_pdf.py
 
 from math import cos, pi, sin, tan
 from typing import Any

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
+from markergen.arrays import Array
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
@@ -20,7 +21,6 @@ from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.geometry.coverage import Runs, covered_runs, unit_disk
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 STRIP = 1 << 22

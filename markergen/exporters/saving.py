@@ -1,4 +1,5 @@
 """Saving of markers and families of markers to files, each in the format of its suffix, all files or none."""
+# tests: tests/exporters/test_save.py tests/exporters/test_family.py
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

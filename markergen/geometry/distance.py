@@ -1,4 +1,5 @@
 """Exact distances from many points at once: to segments, to arcs, and into polygons enclosed by segments."""
+# tests: tests/model/test_boundary.py
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -6,6 +6,7 @@ larger one. Where two of these curves intersect, one may leave the region. So ev
 intersections, and a part belongs to the boundary if its midpoint is deep enough. There is no polygonal approximation,
 and regions of several parts need no special care. `Interior` uses it to find nearest, deepest and random points.
 """
+# tests: tests/model/test_boundary.py
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property

@@ -2,6 +2,7 @@
 
 Lengths are in m.
 """
+# tests: tests/read/outlines/test_curves.py
 
 from collections.abc import Sequence
 

@@ -1,4 +1,5 @@
 """Base of dataclasses whose attributes are arrays with one first axis: many things of a kind."""
+# tests: tests/bounds/confusion/test_rival_fits.py tests/calibration/test_adjustment.py
 
 from typing import Any, ClassVar, Self
 

@@ -1,4 +1,5 @@
 """The body: plates with dots in a known rigid relation. A marker is a body of one plate, a rig one of several."""
+# tests: tests/model/test_rig.py tests/model/test_rig_occlusion.py
 
 import warnings
 from abc import ABC, abstractmethod

@@ -1,4 +1,5 @@
 """Constellations: dots of one plate and about one size, enough and spread enough to find a pose by themselves."""
+# tests: tests/model/test_sight.py
 
 from collections.abc import Sequence
 

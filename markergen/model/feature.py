@@ -1,4 +1,5 @@
 """Features: the printed shapes that mark control points."""
+# tests: tests/model/test_model.py tests/model/test_marker.py
 
 from dataclasses import dataclass
 from math import isfinite

@@ -1,4 +1,5 @@
 """Findings about a file, as ``path: words (got ...)``: the same wording for every reader."""
+# tests: tests/drawing/test_sheet_layout.py tests/model/test_marker_file.py
 
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches

@@ -1,4 +1,5 @@
 """Goals: the criterion that a design minimizes, or a weighted sum of several, and bounds on others."""
+# tests: tests/optimize/test_goals.py
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """Text of JSON: numbers are finite and keys distinct, whether written or read."""
+# tests: tests/model/test_marker_json.py tests/model/test_marker_file.py
 
 import json
 from collections import Counter

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-
-Array = NDArray[np.float64]
 
 PILLAR_RIM = 0.25
 """Excess of a pillar's radius over its dot's, as a share of the clearance: two pillars leave half the gap free."""

@@ -1,4 +1,5 @@
 """Poses read from a file: they are stored with the design, so that it can be repeated without the file."""
+# tests: tests/model/test_poses.py tests/read/test_poses.py
 
 import hashlib
 from dataclasses import dataclass, replace

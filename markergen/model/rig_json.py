@@ -1,4 +1,5 @@
 """rig.json: markers, inline or as files beside it, each with its pose T_rig_marker (docs/rig-v1.schema.json)."""
+# tests: tests/model/test_marker_file.py tests/model/test_marker_json.py
 
 import json
 import os

@@ -1,4 +1,5 @@
 """Rigid motions and covariances as they are given: rows of numbers, and what is refused."""
+# tests: tests/model/test_rig.py tests/model/test_marker.py
 
 import numpy as np
 

@@ -1,4 +1,5 @@
 """Schemas of boundaries, keep-outs and plates in files; lengths in m."""
+# tests: tests/model/test_boundary.py
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal

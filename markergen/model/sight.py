@@ -5,8 +5,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices, Mask
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.body import Body
@@ -16,10 +16,6 @@ from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 MARGIN_PX = 3.0
 """Distance in px that the image of a dot keeps from the edge of the sensor to be detected."""

@@ -1,4 +1,5 @@
 """Condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
+# tests: tests/objectives/test_objectives.py
 
 from collections.abc import Callable
 

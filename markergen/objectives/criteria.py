@@ -1,4 +1,5 @@
 """All criteria of a layout, and of the layouts it is compared with."""
+# tests: tests/objectives/test_objectives.py tests/objectives/test_observation.py
 
 from collections.abc import Mapping
 

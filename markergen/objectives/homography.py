@@ -1,4 +1,5 @@
 """Homography objective: expected error of the homography on and around the marker."""
+# tests: tests/objectives/test_objectives.py tests/validation/test_metrics.py
 
 import numpy as np
 

@@ -1,4 +1,5 @@
 """Objectives based on the pose covariance, including the default: displacement of the marker's rim."""
+# tests: tests/objectives/test_observation.py
 
 import numpy as np
 

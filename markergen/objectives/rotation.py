@@ -1,4 +1,5 @@
 """Rotation objective: error of the estimated orientation alone."""
+# tests: tests/contracts/test_objectives.py
 
 import numpy as np
 

@@ -1,4 +1,5 @@
 """Translation objective: error of the estimated position alone."""
+# tests: tests/contracts/test_objectives.py
 
 import numpy as np
 

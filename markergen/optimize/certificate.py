@@ -36,6 +36,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.information import covariance
 from markergen.maths.rotation import turn_z
 from markergen.objectives import Objective
@@ -46,7 +47,6 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
 from markergen.units import format_length
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 EXPONENTS = {"rms": 2, "mean": 1, "logmean": 0, "max": 2, "cvar": 1}

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.model.goal import NGON, parse_goal
 from markergen.model.spec import Spec
@@ -15,8 +15,6 @@ from markergen.objectives.survive import HiddenDots
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.regular import polygons
 from markergen.presentation.tables import Table, number
-
-Array = NDArray[np.float64]
 
 LAYOUTS = {
     "flat": "best without relief",

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.geometry.contour import rings_and_circles
 from markergen.model.boundary import Boundary
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 CORNER, BEND = np.deg2rad(10.0), np.deg2rad(45.0)
 """Angles at which walls end: at a corner sharper than the first, or after a total turn of the second."""

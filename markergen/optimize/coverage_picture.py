@@ -1,4 +1,5 @@
 """Picture of what poses see of a marker: dots in view over distance and tilt."""
+# tests: tests/api/test_design.py tests/validation/report/test_overview.py
 
 from typing import TYPE_CHECKING
 

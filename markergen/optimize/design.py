@@ -9,8 +9,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
@@ -61,7 +61,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 
 UPRIGHT = 1e-5
 """Relative loss of the objective allowed for turning the layout upright, far below anything measurable."""

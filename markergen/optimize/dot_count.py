@@ -17,6 +17,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import MANY, layout_safety
 from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
@@ -41,8 +42,6 @@ from markergen.optimize.problem import FeasibleRegion, fewer, room_of
 from markergen.options import Progress
 from markergen.read.poses import poses_from
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 NEAR_BEST = 1.05
 """Predicted error of the chosen number of dots, relative to the least that any number reaches."""

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -26,8 +26,6 @@ from markergen.optimize.problem import FeasibleRegion, objective_of, room_of, ro
 from markergen.optimize.search import search
 from markergen.options import Progress
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 PIXELS = 8.0
 """Desired minimum extent of the dots' images, in px."""

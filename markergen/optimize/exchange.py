@@ -12,12 +12,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.problem import FeasibleRegion
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 RIM, INNER = 160, 160

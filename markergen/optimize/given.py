@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.errors import InputError
 from markergen.model.boundary import Without
@@ -16,8 +16,6 @@ from markergen.optimize.dot_size import CLEARANCE, DotSize, clearance_of, pixels
 from markergen.optimize.problem import TOLERANCE, FeasibleRegion, room_of
 from markergen.optimize.relief import relief_breach
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 STEP = 1e-4
 """Diameters are whole multiples of it, m: they can be measured on the sheet."""

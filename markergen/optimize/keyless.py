@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import (
     LabelSafety,
     find_rivals,
@@ -33,8 +34,6 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
 from markergen.options import Progress
-
-Array = NDArray[np.float64]
 
 SHAKES = (0.05, 0.1, 0.1, 0.15, 0.15, 0.2, 0.2, 0.3)
 """Perturbations of the unconstrained optimum, in radii, for one start each."""

@@ -1,15 +1,13 @@
 """Packings: the largest diameter of n dots, and the number of dots of one size that fit."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.optimize.constraints import contacts
 from markergen.optimize.polish import slsqp
 from markergen.optimize.problem import FeasibleRegion
-
-Array = NDArray[np.float64]
 
 EXACT_UP_TO = 24
 """Number of dots above which the hexagonal lattice is used, a lower bound within a few percent."""

@@ -1,4 +1,5 @@
 """Design of a marker with dots of several sizes, for a wide range of distances (see `markergen.optimize.ranges`)."""
+# tests: tests/api/test_design.py tests/validation/test_tables.py
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -8,8 +9,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.affine import likeness
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.bounds.dots import dot_information
@@ -37,7 +38,6 @@ from markergen.units import format_length
 
 log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 
 ALIKE = 0.05
 """Deviation of one scale's layout from an affine image of another's, as a fraction of its size, below which the two

@@ -3,18 +3,19 @@
 `slsqp` is the only driver of SciPy's sequential quadratic programming, and `Clearances` the constraints of any layout;
 both are also used for packings, reliefs and layouts without a key ring.
 """
+# tests: tests/optimize/test_optimize.py tests/optimize/test_search.py
 
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.objectives import Objective
 from markergen.optimize.constraints import contacts
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SOFTNESSES = (0.1, 0.03, 0.01, 0.003, 0.001, 1e-4, 1e-5)

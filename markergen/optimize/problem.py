@@ -12,6 +12,7 @@ from math import dist, hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, area_without
@@ -23,8 +24,6 @@ from markergen.objectives.base import either
 from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
-
-Array = NDArray[np.float64]
 
 FEW_POSES = 48
 """Number of poses that represent all in an exchange; its results are evaluated for all poses afterwards."""

@@ -18,6 +18,7 @@ from math import ceil, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.dots import dot_information
 from markergen.errors import InputError
 from markergen.maths.information import covariance
@@ -38,8 +39,6 @@ from markergen.optimize.problem import FeasibleRegion, objective_of, room_of, ro
 from markergen.optimize.search import search
 from markergen.options import Progress
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 WIDE = 4.0
 """Ratio of the farthest to the nearest pose from which on dots may have several sizes."""

@@ -9,13 +9,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry import region as geometry
 from markergen.maths.rotation import turn_z
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.packing import fitting
 from markergen.optimize.problem import FeasibleRegion
-
-Array = NDArray[np.float64]
 
 PHASES = 24
 """Number of rotations of a regular polygon within its period."""

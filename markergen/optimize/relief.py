@@ -11,6 +11,7 @@ from math import dist
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.occlusion import Passage, passage
 from markergen.objectives import Objective
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
@@ -19,7 +20,6 @@ from markergen.optimize.search import KEPT, Optimum, best_of
 from markergen.optimize.trace import Record
 from markergen.options import Progress
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ROUNDING = 1e-10

@@ -8,9 +8,9 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.bounds.dots import body_bounds
 from markergen.errors import InputError
@@ -43,7 +43,6 @@ from markergen.units import format_length
 
 log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 
 CLEARANCE = 0.3
 """Default clearance as a fraction of the dot diameter: beyond an edge of the body, the background begins."""

@@ -4,13 +4,14 @@ In each pose T_camera_rig some plates are seen; the information of their dots on
 plate's layout is optimized, that of all others in view is constant (`Sight.known`). Plates without tags are kept a
 smallest affine distance apart, each from all others, so that no view confuses them (`bounds.confusion`).
 """
+# tests: tests/optimize/test_rig_design.py
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.affine import affine_distance, foreign_safety, partial_distance, self_distance
 from markergen.errors import InputError
 from markergen.maths.information import moved_information
@@ -28,9 +29,6 @@ from markergen.optimize.polish import polish
 from markergen.optimize.problem import FEW_POSES, FeasibleRegion, objective_of, room_of
 from markergen.optimize.search import search
 from markergen.options import Progress
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FLATTEST = 0.2
 """Minimum cosine of the tilt at which a plate counts."""

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
@@ -27,7 +28,6 @@ from markergen.optimize.trace import Record
 from markergen.options import Progress
 from markergen.units import format_length
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Ranked = tuple[Array, float]
 """Layout (n, 2) or (n, 3) in m, and its value."""

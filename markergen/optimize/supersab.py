@@ -6,18 +6,17 @@ with a step size a for each coordinate, which grows while the sign of that coord
 when it changes, and P the projection onto the feasible region. The logarithm makes steps independent of the objective's
 unit.
 """
+# tests: tests/optimize/test_optimize.py
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.objectives import Objective
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
-
-Array = NDArray[np.float64]
 
 GROW, SHRINK = 1.2, 0.5
 """Factors of the step size. The paper's growth of 1.05 takes three times as many steps to the same optimum; 1.2 is as

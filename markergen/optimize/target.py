@@ -7,8 +7,8 @@ flips: where the pose is hardly determined, as from the front and far away, nois
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
@@ -33,8 +33,6 @@ from markergen.optimize.dot_count import (
 from markergen.options import Progress
 from markergen.read.poses import poses_from
 from markergen.units import format_length
-
-Array = NDArray[np.float64]
 
 FLIP_SIGMAS, LARGEST_DEG = 6.0, 1.0
 """First order ends where the mirrored pose is nearer than this many sigma, or the error in degrees is larger."""

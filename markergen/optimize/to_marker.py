@@ -1,13 +1,14 @@
 """From a layout to a marker: numbered dots, their provenance, and the members of a family."""
+# tests: tests/optimize/test_design.py
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import LabelSafety
 from markergen.errors import InputError
 from markergen.model.marker import Marker, build_marker
@@ -17,8 +18,6 @@ from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import Criteria
 from markergen.optimize.dot_size import DotSize
-
-Array = NDArray[np.float64]
 
 
 def number(points: Array) -> Array:

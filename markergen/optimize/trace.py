@@ -10,8 +10,8 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.files import check_folder
 from markergen.maths.information import rotation_bound, translation_bound
@@ -23,7 +23,6 @@ from markergen.options import Watch
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 Record = Callable[[str, Array, Array], None]
 """Callback of a search, with a stage and its layouts (B, n, .) in m before and after the step."""
 

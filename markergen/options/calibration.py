@@ -1,4 +1,5 @@
 """Options of a calibration."""
+# tests: tests/cli/test_completion.py
 
 from typing import Annotated, TypedDict
 

@@ -4,6 +4,7 @@ The command-line options and their help, the keys of a spec file and their JSON 
 `markergen.design`, `export`, `validate` and the others are all generated from these tables; a new option is a new
 line. Each table is a ``TypedDict``, so type checkers know the keywords, too.
 """
+# tests: tests/options/test_declared.py tests/options/test_reading.py
 
 from typing import Annotated, TypedDict
 

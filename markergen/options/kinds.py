@@ -1,4 +1,5 @@
 """Kinds of option values: how each is annotated, read from Python and typed on a command line."""
+# tests: tests/options/test_declared.py
 
 import math
 import os

@@ -1,4 +1,5 @@
 """Options of a rig."""
+# tests: tests/docs/test_book.py tests/studio/test_look.py
 
 from typing import Annotated
 

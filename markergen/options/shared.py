@@ -1,4 +1,5 @@
 """Options that several functions have: the sheet, the plate, the process, print and calibration, search and workers."""
+# tests: tests/api/test_export.py tests/cli/test_completion.py
 
 from typing import Annotated, TypedDict
 

@@ -1,4 +1,5 @@
 """Options of a study."""
+# tests: tests/options/test_declared.py tests/options/test_reading.py
 
 from typing import Annotated, TypedDict
 

@@ -10,12 +10,12 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from markergen.arrays import Array
 from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY
 from markergen.errors import InputError
 from markergen.geometry.coverage import polygon_coverage
 from markergen.units import parse_settings
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 FULL_SCALE = 255.0

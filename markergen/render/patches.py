@@ -7,11 +7,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry.coverage import closing, unit_disk
 from markergen.maths.projection import perspective
 from markergen.model.camera import Camera
-
-Array = NDArray[np.float64]
 
 CIRCLE_VERTICES = 1024
 """Default number of vertices of a circle: enough for a radius of 30 px in the image (see `circle_vertices`)."""

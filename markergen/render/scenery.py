@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.coverage import paint
 from markergen.model.body import Body
@@ -15,7 +16,6 @@ from markergen.registry import Registry
 from markergen.render.optics import Optics
 from markergen.render.patches import Patch, project_patches
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 

@@ -12,6 +12,7 @@ from itertools import dropwhile
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.geometry.coverage import paint
 from markergen.model.body import Body, Plate
 from markergen.model.boundary import Boundary
@@ -22,8 +23,6 @@ from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, illumi
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle, circle_vertices, project_patches
 from markergen.render.scenery import Scenery
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Grey = NDArray[np.float32]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

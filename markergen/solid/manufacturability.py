@@ -1,4 +1,5 @@
 """Deprecated name of `markergen.workshop.manufacturability`; it goes with the next release."""
+# tests: tests/contracts/test_plugins.py
 
 from markergen.solid import renamed
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point, area, circle, flattened, offset, placed, turns_of
@@ -24,7 +24,6 @@ from markergen.model.substrate_checks import disk_radius
 from markergen.solid.primitives import OFF, Part, Primitive, Prism, Revolved, cylinder, mm, size_of
 from markergen.units import format_length
 
-Array = NDArray[np.float64]
 Outline = tuple[Contour, ...]
 """Outer contour, counterclockwise, and its holes, clockwise."""
 

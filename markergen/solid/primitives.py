@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from math import atan, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry import contour
 from markergen.geometry.contour import Contour, area, offset
 
-Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top."""
 

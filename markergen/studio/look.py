@@ -5,8 +5,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.comparison.baselines import line_up
 from markergen.defaults import PRINT_SIGMA
@@ -35,8 +35,6 @@ from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
 from markergen.validation.tables import limit_sentences
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
 
 USUAL_COUNT = 8
 """Number of dots that a page begins with where a search is to choose it."""

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.api.design import design
 from markergen.api.export import choices_of, export
+from markergen.arrays import Array
 from markergen.detect.detector import Detector
 from markergen.detect.presentation import overlay
 from markergen.errors import InputError, brief
@@ -40,8 +40,6 @@ from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import rms
 from markergen.validation.setting import setting_of
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 """Same files, same bytes."""

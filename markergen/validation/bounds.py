@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices, Mask
 from markergen.bounds.dots import plate_covariances
 from markergen.detect.joining import spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
@@ -33,10 +33,6 @@ from markergen.render import Optics, Patch, expected_levels, window_of
 from markergen.render.optics import FULL_SCALE, light_at
 from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 UNSEEN_PX2 = 1e12
 """Variance in px^2 of the image of a dot that a pose does not see."""

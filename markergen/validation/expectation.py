@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.detect.conic_projection import mirrored_poses, pose_rows
 from markergen.detect.pose import normalized_covariance, refine_weighted
 from markergen.estimators.budget import PoseBudget, print_covariance
@@ -36,9 +37,6 @@ from markergen.validation.bounds import budget_of, counted_covariance
 from markergen.validation.metrics import FLIP_SEPARATION, pose_failed
 from markergen.validation.print_error import displacement
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CURVED = 0.05
 """Curvature, and share of the standard deviation, from which poses are sampled; below, first order is right to 3 %."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -15,9 +16,6 @@ from markergen.presentation.tables import number, percent
 from markergen.validation.expectation import Expectation, expect
 from markergen.validation.metrics import rms, share_interval
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FOCAL_PX, CENTER_PX = 2.0, 1.5
 """Standard deviations of a calibration that is not exact."""

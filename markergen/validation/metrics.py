@@ -1,14 +1,12 @@
 """Errors of estimates, criteria for failures and flips, and statistics with their counts."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.maths.rotation import angle_between, logarithm
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Statistics = dict[str, float | int | None]
 
 FLIP_SEPARATION = 6.0

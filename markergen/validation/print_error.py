@@ -1,17 +1,17 @@
 """Simulated print errors, consistent with the error budget."""
+# tests: tests/validation/test_measured_print.py tests/validation/test_expectation.py
 
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import exponential
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 
-Array = NDArray[np.float64]
 B = TypeVar("B", Marker, Rig)
 
 

@@ -1,4 +1,5 @@
 """The result of a validation: to print, draw, save, check and process."""
+# tests: tests/api/test_validate.py
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

@@ -1,4 +1,5 @@
 """The camera and poses in which a marker or rig is judged: those that it was designed for, or others."""
+# tests: tests/validation/test_pads.py tests/validation/test_validation.py
 
 import numpy as np
 

@@ -6,8 +6,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices, Mask
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
@@ -37,10 +37,6 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 BLOCK = 4096
 """Number of trials solved at once, which bounds the memory for any number of runs."""

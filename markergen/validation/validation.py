@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import label_safety
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
@@ -27,8 +27,6 @@ from markergen.validation.report.subject import mean_diameters
 from markergen.validation.trials import TrialResults, rig_trials, run_experiment
 from markergen.validation.view_records import DETECTOR, Record, stress, summarize, summarize_rig, take_records
 from markergen.validation.views import SyntheticViews
-
-Array = NDArray[np.float64]
 
 
 def validate(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices, Mask
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.rotation import logarithm
@@ -29,10 +30,6 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.views import SyntheticViews, View, take_views
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 DETECTOR = "detect"
 """Name of the pose that the detection itself reports, from weighted image points, with its covariance."""

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.detect import Detection, detect
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.presentation import overlay
@@ -24,8 +25,6 @@ from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
 from markergen.validation.print_error import misprinted
-
-Array = NDArray[np.float64]
 
 WRONG_PX = 5.0
 """Maximum distance in px of a dot from its true position; beyond it, the detection has a wrong label."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import read
 from markergen.model.body import Body, Plate
@@ -49,8 +50,6 @@ from markergen.verification.solids import (
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
 from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
-
-Array = NDArray[np.float64]
 
 MOST_COPIES = 500
 

@@ -7,13 +7,12 @@ from itertools import pairwise
 from math import cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
 from markergen.verification.reading import FARTHEST, READERS, Page, Reading, circles_of, round_shape
 
-Array = NDArray[np.float64]
 Group = tuple[int, str]
 
 MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 1e-3, 14: 100.0}

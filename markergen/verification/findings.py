@@ -9,12 +9,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.maths.rotation import rigid_motion, scaled_motion
 from markergen.verification.matching import DotSet, Match, best_match
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids, scale_finding, short_length
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Off = Callable[[Array, Array, Mask, bool], Array]
 
 MOST_SUBSETS = 300

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
@@ -31,9 +32,6 @@ from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import Page
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 QUIET = 2.2
 """Radius in which the outline may be interrupted, relative to that of the dot: the quiet zone, and rounding."""

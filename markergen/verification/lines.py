@@ -6,16 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.geometry.contour import Contour, area, backward, box, flattened, placed
 from markergen.model.marker import Marker
 from markergen.model.openings import Opening, openings
 from markergen.solid.plate import plate_of
 from markergen.verification.words import MOST_LISTED, Finding, short_length
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 Seek = Callable[[Array, Array], Array]
 """Points of the file's lines (m, 2) nearest to points (m, 2) of a wanted line with normals (m, 2); nan for none."""

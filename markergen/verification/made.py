@@ -7,8 +7,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.marker import Marker
@@ -18,7 +18,6 @@ from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, 
 from markergen.verification.surface import Color, LevelFace, Surface
 from markergen.verification.words import MOST_LISTED, Finding, short_length
 
-Array = NDArray[np.float64]
 Motion = tuple[Array, Array]
 
 WHOLE = "export it again with all of its parts"

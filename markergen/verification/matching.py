@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array, Indices
 from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import Marker
 from markergen.verification.reading import Page, Reading
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 ALIKE = 1.3
 """Maximum ratio between the radii of a circle and of a dot that it may be."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen.read.meshes
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import MOST_TRIANGLES, Content, check_size, in_child, start_child
 from markergen.guard import read as read_content
@@ -34,7 +35,6 @@ from markergen.verification.surface import (
 )  # fmt: skip
 from markergen.verification.words import MOST_LISTED
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PARSER = Path(markergen.read.meshes.__file__).with_name("mesh_parser.py")

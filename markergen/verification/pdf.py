@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.body import Body
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import READERS, Page, Reading, circle_diameters
-
-Array = NDArray[np.float64]
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.verification.reading import FLATTEST, circles_of, round_shape
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 MM_PER_POINT = 25.4 / 72

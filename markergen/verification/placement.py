@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import box
 from markergen.model.body import Body, Plate
@@ -35,8 +36,6 @@ from markergen.verification.solids import (
 from markergen.verification.surface import Surface
 from markergen.verification.tags import tag_findings
 from markergen.verification.words import KNOWN, MOST_LISTED, NO_PLATE, Finding, scale_finding, short_length
-
-Array = NDArray[np.float64]
 
 STRAIGHT = np.radians(0.01)
 """Angle in rad below which an axis is an axis."""

@@ -12,6 +12,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.scene import FilledPath
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
@@ -30,7 +31,6 @@ from markergen.verification.reading import (
     circles_of,
 )
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 Blob = tuple[tuple[int, int, int, int], bool]
 

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.model.body import Body
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.surface import Surface
-
-Array = NDArray[np.float64]
 
 PRINTABLE = 20e-6
 """Default tolerance in m: less than printers and cutters show, more than programs round when they save a file."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.body import Body
@@ -20,8 +21,6 @@ from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
 from markergen.verification.reading import PRINTABLE, Page, Reading, round_shape
 from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of, out_of_round
 from markergen.verification.words import MOST_LISTED, Finding, short_length
-
-Array = NDArray[np.float64]
 
 FLUSH = 1e-3
 """Maximum difference of height between edges of one dot face, in mm."""

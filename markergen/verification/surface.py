@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry.contour import Contour, circle, flattened
 from markergen.geometry.region import Region
 
-Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 
 FINE = 1e-3

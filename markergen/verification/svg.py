@@ -11,6 +11,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.colors import luma
 from markergen.errors import InputError
 from markergen.guard import Content, check_size
@@ -21,8 +22,6 @@ from markergen.read.outlines.svg import fraction, parse_svg
 from markergen.verification.lines import Seek, seek_among
 from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
-
-Array = NDArray[np.float64]
 
 PATIENCE = 10
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""

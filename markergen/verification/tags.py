@@ -5,15 +5,14 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.tag import Tag
 from markergen.verification.reading import Page
 from markergen.verification.solids import is_ink, straight_edges
 from markergen.verification.surface import Surface
 from markergen.verification.words import Finding
 
-Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
 
 NAMES = ("top left", "top right", "bottom right", "bottom left")

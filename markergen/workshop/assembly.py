@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle, flattened
 from markergen.model.body import Plate
@@ -21,8 +22,6 @@ from markergen.model.rig import Rig
 from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, mm
 from markergen.workshop.processes import Made, parts_of
 from markergen.workshop.processes.fdm import FACE_DOWN
-
-Array = NDArray[np.float64]
 
 JOINED = 1e-3
 """Maximum distance in mm between corners of adjacent faces that are one vertex of a block."""

@@ -4,6 +4,7 @@ Bodies that are joined only touch, and what is cut lies inside of them or ends a
 a part is therefore the sum of the surfaces of its added bodies minus those of the others: walls stay as they are, and
 the caps at one height become faces bounded by rims. No Boolean operation is needed to find them.
 """
+# tests: tests/workshop/test_kernel.py tests/workshop/test_mesh.py
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

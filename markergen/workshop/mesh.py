@@ -13,13 +13,13 @@ from math import acos, atan, atan2, ceil, cos, hypot, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
 from markergen.geometry.region import Region
 from markergen.solid.primitives import SAME, BodyPart, Part, Prism, Revolved
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LEAST = 144

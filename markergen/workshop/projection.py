@@ -8,14 +8,12 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.geometry.contour import Contour, Point, circle, flattened, offset
 from markergen.geometry.region import Region
 from markergen.solid.primitives import OFF, OTHER, SAME, Box, Part, Primitive, Prism, Revolved
 from markergen.workshop.drafting.drawing import ViewFace
-
-Array = NDArray[np.float64]
 
 CHAMFERED = 12
 """Number of steps of a section across a chamfer; straight chamfers are exact anyway."""

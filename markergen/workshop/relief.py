@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from math import cos, pi, sin, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour
 from markergen.model.fabrication import Fabrication
@@ -17,8 +17,6 @@ from markergen.solid.plate import Footprint, SolidPlate, gaps
 from markergen.solid.primitives import Revolved
 from markergen.workshop.dot_geometry import SolidDot
 from markergen.workshop.manufacturability import FLATTENING, Tool, found_room, up
-
-Array = NDArray[np.float64]
 
 LEAST_FOOT = 0.05
 """Minimum radius in mm of a fillet."""

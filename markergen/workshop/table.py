@@ -1,4 +1,5 @@
 """Outlines to cut, solids, meshes, and the drawing that goes with them; loads no writers."""
+# tests: tests/contracts/test_exporters.py
 
 from markergen.exporters import EXPORTERS, Exporter
 

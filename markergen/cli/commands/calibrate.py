@@ -1,4 +1,5 @@
 """``markergen calibrate``."""
+# tests: tests/cli/test_calibrate.py
 
 from pathlib import Path
 from typing import Annotated, Any

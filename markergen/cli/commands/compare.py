@@ -1,4 +1,5 @@
 """``markergen compare``."""
+# tests: tests/cli/test_compare.py
 
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,4 +1,5 @@
 """``markergen design``."""
+# tests: tests/cli/test_design.py
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,5 @@
 """``markergen detect``."""
+# tests: tests/cli/test_detect.py
 
 import sys
 from contextlib import nullcontext

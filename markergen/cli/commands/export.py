@@ -1,4 +1,5 @@
 """``markergen export``."""
+# tests: tests/cli/test_export.py
 
 from pathlib import Path
 from typing import Annotated, Any

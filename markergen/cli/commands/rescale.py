@@ -1,4 +1,5 @@
 """``markergen rescale``."""
+# tests: tests/cli/test_rescale.py
 
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,4 +1,5 @@
 """``markergen rig``."""
+# tests: tests/contracts/test_commands.py
 
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,4 +1,5 @@
 """``markergen studio``: the page in the browser."""
+# tests: tests/cli/test_studio.py
 
 from pathlib import Path
 from typing import Annotated

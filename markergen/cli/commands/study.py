@@ -1,4 +1,5 @@
 """``markergen study``."""
+# tests: tests/cli/test_study.py
 
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,4 +1,5 @@
 """``markergen templates``."""
+# tests: tests/contracts/test_commands.py
 
 from typing import Annotated
 

@@ -1,4 +1,5 @@
 """``markergen validate``."""
+# tests: tests/cli/test_validate.py
 
 from pathlib import Path
 from typing import Annotated, Any

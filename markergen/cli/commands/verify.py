@@ -1,4 +1,5 @@
 """``markergen verify``."""
+# tests: tests/cli/test_verify.py
 
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,4 +1,5 @@
 """What every contestant provides, and the table of their kinds."""
+# tests: tests/comparison/test_baselines.py tests/comparison/test_rig_contestants.py
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence

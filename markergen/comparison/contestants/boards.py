@@ -1,4 +1,5 @@
 """ChArUco boards, detected by cv2.aruco."""
+# tests: tests/comparison/test_baselines.py tests/comparison/test_compare.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

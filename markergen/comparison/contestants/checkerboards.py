@@ -1,4 +1,5 @@
 """Checkerboards, detected by cv2.findChessboardCornersSB."""
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """OpenCV's circle grids, symmetric and asymmetric, detected by cv2.findCirclesGrid."""
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

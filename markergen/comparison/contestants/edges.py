@@ -1,4 +1,5 @@
 """Square tags found by cv2.aruco, whose corners are the intersections of lines that we fit to their edges."""
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

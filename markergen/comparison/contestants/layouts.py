@@ -1,4 +1,5 @@
 """Markers of dots, found by our detector: markers from files, and common layouts."""
+# tests: tests/comparison/test_baselines.py tests/comparison/test_compare.py
 
 from dataclasses import dataclass
 from math import pi, sin

@@ -1,4 +1,5 @@
 """Flat patterns of others, black on a white disk: rendering, print errors, and poses from the points found."""
+# tests: tests/comparison/test_baselines.py tests/comparison/test_rig_contestants.py
 
 from abc import abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """AprilTags, detected by AprilTag's own library as packaged in pupil-apriltags."""
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

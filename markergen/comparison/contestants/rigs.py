@@ -1,4 +1,5 @@
 """Rigs, found by our detector, and the same bodies with a square tag on each plate, found by cv2.aruco."""
+# tests: tests/comparison/test_rig_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,5 @@
 """Coded rings on a hexagonal lattice, drawn and detected by ringgrid."""
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -2,6 +2,7 @@
 
 B. Benligiray, C. Topal, C. Akinlar, "STag: A stable fiducial marker system", Image and Vision Computing 89, 2019.
 """
+# tests: tests/contracts/test_contestants.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

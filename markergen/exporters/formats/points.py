@@ -3,6 +3,7 @@
 Each format is its row and the function below it. All are short texts in m, in the marker frame, and need neither sheet
 nor solid.
 """
+# tests: tests/exporters/test_configurations.py tests/exporters/test_apriltag.py
 
 import csv
 from collections.abc import Callable, Sequence

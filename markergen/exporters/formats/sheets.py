@@ -1,4 +1,5 @@
 """Sheets to print: markers, all plates of a rig with their names and neighbors, or the paper net of a rig."""
+# tests: tests/contracts/test_exporters.py
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING

@@ -1,4 +1,5 @@
 """``radtan`` and ``rational``: OpenCV's calibration models, a polynomial in r^2 or a quotient of two."""
+# tests: tests/contracts/test_lenses.py
 
 from collections.abc import Sequence
 from functools import lru_cache

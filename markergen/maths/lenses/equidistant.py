@@ -1,4 +1,5 @@
 """``equidistant``: the fisheye model of OpenCV and Kalibr."""
+# tests: tests/contracts/test_lenses.py
 
 from collections.abc import Sequence
 

@@ -1,4 +1,5 @@
 """``none``: a pinhole camera."""
+# tests: tests/contracts/test_lenses.py
 
 from markergen.arrays import Array
 from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Coefficients, LensModel

@@ -1,4 +1,5 @@
 """``cone``: poses from ranges of distance, tilt, azimuth and roll, whose camera looks at the marker's origin."""
+# tests: tests/model/test_poses.py tests/read/test_poses.py
 
 from dataclasses import dataclass, fields, replace
 from math import isfinite

@@ -1,4 +1,5 @@
 """``paper`` and ``paper-roll``: the poses of Acuna & Willert (2018)."""
+# tests: tests/contracts/test_poses.py
 
 from markergen.model.poses import POSES, PoseSource, paper, paper_roll
 

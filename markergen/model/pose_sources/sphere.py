@@ -1,4 +1,5 @@
 """``sphere``: poses from all around the origin, for bodies with faces on all sides, such as the rig of a cube."""
+# tests: tests/contracts/test_poses.py
 
 from dataclasses import dataclass
 

@@ -9,16 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import place_of, read
 from markergen.model.camera import Camera
 from markergen.read.cameras import COVARIANCE, NAMES, format_of, split
 from markergen.read.cameras.calibration import entries
 from markergen.read.cameras.document import Document, Fields, document_of
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """Allowed asymmetry and negative eigenvalue of a covariance, as a correlation: files round to six digits."""

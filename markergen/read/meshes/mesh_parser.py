@@ -21,11 +21,11 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import MOST_TRIANGLES
 from markergen.read.meshes import LONGEST, MOST_OBJECTS, Color, MeshObject
 
-Array = NDArray[np.float64]
 Attributes = dict[str, str]
 
 Reply = tuple[dict[str, Any], dict[str, NDArray[Any]]]

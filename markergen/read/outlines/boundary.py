@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.geometry.contour import placed
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.read.outlines.reader import LARGEST, SMALLEST, read_contours
 from markergen.units import format_length, parse_length
-
-Array = NDArray[np.float64]
 
 _NUMBER = re.compile(r"\s*[-+]?\.?\d[^/\\]*")
 _SUFFIXES = (".svg", ".dxf", ".json", ".geojson")

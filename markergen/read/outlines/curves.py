@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from math import asin, ceil, pi, sqrt, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError
-
-Array = NDArray[np.float64]
 
 MOST_POINTS = 100_000
 """Maximum number of points of one polyline."""

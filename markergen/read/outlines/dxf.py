@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.read.outlines.curves import Arc, Curve, Polyline, Spline, bulge
 from markergen.read.outlines.formats import (
@@ -25,7 +25,6 @@ from markergen.read.outlines.formats import (
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
 
-Array = NDArray[np.float64]
 
 LARGEST_DXF = 2_000_000
 """Maximum size in bytes; ezdxf takes a second or more per million."""

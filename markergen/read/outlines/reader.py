@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.geometry.contour import Contour, backward, flattened, merged, mirrored
 from markergen.geometry.outlines import SHALLOWEST, TOLERANCE, canonical_contours, place, polygons_of
@@ -23,7 +23,6 @@ from markergen.units import format_length
 
 LOG = logging.getLogger("markergen")
 
-Array = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1e-3, 100.0
 """Plausible sizes across in m; anything outside was most likely given in another unit."""

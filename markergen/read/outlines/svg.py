@@ -16,8 +16,8 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import brief
 from markergen.geometry.region import Region
 from markergen.read.outlines.curves import MOST_POINTS, Arc, Bezier, Curve, Polyline
@@ -31,7 +31,6 @@ from markergen.read.outlines.formats import (
     Paint,
 )
 
-Array = NDArray[np.float64]
 Viewport = tuple[float, float]
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100

@@ -6,13 +6,11 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
-
-Array = NDArray[np.float64]
 
 LARGEST_JSON = 5_000_000
 """Maximum size in bytes; as Python objects they may take forty times as much."""

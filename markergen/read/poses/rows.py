@@ -14,13 +14,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
 from markergen.model.recorded_poses import COLUMNS
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Place = Callable[[int], str]
 """Function that returns the place of the pose with an index, for messages: ``line 7 of poses.csv``."""
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.errors import InputError, MarkergenError
 from markergen.files import write_all
 from markergen.model.spec import Spec
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 DESIGN_SECONDS, LAYOUT_SECONDS, TRIAL_SECONDS = 2.0, 0.4, 5e-5

@@ -1,12 +1,13 @@
 """Report sections on measurements: noisy trials, rendered views, and errors in two dimensions."""
+# tests: tests/validation/report/test_plots.py
 
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table
@@ -38,8 +39,6 @@ from markergen.validation.report.subject import (
     pose_bins,
 )
 from markergen.validation.view_records import DETECTOR
-
-Array = NDArray[np.float64]
 
 MOST_FAILURES = 20
 """Maximum number of failed views in the table."""

@@ -1,4 +1,5 @@
 """Terms of the reports on markers and rigs: frames, errors, bounds, and what is left out."""
+# tests: tests/api/test_validate.py
 
 POSE_ERRORS = [
     ("Rotation error (RE)", "Angle of R_hatᵀ R, in degrees."),

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.estimators.budget import PoseBudget
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.plots import FAINT, INK, SERIES, legend_below, log_axis, positive
@@ -20,7 +20,6 @@ from markergen.validation.view_records import DETECTOR
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 Statistics = Mapping[str, Any]
 
 BEST = (DETECTOR, "lm")

@@ -1,12 +1,13 @@
 """The dome of poses of a report: camera centers over a marker or around a rig, to turn, and as a still picture."""
+# tests: tests/validation/report/test_plots.py tests/validation/report/test_report.py
 
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.model.body import Plate
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.pages import dome
@@ -16,7 +17,6 @@ from markergen.validation.report.subject import number
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 COLORS = "YlOrBr"
 """Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""

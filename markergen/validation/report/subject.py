@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array, Mask
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import circle_image, plane_homography
@@ -27,8 +27,6 @@ from markergen.validation.metrics import rms
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Results = Mapping[str, Any]
 
 ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation", "%"))

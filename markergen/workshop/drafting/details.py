@@ -1,4 +1,5 @@
 """Views of a fabrication drawing that stand among its tables: sections, the back, and the key to fills and hatches."""
+# tests: tests/workshop/drafting/test_rig_drawing.py tests/workshop/drafting/test_views.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -2,6 +2,7 @@
 
 Independent of the representation of solids: `markergen.solid` fills it in, `fabrication_views` draws it.
 """
+# tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,5 @@
 """Drafting in mm on paper: lettering, dimensions, center lines and hatching."""
+# tests: tests/workshop/drafting/test_views.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.paper import LEAST_ROOM, Frame, SheetOptions
 from markergen.drawing.scene import GRAY, Box, Line, Point, Shape
 from markergen.drawing.text import text_width
@@ -67,8 +67,6 @@ from markergen.workshop.drafting.title_block import first_angle
 from markergen.workshop.drafting.tolerances import PLUS_MINUS
 from markergen.workshop.drafting.views import GOOD, FrontPage, drawing_area, papers_of
 from markergen.workshop.processes import Accuracy
-
-Array = NDArray[np.float64]
 
 LETTERS = "RST"
 """Datums of the whole; A, B and C are those of each face on its own sheet."""

@@ -1,4 +1,5 @@
 """Symbols of technical drawings in mm on paper: tolerance frames, datum letters, boxed sizes, projection, finish."""
+# tests: tests/workshop/drafting/test_rig_drawing.py tests/workshop/drafting/test_views.py
 
 from collections.abc import Sequence
 from itertools import pairwise

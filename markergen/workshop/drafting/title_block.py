@@ -3,6 +3,7 @@
 Fields for which nothing is known, such as the date of issue, are empty, to be filled in by hand: nothing here reads a
 clock, and the same input gives the same bytes.
 """
+# tests: tests/workshop/drafting/test_rig_drawing.py tests/workshop/drafting/test_views.py
 
 from collections.abc import Sequence
 

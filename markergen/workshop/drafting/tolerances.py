@@ -4,6 +4,7 @@ Datum A is the plate's face, from which depths and heights are measured. B and C
 the first that a marker has of: two dowel holes, a lower and a left edge, a round rim and a hole, two holes. Coordinates
 in the marker frame are theoretically exact; positions have round zones about them (ISO 1101, ISO 5459).
 """
+# tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -21,8 +21,8 @@ from itertools import pairwise, product
 from math import hypot, radians, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.arrays import Array
 from markergen.drawing.label_placement import place_numbers
 from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
 from markergen.drawing.scene import GRAY, Box, Disk, Line, Point, Shape, bounds, ink_points, union
@@ -393,8 +393,6 @@ def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]
             shapes += datum_letter(datum.letter, (left, bottom - first), (-1.0, 0.0), height)
     return shapes
 
-
-Array = NDArray[np.float64]
 
 SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
 """Slopes of leaders in front of their horizontal landing."""

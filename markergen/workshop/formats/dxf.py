@@ -7,9 +7,9 @@ from io import StringIO
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import markergen
+from markergen.arrays import Array
 from markergen.drawing.figure import marker_dots
 from markergen.drawing.scene import Disk
 from markergen.exporters import ExportOptions, Output, only, without_paper
@@ -44,8 +44,6 @@ PLATE = {
 
 NUMBER = 0.4
 """Height of a dot's number relative to the dot's radius: it stands inside the dot."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 import markergen
+from markergen.arrays import Array
 from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
@@ -27,8 +27,6 @@ from markergen.solid.primitives import COLORS, OTHER
 from markergen.workshop.assembly import MadeBody
 from markergen.workshop.formats.solids import designed_of
 from markergen.workshop.mesh import Mesh, kept_apart, meshes_of
-
-Array = NDArray[np.float64]
 
 MATERIALS = tuple(COLORS)
 """Names of the materials, in the order in which the formats list them."""

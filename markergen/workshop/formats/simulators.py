@@ -5,6 +5,7 @@ shapes, and one mesh for each color. The meshes are STL in m: of the formats tha
 without axes or units of its own, which some programs apply and others do not. glTF has y up: Drake, Blender and newer
 versions of RViz rotate it to z up, yourdfpy, Gazebo and older versions of RViz do not, and MuJoCo does not load it.
 """
+# tests: tests/workshop/formats/test_simulator.py tests/workshop/formats/test_rig_solids.py
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,9 +14,9 @@ from typing import Self
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 import markergen
+from markergen.arrays import Array
 from markergen.exporters import ExportOptions, Output
 from markergen.model.body import Body
 from markergen.model.marker import Marker
@@ -24,8 +25,6 @@ from markergen.solid.primitives import COLORS
 from markergen.workshop.assembly import volume_of
 from markergen.workshop.formats.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
 from markergen.workshop.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 DENSITY = 1240.0
 """Density of polylactide, the usual filament, in kg/m^3."""

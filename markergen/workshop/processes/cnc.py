@@ -1,4 +1,5 @@
 """``cnc``: milled pockets with turned or milled discs, or through holes."""
+# tests: tests/contracts/test_processes.py
 
 from math import ceil
 

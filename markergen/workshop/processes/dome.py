@@ -1,4 +1,5 @@
 """``dome``: hemispheres, or balls on necks, centered on the control points."""
+# tests: tests/contracts/test_processes.py
 
 from math import acos, asin, pi, sqrt, tan
 

@@ -1,4 +1,5 @@
 """``fdm``: a two-material 3-D print, dark inlays flush in a light plate."""
+# tests: tests/workshop/test_assembly.py
 
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker

@@ -1,4 +1,5 @@
 """``laser``: dots and tag engraved dark into a plate."""
+# tests: tests/contracts/test_processes.py
 
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker

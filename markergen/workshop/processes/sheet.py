@@ -1,4 +1,5 @@
 """``print``: a plate with a shallow recess for the printed sheet, which is cut out along the boundary."""
+# tests: tests/contracts/test_processes.py
 
 from collections.abc import Sequence
 from typing import Any
