@@ -60,18 +60,18 @@ def line_up(
         raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
     if not texts:
         raise InputError("contestants to compare", "none", f"name some: {forms()}")
-    known = given or {}
+    bodies = given or {}
     wanted = list(dict.fromkeys(texts))
     loaded = {
-        text: known[text] if text in known else _read(text)
+        text: bodies[text] if text in bodies else _read(text)
         for text in wanted
-        if text in known or text.partition(":")[0] not in KINDS
+        if text in bodies or text.partition(":")[0] not in KINDS
     }
-    rigs = {text: each for text, each in loaded.items() if isinstance(each, Rig)}
+    rigs = {text: body for text, body in loaded.items() if isinstance(body, Rig)}
     if rigs:
         return _rig_line_up(wanted, rigs, poses)
     wanted = list(dict.fromkeys([*texts, *DEFAULTS])) if len(texts) == 1 else wanted
-    markers = {text: _visible(text, each) for text, each in loaded.items() if isinstance(each, Marker)}
+    markers = {text: _visible(text, body) for text, body in loaded.items() if isinstance(body, Marker)}
     first = next(iter(markers.values()), None)
     judged = setting_of(first, poses) if first else _default_setting(poses)
     radius = judged.boundary.radius
@@ -87,11 +87,11 @@ def line_up(
     height = max((marker.height for marker in markers.values()), default=0.0)
     setting = Setting(judged.boundary, judged.camera, judged.poses.seen_whole(disk, judged.camera, height))
     arena = Arena(setting, first, seed)
-    found: dict[str, Contestant] = {}
+    contestants: dict[str, Contestant] = {}
     for text in wanted:
         entry = DotMarker(text, markers[text]) if text in markers else KINDS[text.partition(":")[0]](text, arena)
-        found.setdefault(entry.name, entry)
-    return list(found.values()), setting
+        contestants.setdefault(entry.name, entry)
+    return list(contestants.values()), setting
 
 
 def _rig_line_up(
@@ -99,19 +99,19 @@ def _rig_line_up(
 ) -> tuple[list[Contestant], Setting]:
     first = next(iter(rigs.values()))
     setting = setting_of(first, poses)
-    found = list[Contestant]()
+    contestants = list[Contestant]()
     for text in wanted if len(wanted) > 1 else [*wanted, *RIG_DEFAULTS]:
         if text in rigs:
-            for each in rigs[text].markers:
-                _visible(f"{each.name} of {text}", each.marker)
-            found.append(RigOfDots(text, rigs[text]))
+            for plate in rigs[text].markers:
+                _visible(f"{plate.name} of {text}", plate.marker)
+            contestants.append(RigOfDots(text, rigs[text]))
         elif text.partition(":")[0] in ("aruco", "apriltag"):
-            found.append(RigOfTags.on(first, text))
+            contestants.append(RigOfTags.on(first, text))
         else:
             raise InputError(
                 "a rig, or a tag on each of its plates", text, "give a rig.json, aruco:DICT or apriltag:FAMILY"
             )
-    return found, replace(setting, sight=None)
+    return contestants, replace(setting, sight=None)
 
 
 def _read(text: str) -> Marker | Rig:

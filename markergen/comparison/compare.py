@@ -96,32 +96,39 @@ def compare_and_time(
     contestants, setting = line_up(texts, poses, seed, given)
     if len(contestants) < 2:
         raise InputError("two or more contestants", f"only {contestants[0].name}", "name another to compare it with")
-    options = [[(each, choice) for each in one.variants for choice in each.settings] for one in contestants]
-    candidates = [[each for each in one.variants if each.settings] for one in contestants]
+    options = [
+        [(variant, choice) for variant in contestant.variants for choice in variant.settings]
+        for contestant in contestants
+    ]
+    candidates = [[variant for variant in contestant.variants if variant.settings] for contestant in contestants]
     counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
     tuning = replace(counting, contestants=(*chain(*candidates),), count=TUNING_VIEWS, stage=TUNING)
-    to_tune = {k: tuple(each.settings) for k, each in enumerate(tuning.contestants)}
+    to_tune = {k: tuple(variant.settings) for k, variant in enumerate(tuning.contestants)}
     seen = iter(_observe(tuning, to_tune, workers, "settings", progress).values())
     # By contestant and view, what all settings of all variants found.
-    tuned = [[[*chain(*view)] for view in zip(*(next(seen) for _ in each), strict=True)] for each in candidates]
-    choices: dict[int, tuple[Choice, ...]] = {who: (None,) for who, one in enumerate(contestants) if not one.absent}
+    tuned = [[[*chain(*view)] for view in zip(*(next(seen) for _ in variants), strict=True)] for variants in candidates]
+    choices: dict[int, tuple[Choice, ...]] = {
+        who: (None,) for who, contestant in enumerate(contestants) if not contestant.absent
+    }
     for who, tried in enumerate(options):
         if tried:
             contestants[who], choice = tried[_best(tuned[who])]
             choices[who] = (choice,)
     counting = replace(counting, contestants=tuple(contestants))
-    found = _observe(counting, choices, workers, "views", progress)
-    missed = [[Observation(reason=each.absent)] * views for each in contestants]
-    observations = [[each[0] for each in found[who]] if who in found else missed[who] for who in range(len(missed))]
+    observed = _observe(counting, choices, workers, "views", progress)
+    missed = [[Observation(reason=contestant.absent)] * views for contestant in contestants]
+    observations = [
+        [view[0] for view in observed[who]] if who in observed else missed[who] for who in range(len(missed))
+    ]
     results = comparison_results(counting, setting, observations, _bounds(counting, list(choices), workers, progress))
     for who, entry in enumerate(results["contestants"]):
         entry["setting"] = contestants[who].describe(choices[who][0] if who in choices else None)
         entry["tuning"] = [
-            {"size": each.size, "setting": each.describe(choice), **row}
-            for (each, choice), row in zip(options[who], _tuning_rows(tuned[who]), strict=True)
+            {"size": variant.size, "setting": variant.describe(choice), **row}
+            for (variant, choice), row in zip(options[who], _tuning_rows(tuned[who]), strict=True)
         ]
-    seconds = {who: float(np.median([each.cpu_s for each in observations[who]])) for who in choices}
-    return results, {contestants[who].name: each for who, each in seconds.items()}
+    seconds = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in choices}
+    return results, {contestants[who].name: median for who, median in seconds.items()}
 
 
 def _observe(
@@ -133,11 +140,11 @@ def _observe(
 ) -> dict[int, list[list[Observation]]]:
     """Observations of each contestant, by view and setting."""
     tasks = [(who, settings, part) for part in chunks_of(series.count, AT_ONCE) for who, settings in choices.items()]
-    found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
+    observed: dict[int, list[list[Observation]]] = {who: [] for who in choices}
     parts = _shared(_observe_chunk, series, tasks, workers, stage, progress)
     for (who, _, _), part in zip(tasks, parts, strict=True):
-        found[who] += part
-    return found
+        observed[who] += part
+    return observed
 
 
 def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:
@@ -145,8 +152,8 @@ def _bounds(series: Series, present: Sequence[int], workers: int | None, progres
     tasks = [(who, part) for part in chunks_of(series.count, AT_ONCE) for who in present]
     bounds = np.full((len(series.contestants), series.count, 2), np.nan)
     parts = _shared(_bound_chunk, series, tasks, workers, "bounds", progress)
-    for (who, part), found in zip(tasks, parts, strict=True):
-        bounds[who, part] = found
+    for (who, part), bound in zip(tasks, parts, strict=True):
+        bounds[who, part] = bound
     return bounds
 
 
@@ -159,10 +166,10 @@ def _shared(
     progress: Progress | None,
 ) -> list[Any]:
     """Results of all tasks, whose last item is a range of views, shared out among processes."""
-    told = (lambda done, total: progress(stage, done, total)) if progress else None
+    report = (lambda done, total: progress(stage, done, total)) if progress else None
     images = sum(len(task[-1]) for task in tasks)
     workers = workers_for(workers, 1 + images // WORTH_A_WORKER)
-    return map_counted(partial(function, series), tasks, workers, told, size=lambda task: len(task[-1]))
+    return map_counted(partial(function, series), tasks, workers, report, size=lambda task: len(task[-1]))
 
 
 def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, float]]:
@@ -177,13 +184,13 @@ def _observe_chunk(series: Series, task: tuple[int, tuple[Choice, ...], range]) 
 
 def _best(tuned: Sequence[Sequence[Observation]]) -> int:
     """Index of the setting with the least RMS rotation error over the views found by all eligible settings."""
-    counts = np.array([[each.counts for each in view] for view in tuned])
+    counts = np.array([[observation.counts for observation in view] for view in tuned])
     rates = counts.mean(axis=0)
     eligible = np.flatnonzero(rates >= NEARLY_ALL * rates.max())
     common = counts[:, eligible].all(axis=1)
     if not common.any():
         return int(np.argmax(rates))
-    rotation = np.array([[each.rotation_deg for each in view] for view in tuned])[common][:, eligible]
+    rotation = np.array([[observation.rotation_deg for observation in view] for view in tuned])[common][:, eligible]
     return int(eligible[np.argmin(np.mean(rotation**2, axis=0))])
 
 
@@ -191,6 +198,6 @@ def _tuning_rows(tuned: Sequence[Sequence[Observation]]) -> list[dict[str, Any]]
     rows = []
     for k in range(len(tuned[0]) if tuned else 0):
         kept = [view[k] for view in tuned if view[k].counts]
-        errors = statistics(np.array([each.rotation_deg for each in kept]))
+        errors = statistics(np.array([observation.rotation_deg for observation in kept]))
         rows.append({"rate": len(kept) / len(tuned), "rotation_deg": {key: errors[key] for key in ("rms", "median")}})
     return rows

@@ -119,9 +119,9 @@ class Comparison(SavableResult):
 
     def __repr__(self) -> str:
         entries = self._results["contestants"]
-        said = [f"{str(each['name'])[:80]} {number(each['rotation_deg']['rms'])} deg" for each in entries[:_SHOWN]]
+        errors = [f"{str(entry['name'])[:80]} {number(entry['rotation_deg']['rms'])} deg" for entry in entries[:_SHOWN]]
         more = [f"and {len(entries) - _SHOWN} more"] if len(entries) > _SHOWN else []
-        return f"<Comparison: {self._results['views']['count']} views; {', '.join([*said, *more])}>"
+        return f"<Comparison: {self._results['views']['count']} views; {', '.join([*errors, *more])}>"
 
 
 def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,14 +202,14 @@ def _overview(results: Mapping[str, Any]) -> Table:
 def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
     rows = []
     for name, entry in _named(results):
-        found, bound = entry["rotation_deg"]["rms"], entry["bound"]["rotation_deg"]
+        error, bound = entry["rotation_deg"]["rms"], entry["bound"]["rotation_deg"]
         seconds = cpu_s.get(entry["name"])
         rows.append(
             [
                 name,
                 "-" if entry["absent"] else f"{entry['ink']['cm2']:.0f} cm2",
                 number(entry["pattern_bound"]["rotation_deg"]),
-                number(found / bound, 2) if found and bound else "-",
+                number(error / bound, 2) if error and bound else "-",
                 number(entry["translation_pct"]["rms"]),
                 number(entry["point_px"]["rms"]),
                 str(entry["wrong"]),
@@ -247,10 +247,10 @@ def _interval(ends: Sequence[float] | None) -> str:
     return f"{number(ends[0], 2)}–{number(ends[1], 2)}" if ends else "-"
 
 
-def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
+def _split(results: Mapping[str, Any], by: str, unit: str, variable: str) -> Table:
     groups = list(results["contestants"][0][by])
     rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
-    title = f"RE rms, deg, by {words}"
+    title = f"RE rms, deg, by {variable}"
     caption = "Over the views that each found; in brackets how many those are, where not all."
     return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
 
@@ -291,20 +291,20 @@ def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
         "bound": {"marker": "x", "markersize": 5},
     }
     for y, entry in enumerate(entries):
-        found = entry["common"]["rotation_deg"]
-        if not found["count"]:
+        errors = entry["common"]["rotation_deg"]
+        if not errors["count"]:
             missing = "not installed" if entry["absent"] else "not found"
             ax.annotate(missing, (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
             continue
-        ax.plot([found["median"], found["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
-        values = found | {"bound": entry["common"]["bound"]["rotation_deg"]}
-        words = {"p95": "95th percentile", "bound": "bound of the pattern"}
+        ax.plot([errors["median"], errors["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
+        values = errors | {"bound": entry["common"]["bound"]["rotation_deg"]}
+        legend = {"p95": "95th percentile", "bound": "bound of the pattern"}
         interval = entry["common"]["interval"]["rotation_deg"]
         if interval:
             ax.plot(interval, [y + 0.22, y + 0.22], color="#222222", linewidth=1, label="rms, 95 % interval")
         for key, look in looks.items():
-            ax.plot(values[key], y, linestyle="none", color="#222222", zorder=2, label=words.get(key, key), **look)
-        ax.annotate(number(found["rms"], 2), (found["rms"], y), (0, 6), textcoords="offset points", ha="center",
+            ax.plot(values[key], y, linestyle="none", color="#222222", zorder=2, label=legend.get(key, key), **look)
+        ax.annotate(number(errors["rms"], 2), (errors["rms"], y), (0, 6), textcoords="offset points", ha="center",
                     fontsize=8)  # fmt: skip
     ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
     ax.set_ylim(len(entries) - 0.4, -0.7)

@@ -80,13 +80,13 @@ class Series:
         noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
         moved = contestant.print_error(self.print_sigma, print_rng)
         image = contestant.render(self.camera, (rotation, translation), self.optics, noise, moved)
-        found = []
+        observations = []
         for choice in choices:
             began = time.process_time()
             sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
             seconds = time.process_time() - began
-            found.append(replace(self._judge(contestant, sighting, rotation, translation), cpu_s=seconds))
-        return found
+            observations.append(replace(self._judge(contestant, sighting, rotation, translation), cpu_s=seconds))
+        return observations
 
     def _judge(self, contestant: Contestant, sighting: Sighting, rotation: Array, translation: Array) -> "Observation":
         """Compare what was found with the true pose, or, of poses that look the same, with the nearest."""
@@ -97,7 +97,7 @@ class Series:
         for turn in turns:
             seen = to_camera(contestant.points[sighting.ids] @ turn.T, rotation[None], translation[None])
             errors.append(np.linalg.norm(sighting.pixels - self.camera.to_pixels(perspective(seen))[0], axis=-1))
-        best = int(np.argmin([np.max(each) for each in errors]))
+        best = int(np.argmin([np.max(error) for error in errors]))
         if errors[best].max() > WRONG_PX:
             return Observation(wrong=True, reason=f"wrong: a point is {errors[best].max():.1f} px off")
         estimate = (sighting.rotation @ turns[best].T)[None], sighting.translation[None]

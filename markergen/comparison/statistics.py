@@ -30,7 +30,7 @@ def comparison_results(
     bounds : array (contestants, views, 2), deg and %
     """
     pose = series.pose
-    counts = np.array([[each.counts for each in row] for row in observations])
+    counts = np.array([[observation.counts for observation in row] for row in observations])
     # Those that miss many views would leave the others few to be compared in, and the easy ones.
     taking_part = counts.mean(axis=1) >= MOST
     common: Mask = np.asarray(counts[taking_part if taking_part.any() else counts.any(axis=1)].all(axis=0))
@@ -70,10 +70,10 @@ def comparison_results(
                         "view": k,
                         "distance": float(series.poses.distance[pose[k]]),
                         "polar_angle_deg": round(float(series.poses.polar_angle_deg[pose[k]]), 2),
-                        "reason": each.reason or "the pose has failed",
+                        "reason": observation.reason or "the pose has failed",
                     }
-                    for k, each in enumerate(row)
-                    if not each.counts
+                    for k, observation in enumerate(row)
+                    if not observation.counts
                 ],
             }
         )
@@ -93,20 +93,20 @@ def comparison_results(
 
 def _summary(row: Sequence[Observation], bound: Array, chosen: Mask, seed: int | None = None) -> dict[str, Any]:
     """Statistics over the chosen views, with intervals of the RMS if there is a seed for the bootstrap."""
-    seen = [each for each, inside in zip(row, chosen, strict=True) if inside]
-    counted = np.array([each.counts for each in row]) & chosen
-    kept = [each for each in seen if each.counts]
-    detected = sum(each.detected for each in seen)
-    errors = {key: np.array([getattr(each, key) for each in kept]) for key in ERRORS}
+    seen = [observation for observation, inside in zip(row, chosen, strict=True) if inside]
+    counted = np.array([observation.counts for observation in row]) & chosen
+    kept = [observation for observation in seen if observation.counts]
+    detected = sum(observation.detected for observation in seen)
+    errors = {key: np.array([getattr(observation, key) for observation in kept]) for key in ERRORS}
     intervals = {} if seed is None else {"interval": {key: rms_interval(errors[key], seed) for key in ERRORS}}
     return {
         "count": len(seen),
         "detected": detected,
-        "wrong": sum(each.wrong for each in seen),
-        "failed": sum(each.failed for each in seen),
+        "wrong": sum(observation.wrong for observation in seen),
+        "failed": sum(observation.failed for observation in seen),
         "rate": detected / len(seen) if seen else None,
         **{key: statistics(errors[key]) for key in ERRORS},
-        "point_px": statistics(np.concatenate([np.zeros(0), *(each.point_px for each in kept)])),
+        "point_px": statistics(np.concatenate([np.zeros(0), *(observation.point_px for observation in kept)])),
         "bound": {key: _finite(rms(bound[counted, k])) if kept else None for k, key in enumerate(ERRORS)},
         **intervals,
     }
@@ -133,12 +133,15 @@ def _resampled(values: Array, seed: int) -> Array:
 
 def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
     """Number of poses nearer to the mirrored one, among those where the contestant's point errors separate the two."""
-    errors = np.concatenate([np.zeros(0), *(each.point_px for each in row if each.counts)])
+    errors = np.concatenate([np.zeros(0), *(observation.point_px for observation in row if observation.counts)])
     if not len(errors):
         return 0
     sigma = float(np.sqrt(np.mean(errors**2) / 2))
     apart = pose_bounds(contestant.points, series.camera, series.poses, sigma).separation > FLIP_SEPARATION
-    return sum(each.counts and each.mirrored and bool(apart[p]) for each, p in zip(row, series.pose, strict=True))
+    return sum(
+        observation.counts and observation.mirrored and bool(apart[p])
+        for observation, p in zip(row, series.pose, strict=True)
+    )
 
 
 def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], seed: int) -> dict[str, Any] | None:
@@ -155,5 +158,5 @@ def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], s
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.sqrt(np.divide(*_resampled(squares, seed).T))
     low, high = np.nanquantile(ratios, [0.025, 0.975])
-    own, reference = squares.mean(axis=0)
-    return {"count": len(pairs), "rms": float(np.sqrt(own / reference)), "interval": [float(low), float(high)]}
+    square, reference = squares.mean(axis=0)
+    return {"count": len(pairs), "rms": float(np.sqrt(square / reference)), "interval": [float(low), float(high)]}

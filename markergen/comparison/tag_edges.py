@@ -42,11 +42,11 @@ def fit_edges(image: NDArray[np.uint8], corners: Array, cells: int, camera: Came
     """
     square = to_pixels(camera.from_pixels(corners), camera.matrix)
     lines = [_fit_line(image, square[k], square[(k + 1) % 4], cells, camera) for k in range(4)]
-    found = [line for line in lines if line is not None]
-    if len(found) < 4:
+    kept = [line for line in lines if line is not None]
+    if len(kept) < 4:
         return None
     # A corner is where its edge meets the one before.
-    refined = np.array([np.cross(found[k - 1], found[k]) for k in range(4)])
+    refined = np.array([np.cross(kept[k - 1], kept[k]) for k in range(4)])
     pixels = camera.to_pixels(from_pixels(refined[:, :2] / refined[:, 2:], camera.matrix))
     return pixels if np.isfinite(pixels).all() else None
 
@@ -67,8 +67,8 @@ def _fit_line(image: NDArray[np.uint8], start: Array, end: Array, cells: int, ca
         half = max(length / 2 - max(band, _CORNER_BLURS * blur), _LEAST_PX / 2)
         across = np.array([-along[1], along[0]])
         s, d = (pixels - middle) @ along, (pixels - middle) @ across
-        near = (np.abs(s) <= half) & (np.abs(d) <= band)
-        s, d, level = s[near] / half, d[near], levels[near]
+        is_beside = (np.abs(s) <= half) & (np.abs(d) <= band)
+        s, d, level = s[is_beside] / half, d[is_beside], levels[is_beside]
         offset = slope = 0.0
         for _ in range(_STEPS):
             z = (d - offset - slope * s) / blur

@@ -90,8 +90,8 @@ def project_patches(
     rotation, translation : arrays (3, 3) and (3,), m
     """
     eye = -rotation.T @ translation
-    shown = [patch for patch in patches if _faces(patch, eye)]
-    outlines = [outline for patch in shown for outline in patch.outlines]
+    visible = [patch for patch in patches if _faces(patch, eye)]
+    outlines = [outline for patch in visible for outline in patch.outlines]
     if not outlines:
         return [() for _ in patches]
     vertices = np.concatenate(outlines) @ rotation.T + translation
@@ -100,8 +100,8 @@ def project_patches(
     images = iter(_through_lens(cut, camera))
     projected = []
     for patch in patches:
-        found = [next(images) for _ in patch.outlines] if _faces(patch, eye) else []
-        projected.append(tuple(outline for outline in found if len(outline)))
+        projections = [next(images) for _ in patch.outlines] if _faces(patch, eye) else []
+        projected.append(tuple(outline for outline in projections if len(outline)))
     return projected
 
 

@@ -118,7 +118,7 @@ Painted = list[tuple[float, tuple[Array, ...]]]
 def painted(patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array) -> Painted:
     """Return what is painted for patches seen from one pose T_camera_marker."""
     outlines = project_patches(patches, camera, rotation, translation)
-    return [(patch.reflectance, each) for patch, each in zip(patches, outlines, strict=True)]
+    return [(patch.reflectance, outline_set) for patch, outline_set in zip(patches, outlines, strict=True)]
 
 
 PatchesOf = Callable[[int, Array, Array], list[Patch]]
@@ -158,10 +158,10 @@ def _joined(grounds: Painted) -> Painted:
 
 
 def photograph(
-    shown: Painted, camera: Camera, optics: Optics, rng: np.random.Generator, scenery: Scenery | None = None
+    layers: Painted, camera: Camera, optics: Optics, rng: np.random.Generator, scenery: Scenery | None = None
 ) -> Image:
     """Render the camera's image of what is painted, see `render_patches`."""
-    ink, corner = _ink(shown, camera, optics, scenery or Scenery())
+    ink, corner = _ink(layers, camera, optics, scenery or Scenery())
     return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
 
 
@@ -188,13 +188,13 @@ def expected_levels(
     They are without noise, and saturated but not rounded.
     """
     even = replace(optics, noise_grey=0.0, full_well=None, exposure=1.0, vignetting=0.0, gradient=0.0)
-    shown, none = painted(patches, camera, rotation, translation), np.random.default_rng(0)
+    layers, none = painted(patches, camera, rotation, translation), np.random.default_rng(0)
     if window is None:
-        ink, corner = _ink(shown, camera, even, Scenery())
+        ink, corner = _ink(layers, camera, even, Scenery())
         grey = expose(ink, even, none, corner, (camera.height, camera.width))
         window = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
     else:
-        grey = expose(_ink(shown, camera, even, Scenery(), window)[0], even, none)
+        grey = expose(_ink(layers, camera, even, Scenery(), window)[0], even, none)
     light = illumination(optics, camera.width, camera.height)
     if light is not None:
         (left, top), (width, height) = window
@@ -203,20 +203,20 @@ def expected_levels(
 
 
 def _ink(
-    shown: Painted, camera: Camera, optics: Optics, scenery: Scenery, window: Window | None = None
+    layers: Painted, camera: Camera, optics: Optics, scenery: Scenery, window: Window | None = None
 ) -> tuple[Grey, Indices]:
     """Ink coverage of the subpixels around all that is not substrate, and the top left pixel of that window."""
     ink = scenery.ink_behind(camera, optics, FINENESS)
     if ink is None:
         # Skip substrate painted on substrate.
-        shown = list(dropwhile(lambda each: each[0] == 1, shown))
+        layers = list(dropwhile(lambda layer: layer[0] == 1, layers))
     corner, size = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
     if ink is None and not scenery.occluders:
         # Everything around the patches is substrate, which need not be blurred.
-        corner, size = window or _window([outlines for _, outlines in shown], optics.reach_px, size)
+        corner, size = window or _window([outlines for _, outlines in layers], optics.reach_px, size)
     if ink is None:
         ink = np.zeros(size[::-1] * FINENESS, dtype=np.float32)
-    for reflectance, outlines in shown:
+    for reflectance, outlines in layers:
         paint(ink, [outline - corner for outline in outlines], np.float32(1 - reflectance), FINENESS)
     scenery.cover(ink, optics, FINENESS)
     return ink, corner
@@ -324,10 +324,10 @@ def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None
         return circle(np.array([*axis, point.z]), radius, count)
     toward, half = np.arctan2(away[1], away[0]), np.arccos(radius / distance)
     steps = np.linspace(-1, 1, count)
-    near = toward + half * steps
+    near_arc = toward + half * steps
     far = toward + np.pi + (np.pi - half) * steps
-    upper = far if eye[2] > point.z else near[::-1]
-    angle = np.concatenate([near, upper])
+    upper = far if eye[2] > point.z else near_arc[::-1]
+    angle = np.concatenate([near_arc, upper])
     height = np.repeat([floor, point.z], len(steps))
     outline = axis + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.column_stack([outline, height])

@@ -129,13 +129,13 @@ def expect(
     images = _images(series, bare_px)
     poses, total = series.poses, images.budget.total
     rotation_deg, translation = images.budget.rotation_deg["total"], images.budget.translation["total"]
-    known: Mask = np.asarray(np.isfinite(total).all(axis=(-2, -1)))
+    is_determined: Mask = np.asarray(np.isfinite(total).all(axis=(-2, -1)))
     chance, turned_deg, moved_mm = np.zeros(len(poses)), np.zeros(len(poses)), np.zeros(len(poses))
-    chance[known], turned_deg[known], moved_mm[known] = _flips(images, known)
-    chosen = known.copy()
+    chance[is_determined], turned_deg[is_determined], moved_mm[is_determined] = _flips(images, is_determined)
+    chosen = is_determined.copy()
     if sample is None:
-        bent = np.maximum(_curvature(images, known), _calibration_curvature(images, known))
-        chosen[known] = (chance[known] > FLIPPING) | (bent > CURVED)
+        bent = np.maximum(_curvature(images, is_determined), _calibration_curvature(images, is_determined))
+        chosen[is_determined] = (chance[is_determined] > FLIPPING) | (bent > CURVED)
     elif not sample:
         chosen[:] = False
     count = _draws(len(poses), int(chosen.sum()) * len(series.marker))
@@ -149,7 +149,7 @@ def expect(
         np.full((len(poses), count), np.inf),
         np.full((len(poses), count), np.inf),
     )
-    _draw_first_order(expected, images, np.flatnonzero(known & ~chosen), seed, turned_deg, moved_mm)
+    _draw_first_order(expected, images, np.flatnonzero(is_determined & ~chosen), seed, turned_deg, moved_mm)
     numbers = np.flatnonzero(chosen)
     at_once = max(1, BLOCK // count)
     for start in range(0, len(numbers), at_once):
@@ -273,15 +273,15 @@ def _draw_estimates(expected: Expectation, images: _Images, poses: NDArray[np.in
     first = images.refined(at, seen, rotation, translation)
     second = images.refined(at, seen, *mirrored_poses(images.points, *first[:2]))
     better = second[2] < first[2]
-    found = np.where(better[:, None, None], second[0], first[0])
+    estimate = np.where(better[:, None, None], second[0], first[0])
     place = np.where(better[:, None], second[1], first[1])
     off = np.linalg.norm(place - translation, axis=-1)
     te_pct = 100 * off / np.linalg.norm(translation, axis=-1)
-    turned = angle_between(found, rotation)
-    lost = pose_failed(images.points, found, place, te_pct)
+    turned = angle_between(estimate, rotation)
+    lost = pose_failed(images.points, estimate, place, te_pct)
     mirrored = mirrored_rotation(rotation, translation)
     apart = flip_separation(true.rotation, true.translation, images.budget.total[poses]) >= FLIP_SEPARATION
-    flipped = (angle_between(found, mirrored) < turned) & np.repeat(apart, count) & ~lost
+    flipped = (angle_between(estimate, mirrored) < turned) & np.repeat(apart, count) & ~lost
     drawn_deg = np.where(lost, np.nan, np.rad2deg(turned)).reshape(-1, count)
     drawn_mm = np.where(lost, np.nan, 1e3 * off).reshape(-1, count)
     expected.drawn_deg[poses], expected.drawn_mm[poses] = drawn_deg, drawn_mm

@@ -63,23 +63,23 @@ def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
 
 
 def _number(path: str, results: Mapping[str, Any]) -> float | None:
-    found, reached, rest = _follow(results, path)
+    value, reached, rest = _follow(results, path)
     where = f"under {reached!r}" if reached else "in the results"
-    children = _children(found)
+    children = _children(value)
     if children:
         problem = repr(rest) if rest else "a group"
         raise InputError(f"a path to a number {where}", problem, f"known there: {', '.join(children)}")
-    if rest and (found is None or found == {}):
+    if rest and (value is None or value == {}):
         raise InputError(f"results under {reached!r}", "none in this run", "ask for them with --runs or --views")
     if rest:
-        raise InputError(f"a group {where}", f"no {rest!r} in it: {found!r} is a value", f"end the path at {reached!r}")
-    if found is None and "." not in path:
+        raise InputError(f"a group {where}", f"no {rest!r} in it: {value!r} is a value", f"end the path at {reached!r}")
+    if value is None and "." not in path:
         raise InputError(f"results under {path!r}", "none in this run", "ask for them with --runs or --views")
-    if found is None or (isinstance(found, float) and not math.isfinite(found)):
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return None
-    if isinstance(found, bool) or not isinstance(found, int | float):
-        raise InputError(f"a number at {path!r}", repr(found), "choose a path that leads to a number")
-    return found
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"a number at {path!r}", repr(value), "choose a path that leads to a number")
+    return value
 
 
 def _follow(value: Any, path: str) -> tuple[Any, str, str]:
@@ -93,8 +93,8 @@ def _follow(value: Any, path: str) -> tuple[Any, str, str]:
         if path == key:
             ways.append((child, key, ""))
         elif path.startswith(key + "."):
-            found, reached, rest = _follow(child, path[len(key) + 1 :])
-            ways.append((found, f"{key}.{reached}" if reached else key, rest))
+            child_value, reached, rest = _follow(child, path[len(key) + 1 :])
+            ways.append((child_value, f"{key}.{reached}" if reached else key, rest))
     return min(ways, key=lambda way: (len(way[2]), len(_children(way[0])) > 0))
 
 

@@ -41,19 +41,19 @@ def of(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, se
     """
     errors, camera = series.errors, series.camera
     calibrated = errors.camera_covariance is not None
-    found = headline(
+    plan = headline(
         expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated, series.marker.places_measured)
     )
-    found["calibration"] = None
+    plan["calibration"] = None
     if not calibrated:
         sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
         off = replace(series, errors=replace(errors, camera_covariance=np.diag(np.square(sigma))))
         with_it = expect(off, bare_px, seed)
         over_all = _cell(with_it, series.poses, np.ones(len(series.poses), dtype=bool))
-        found["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
+        plan["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
             key: over_all[key] for key in ("rotation_deg", "translation_pct")
         }
-    return found
+    return plan
 
 
 def of_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
@@ -120,9 +120,9 @@ def cells_of(poses: PoseDistribution) -> dict[tuple[str, str], Mask]:
     """Masks (P,) of the poses at each distance and tilt, by their names; nearest first, without empty ones."""
     return {
         (distance, tilt): both
-        for distance, near in poses.by_distance().items()
-        for tilt, leaning in poses.by_polar_angle().items()
-        if (both := near & leaning).any()
+        for distance, is_at_distance in poses.by_distance().items()
+        for tilt, is_tilted in poses.by_polar_angle().items()
+        if (both := is_at_distance & is_tilted).any()
     }
 
 
@@ -132,7 +132,7 @@ def middle(group: str) -> float:
 
 
 def compare_views(
-    expected: Expectation, poses: PoseDistribution, views: Mapping[str, Any], found: Mapping[str, Any], seed: int
+    expected: Expectation, poses: PoseDistribution, views: Mapping[str, Any], plan: Mapping[str, Any], seed: int
 ) -> dict[str, Any]:
     """Compare the errors of rendered views with those expected at their poses.
 
@@ -145,7 +145,7 @@ def compare_views(
         Expected errors with an exact calibration, as that of the views.
     views : mapping
         Summary of the views, see `view_records.summarize`.
-    found : mapping
+    plan : mapping
         Return value of `headline`.
 
     Returns
@@ -156,17 +156,18 @@ def compare_views(
         ``disagreements``: comparisons that failed.
     """
     cells, every = cells_of(poses), np.ones(len(poses), dtype=bool)
-    samples = [each for each in views["samples"] if np.isfinite(each["rotation_deg"])]
-    hardest = {key: cells[cell["distance"], cell["tilt"]] for key, cell in found["hardest"].items()}
+    samples = [sample for sample in views["samples"] if np.isfinite(sample["rotation_deg"])]
+    hardest = {key: cells[cell["distance"], cell["tilt"]] for key, cell in plan["hardest"].items()}
     compared: dict[str, Any] = {
         name: {
-            key: _compared(expected, key, [each for each in samples if masks[key][each["pose"]]], seed) for key in _KEYS
+            key: _compared(expected, key, [sample for sample in samples if masks[key][sample["pose"]]], seed)
+            for key in _KEYS
         }
         for name, masks in (("hardest", hardest), ("all", dict.fromkeys(_KEYS, every)))
     }
     lost = views["count"] - len(samples)
     interval = share_interval(lost, views["count"])
-    failed = sum(each["agrees"] == 0 for part in compared.values() for each in part.values())
+    failed = sum(comparison["agrees"] == 0 for part in compared.values() for comparison in part.values())
     return {
         **compared,
         "lost": lost,
@@ -269,11 +270,14 @@ def _cell(expected: Expectation, poses: PoseDistribution, chosen: Mask) -> dict[
 def _compared(expected: Expectation, key: str, samples: Sequence[Mapping[str, Any]], seed: int) -> dict[str, Any]:
     if not samples:
         return {"count": 0, "rms": None, "expected": None, "low": None, "high": None, "agrees": None}
-    at = np.array([each["pose"] for each in samples])
+    at = np.array([sample["pose"] for sample in samples])
     if key == "rotation_deg":
-        measured, drawn = np.array([each["rotation_deg"] for each in samples]), expected.drawn_deg
+        measured, drawn = np.array([sample["rotation_deg"] for sample in samples]), expected.drawn_deg
     else:
-        measured, drawn = np.linalg.norm([each["translation_error_mm"] for each in samples], axis=-1), expected.drawn_mm
+        measured, drawn = (
+            np.linalg.norm([sample["translation_error_mm"] for sample in samples], axis=-1),
+            expected.drawn_mm,
+        )
     low, high = _interval(drawn, at, np.random.default_rng([seed, len(samples)]))
     seen = rms(measured)
     return {
@@ -292,37 +296,40 @@ def _interval(drawn: Array, at: NDArray[np.intp], rng: np.random.Generator) -> t
     if not np.isfinite(squares[at]).any(axis=1).all():
         return 0.0, np.inf
     count = int(np.clip(LOOKUPS // len(at), 1000, SERIES))
-    found = np.empty(count)
+    means = np.empty(count)
     at_once = max(1, 1_000_000 // len(at))
     for start in range(0, count, at_once):
         chosen = rng.integers(squares.shape[1], size=(min(at_once, count - start), len(at)))
-        found[start : start + at_once] = np.nanmean(squares[at, chosen], axis=1)
+        means[start : start + at_once] = np.nanmean(squares[at, chosen], axis=1)
     # Two errors in two sets of views.
     tail = (1 - CONFIDENCE) / 8
-    low, high = np.sqrt(np.quantile(found, [tail, 1 - tail]))
+    low, high = np.sqrt(np.quantile(means, [tail, 1 - tail]))
     return float(low * (1 - MODEL)), float(high * (1 + MODEL))
 
 
 def _of_views(views: Mapping[str, Any]) -> list[str]:
-    said, agreed = [], []
+    sentences, agreed = [], []
     for name, where in (("hardest", "in the hardest case"), ("all", "over all poses")):
         for key, unit in _UNITS.items():
-            each = views[name][key]
-            if not each["count"]:
+            comparison = views[name][key]
+            if not comparison["count"]:
                 continue
-            line, between = f"{amount(each['rms'])} {unit}", f"{amount(each['low'])} to {amount(each['high'])}"
-            if not each["agrees"]:
-                said.append(
-                    f"The views of this run gave {line} {where} where {amount(each['expected'])} was expected: "
-                    f"{_views(each['count'])} would give {between}. Rely on the views."
+            line, between = (
+                f"{amount(comparison['rms'])} {unit}",
+                f"{amount(comparison['low'])} to {amount(comparison['high'])}",
+            )
+            if not comparison["agrees"]:
+                sentences.append(
+                    f"The views of this run gave {line} {where} where {amount(comparison['expected'])} was expected: "
+                    f"{_views(comparison['count'])} would give {between}. Rely on the views."
                 )
             elif key == "rotation_deg":
-                agreed.append(f"{line} {where} in {_views(each['count'])}, where {between} was to be expected")
-    if agreed and not said:
-        said.append(f"The views of this run agree: {'; '.join(agreed)}.")
+                agreed.append(f"{line} {where} in {_views(comparison['count'])}, where {between} was to be expected")
+    if agreed and not sentences:
+        sentences.append(f"The views of this run agree: {'; '.join(agreed)}.")
     if views["lost"]:
-        said.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
-    return said
+        sentences.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
+    return sentences
 
 
 def _views(count: int) -> str:

@@ -358,12 +358,12 @@ def coverage_table(results: Mapping[str, Any]) -> Table:
 
 def trial_sentences(results: Mapping[str, Any]) -> list[str]:
     """Comment on skipped estimators, label margins, and the calibration of the covariance."""
-    found = []
+    sentences = []
     if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
         measured = (results.get("budget") or {}).get("print_measured")
         why = "the heights of the dots were measured" if measured else "the dots are not in one"
-        found.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
-    found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
+        sentences.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
+    sentences += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {
         angle: row
         for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
@@ -373,19 +373,19 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
         count = sum(row["count"] for row in tilted.values())
         mean = sum(row["mean"] * row["count"] for row in tilted.values()) / count
         low, high = mean_nees_interval(count)
-        found.append(
+        sentences.append(
             f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
             f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
         )
-    return found
+    return sentences
 
 
 def view_sentences(results: Mapping[str, Any]) -> list[str]:
     """Name dots that are too small, summarize the views, the failures, and what to improve first."""
-    found = []
+    sentences = []
     views, dots = results["views"], results.get("dots")
     if dots and dots["too_small"]:
-        found.append(
+        sentences.append(
             f"In {percent(dots['too_small'])} of the poses dots are hardly found: one is {number(dots['least_px'], 2)} "
             f"px across, of {dots['needed_px']:g} px that it takes; use larger dots, a longer lens, or nearer poses."
         )
@@ -396,38 +396,38 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
                 f", dot centers off by {number(views['point_px']['rms'])} px rms "
                 f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)"
             )
-        found.append(f"{line}.")
-        found += [
+        sentences.append(f"{line}.")
+        sentences += [
             f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
             for view in views["failures"][:5]
         ]
-    found += limit_sentences(results)
-    return found
+    sentences += limit_sentences(results)
+    return sentences
 
 
 def limit_sentences(results: Mapping[str, Any]) -> list[str]:
     """Say what limits the pose of all that was counted, what was not counted, and what that would cost."""
     budget = results["budget"]
-    found = {
+    shares_of = {
         what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
     }
-    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in found.items() if parts}
-    exact = budget.get("camera_exact", not any(parts.get("camera") for parts in found.values()))
+    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in shares_of.items() if parts}
+    exact = budget.get("camera_exact", not any(parts.get("camera") for parts in shares_of.values()))
     counted = [name for name in SOURCES[:3] if not (exact and name == "camera")]
-    said = []
+    sentences = []
     for name in dict.fromkeys(first.values()):
         limited = [what for what, largest in first.items() if largest == name]
         remedy = REMEDIES["measured" if name == "print" and budget.get("print_measured") else name]
         line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
-        if all(found[what][name] > DOMINANT for what in limited):
+        if all(shares_of[what][name] > DOMINANT for what in limited):
             line += " Improving anything else of these would gain next to nothing."
-        said.append(line)
+        sentences.append(line)
     if first and exact:
-        said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
+        sentences.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
     # Its first line is what the verdict says of all poses.
     if more := "; ".join((budget.get("outlook") or "").splitlines()[1:]):
-        said.append(f"{more[0].upper()}{more[1:]}.")
-    return said
+        sentences.append(f"{more[0].upper()}{more[1:]}.")
+    return sentences
 
 
 def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
@@ -445,8 +445,8 @@ def _cost(results: Mapping[str, Any]) -> str:
     if off.get("rotation_deg") is None:
         return ""
     then, now = (
-        f"{number(each['rotation_deg'], 2)} deg and {number(each['translation_pct'], 2)} %"
-        for each in (off, headline["all"])
+        f"{number(errors['rotation_deg'], 2)} deg and {number(errors['translation_pct'], 2)} %"
+        for errors in (off, headline["all"])
     )
     return (
         f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
@@ -455,23 +455,23 @@ def _cost(results: Mapping[str, Any]) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    words = [NAMES[name] for name in names]
-    return " and ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
+    sources = [NAMES[name] for name in names]
+    return " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
 
 
-def _sentence(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}."
+def _sentence(line: str) -> str:
+    return f"{line[0].upper()}{line[1:]}."
 
 
 def _view_row(name: str, group: Mapping[str, Any]) -> list[str]:
-    own = group["estimators"].get(DETECTOR, {})
+    errors = group["estimators"].get(DETECTOR, {})
     return [
         name,
         str(group["count"]),
         percent(group["rate"]),
         str(group["wrong"]),
         *(number(value, 2) for value in (group["point_px"]["rms"], group["image_bound_px"])),
-        *(number(own.get(key, {}).get("rms"), 2) for key in ("rotation_deg", "translation_pct")),
+        *(number(errors.get(key, {}).get("rms"), 2) for key in ("rotation_deg", "translation_pct")),
         number(group["homography_px"]["rms"], 2),
         number(group["nees"]["mean"]),
         percent(group["nees"]["coverage"]),
@@ -480,13 +480,13 @@ def _view_row(name: str, group: Mapping[str, Any]) -> list[str]:
 
 def _conditions(views: Mapping[str, Any]) -> str:
     optics = views["optics"]
-    said = [f"blur {optics['blur_px']:g} px", f"noise {optics['noise_grey']:g} grey levels"]
+    conditions = [f"blur {optics['blur_px']:g} px", f"noise {optics['noise_grey']:g} grey levels"]
     if views["background"] != "plain":
-        said.append(f"{views['background']} behind")
+        conditions.append(f"{views['background']} behind")
     if views["hidden"]:
-        said.append(f"{views['hidden']} of the dots hidden")
+        conditions.append(f"{views['hidden']} of the dots hidden")
     if views["refine"] != "none":
-        said.append(f"{views['refine']} refinement")
+        conditions.append(f"{views['refine']} refinement")
     misprint = f"dots misprinted by {views['print_sigma_mm']:g} mm" if views["print_sigma_mm"] else "printed exactly"
-    said.append("misprinted as the measurement allows" if views.get("print_measured") else misprint)
-    return ": " + ", ".join(said)
+    conditions.append("misprinted as the measurement allows" if views.get("print_measured") else misprint)
+    return ": " + ", ".join(conditions)

@@ -167,7 +167,7 @@ def summarize(series: SyntheticViews[Marker], records: list[Record]) -> dict[str
     """Plain values of views of a marker, in the form described in docs/validate.md; see `Summarize`."""
     poses = series.poses
     names = [DETECTOR, *_estimators(series.marker)]
-    pose = np.array([each.pose for each in records])
+    pose = np.array([record.pose for record in records])
     return {
         **_summary(records, names),
         "optics": {**vars(series.optics)},
@@ -178,9 +178,11 @@ def summarize(series: SyntheticViews[Marker], records: list[Record]) -> dict[str
         "print_measured": series.marker.places_measured,
         "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
         "by_distance": _by_group(records, names, pose, poses.by_distance()),
-        "samples": [_sample(each, poses) for each in records if each.detected],
+        "samples": [_sample(record, poses) for record in records if record.detected],
         "failures": [
-            {"view": each.index, **_where(each, poses), "reason": each.failure} for each in records if not each.detected
+            {"view": record.index, **_where(record, poses), "reason": record.failure}
+            for record in records
+            if not record.detected
         ],
     }
 
@@ -303,33 +305,37 @@ def _by_group(
     records: list[Record], names: Sequence[str], pose: Array, groups: Mapping[str, NDArray[np.bool_]]
 ) -> dict[str, Any]:
     return {
-        name: _summary([each for each, inside in zip(records, mask[pose], strict=True) if inside], names)
+        name: _summary([record for record, inside in zip(records, mask[pose], strict=True) if inside], names)
         for name, mask in groups.items()
         if mask[pose].any()
     }
 
 
 def _summary(records: list[Record], names: Sequence[str]) -> dict[str, Any]:
-    kept = [each for each in records if each.detected]
-    bound = _joined(each.bound_px2 for each in kept)
+    kept = [record for record in records if record.detected]
+    bound = _joined(record.bound_px2 for record in kept)
     return {
         "count": len(records),
         "detected": len(kept),
-        "wrong": sum(each.wrong for each in records),
+        "wrong": sum(record.wrong for record in records),
         "rate": len(kept) / len(records),
-        "point_px": statistics(np.linalg.norm(_joined((each.error for each in kept), 2), axis=-1)),
-        "bias_px": np.linalg.norm(_joined((each.error for each in kept), 2).mean(axis=0)) if kept else np.nan,
-        "uncorrected_px": statistics(_joined(each.uncorrected_px for each in kept)),
+        "point_px": statistics(np.linalg.norm(_joined((record.error for record in kept), 2), axis=-1)),
+        "bias_px": np.linalg.norm(_joined((record.error for record in kept), 2).mean(axis=0)) if kept else np.nan,
+        "uncorrected_px": statistics(_joined(record.uncorrected_px for record in kept)),
         "image_bound_px": np.sqrt(np.mean(bound)) if len(bound) else np.nan,
-        "homography_px": statistics(_finite([each.homography_px for each in kept])),
+        "homography_px": statistics(_finite([record.homography_px for record in kept])),
         "estimators": {
             name: {
-                "rotation_deg": statistics(np.array([each.poses[name][0] for each in kept if name in each.poses])),
-                "translation_pct": statistics(np.array([each.poses[name][1] for each in kept if name in each.poses])),
+                "rotation_deg": statistics(
+                    np.array([record.poses[name][0] for record in kept if name in record.poses])
+                ),
+                "translation_pct": statistics(
+                    np.array([record.poses[name][1] for record in kept if name in record.poses])
+                ),
             }
             for name in names
         },
-        "nees": _nees(_finite([each.nees for each in kept])),
+        "nees": _nees(_finite([record.nees for record in kept])),
     }
 
 
@@ -350,38 +356,38 @@ def _nees(values: Array) -> dict[str, Any]:
     }
 
 
-def _where(each: Record, poses: PoseDistribution) -> dict[str, Any]:
-    camera_center = -poses.rotation[each.pose].T @ poses.translation[each.pose]
+def _where(record: Record, poses: PoseDistribution) -> dict[str, Any]:
+    camera_center = -poses.rotation[record.pose].T @ poses.translation[record.pose]
     return {
-        "pose": each.pose,
-        "distance": float(poses.distance[each.pose]),
-        "polar_angle_deg": round(float(poses.polar_angle_deg[each.pose]), 2),
+        "pose": record.pose,
+        "distance": float(poses.distance[record.pose]),
+        "polar_angle_deg": round(float(poses.polar_angle_deg[record.pose]), 2),
         "azimuth_deg": round(float(np.rad2deg(np.arctan2(camera_center[1], camera_center[0]))), 2),
     }
 
 
-def _sample(each: Record, poses: PoseDistribution) -> dict[str, Any]:
-    rotation_deg, translation_pct = each.poses.get(DETECTOR, (np.nan, np.nan))
+def _sample(record: Record, poses: PoseDistribution) -> dict[str, Any]:
+    rotation_deg, translation_pct = record.poses.get(DETECTOR, (np.nan, np.nan))
     return {
-        "view": each.index,
-        **_where(each, poses),
+        "view": record.index,
+        **_where(record, poses),
         "rotation_deg": rotation_deg,
         "translation_pct": translation_pct,
-        "nees": each.nees,
-        "rotation_vector_deg": np.rad2deg(each.pose_error[:3]).tolist(),
-        "translation_error_mm": (1e3 * each.pose_error[3:]).tolist(),
-        "point_px_rms": np.sqrt(np.mean(np.sum(each.error**2, axis=-1))),
-        "dots": each.found.tolist(),
-        "error_px": np.round(each.error, 6).tolist(),
+        "nees": record.nees,
+        "rotation_vector_deg": np.rad2deg(record.pose_error[:3]).tolist(),
+        "translation_error_mm": (1e3 * record.pose_error[3:]).tolist(),
+        "point_px_rms": np.sqrt(np.mean(np.sum(record.error**2, axis=-1))),
+        "dots": record.found.tolist(),
+        "error_px": np.round(record.error, 6).tolist(),
     }
 
 
 def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, float]:
-    own = view.detection.pose
-    if own is None:
+    pose = view.detection.pose
+    if pose is None:
         return np.full(6, np.nan), np.nan
-    error = np.concatenate([logarithm(own.rotation @ rotation.T), own.translation - translation])
-    return error, float(error @ np.linalg.solve(own.budget.total, error))
+    error = np.concatenate([logarithm(pose.rotation @ rotation.T), pose.translation - translation])
+    return error, float(error @ np.linalg.solve(pose.budget.total, error))
 
 
 def _pose_errors(
@@ -389,14 +395,14 @@ def _pose_errors(
 ) -> dict[str, tuple[float, float]]:
     camera, points = series.camera, series.marker.xyz[view.found]
     batch = Correspondences.from_distorted(points, view.detection.pixels[None], camera)
-    found: dict[str, tuple[Array, Array]] = {}
-    own = view.detection.pose
-    if own is not None:
-        found[DETECTOR] = (own.rotation[None], own.translation[None])
+    estimates: dict[str, tuple[Array, Array]] = {}
+    pose = view.detection.pose
+    if pose is not None:
+        estimates[DETECTOR] = (pose.rotation[None], pose.translation[None])
     for name, estimator in _estimators(series.marker).items():
-        found[name] = batch.once(estimator).best
+        estimates[name] = batch.once(estimator).best
     errors = {}
-    for name, estimate in found.items():
+    for name, estimate in estimates.items():
         te_pct = translation_error_pct(estimate[1], translation)
         if not pose_failed(points, *estimate, te_pct)[0]:
             errors[name] = (float(rotation_error_deg(estimate[0], rotation)[0]), float(te_pct[0]))

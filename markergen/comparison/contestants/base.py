@@ -141,8 +141,8 @@ class FlatContestant(Contestant):
 
     def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
         """See `Contestant.bound`."""
-        found = photometric_bounds(self.scene(camera), camera, poses, optics)
-        return float(found.rotation_deg[0]), float(found.translation_pct[0])
+        bounds = photometric_bounds(self.scene(camera), camera, poses, optics)
+        return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
 
     def area(self, radius: float) -> float:
         """See `Contestant.area`: that of a circle of this radius."""

@@ -93,8 +93,8 @@ class Checkerboard(Printed):
         flags = sum(getattr(cv2, f"CALIB_CB_{name}") for name in setting.flags)
         size = (self.lattice.columns - 1, self.lattice.rows - 1)
         cv2.setRNGSeed(0)  # It draws from OpenCV's own generator, so that the same image had different answers.
-        found, corners = cv2.findChessboardCornersSB(enlarged(image, setting.enlarge), size, flags=flags)
-        if not found:
+        is_found, corners = cv2.findChessboardCornersSB(enlarged(image, setting.enlarge), size, flags=flags)
+        if not is_found:
             return FiducialDetection(reason="no checkerboard")
         return FiducialDetection(np.arange(len(self.points)), ours(corners.reshape(-1, 2), setting.enlarge))
 

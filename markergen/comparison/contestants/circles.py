@@ -43,9 +43,9 @@ class Settings:
 
     def describe(self) -> str:
         """Describe in a few words the differences from a plain call."""
-        words = [f"threshold step {self.step:g}"]
-        words += [f"image x{self.enlarge}"] if self.enlarge > 1 else []
-        return ", ".join([*words, *(["our correction for perspective"] if self.corrected else [])])
+        parts = [f"threshold step {self.step:g}"]
+        parts += [f"image x{self.enlarge}"] if self.enlarge > 1 else []
+        return ", ".join([*parts, *(["our correction for perspective"] if self.corrected else [])])
 
 
 SETTINGS = tuple(Settings(step, k, corrected) for corrected in (False, True) for step in (10.0, 5.0) for k in (1, 2))
@@ -106,8 +106,8 @@ class CircleGrid(Printed):
         flags |= cv2.CALIB_CB_CLUSTERING
         searched = enlarged(image, setting.enlarge)
         blobs = _blob_detector(setting.step, setting.enlarge, searched.size / len(self.points))
-        found, centers = cv2.findCirclesGrid(searched, (self.columns, self.rows), flags=flags, blobDetector=blobs)
-        if not found:
+        is_found, centers = cv2.findCirclesGrid(searched, (self.columns, self.rows), flags=flags, blobDetector=blobs)
+        if not is_found:
             return FiducialDetection(reason="no grid")
         pixels = ours(centers.reshape(-1, 2), setting.enlarge)
         ids = np.arange(len(pixels))

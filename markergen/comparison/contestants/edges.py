@@ -28,11 +28,13 @@ class EdgeTag(SquareTag):
 
     def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
         """See `Printed.find`."""
-        found = detect_fiducial(image, self.tag, setting, camera)
-        if not found.found:
-            return found
-        corners = fit_edges(image, found.pixels, self.tag.cells, camera)
-        return FiducialDetection(found.ids, corners) if corners is not None else FiducialDetection(reason="no edges")
+        detection = detect_fiducial(image, self.tag, setting, camera)
+        if not detection.found:
+            return detection
+        corners = fit_edges(image, detection.pixels, self.tag.cells, camera)
+        return (
+            FiducialDetection(detection.ids, corners) if corners is not None else FiducialDetection(reason="no edges")
+        )
 
 
 def _tag(text: str, arena: Arena) -> EdgeTag:

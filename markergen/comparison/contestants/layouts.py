@@ -52,12 +52,12 @@ class DotMarker(FlatContestant):
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""
         del setting
-        found = detect(image, self.marker, camera, ErrorSources(print_sigma=print_sigma))
-        if not found.found or found.pose is None:
-            return Sighting(reason=found.reason or "no pose")
+        detection = detect(image, self.marker, camera, ErrorSources(print_sigma=print_sigma))
+        if not detection.found or detection.pose is None:
+            return Sighting(reason=detection.reason or "no pose")
         index = {point.id: i for i, point in enumerate(self.marker.control_points)}
-        ids = np.array([index[int(i)] for i in found.ids], dtype=np.intp)
-        return Sighting(ids, found.pixels, found.pose.rotation, found.pose.translation)
+        ids = np.array([index[int(i)] for i in detection.ids], dtype=np.intp)
+        return Sighting(ids, detection.pixels, detection.pose.rotation, detection.pose.translation)
 
 
 def _layout(text: str, arena: Arena) -> DotMarker:

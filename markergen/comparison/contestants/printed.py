@@ -65,13 +65,13 @@ class Printed(FlatContestant):
         # Most libraries require 8 bits.
         grey = image if image.dtype == np.uint8 else image >> 8
         setting = self.settings[0] if setting is None else setting
-        found = self.find(np.ascontiguousarray(grey, dtype=np.uint8), camera, setting)
-        if not found.found:
-            return Sighting(reason=found.reason)
-        rotation, translation = lm_pose(self.points[found.ids], found.pixels, camera)
+        detection = self.find(np.ascontiguousarray(grey, dtype=np.uint8), camera, setting)
+        if not detection.found:
+            return Sighting(reason=detection.reason)
+        rotation, translation = lm_pose(self.points[detection.ids], detection.pixels, camera)
         if not np.isfinite(translation).all():
             return Sighting(reason="points that determine no pose")
-        return Sighting(found.ids, found.pixels, rotation, translation)
+        return Sighting(detection.ids, detection.pixels, rotation, translation)
 
 
 def _drawn(pattern: Printed, moved: Array, scale_px: float) -> list[Patch]:

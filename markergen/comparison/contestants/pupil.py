@@ -34,9 +34,9 @@ class Settings:
 
     def describe(self) -> str:
         """Describe in a few words."""
-        words = [f"quad_decimate {self.quad_decimate:g}", f"quad_sigma {self.quad_sigma:g}"]
-        words += [] if self.refine_edges else ["refine_edges 0"]
-        return ", ".join([*words, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
+        parts = [f"quad_decimate {self.quad_decimate:g}", f"quad_sigma {self.quad_sigma:g}"]
+        parts += [] if self.refine_edges else ["refine_edges 0"]
+        return ", ".join([*parts, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
 
 
 SETTINGS = (
@@ -63,10 +63,14 @@ class PupilTag(SquareTag):
         """See `Printed.find`."""
         del camera
         detector = _detector(self.tag.family.partition(":")[2], setting)
-        found = [each for each in detector.detect(enlarged(image, setting.enlarge)) if each.tag_id == self.tag.id]
-        if not found:
+        detections = [
+            detection
+            for detection in detector.detect(enlarged(image, setting.enlarge))
+            if detection.tag_id == self.tag.id
+        ]
+        if not detections:
             return FiducialDetection(reason=f"no tag with id {self.tag.id}")
-        best = max(found, key=lambda each: float(each.decision_margin))
+        best = max(detections, key=lambda detection: float(detection.decision_margin))
         corners = np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX
         return FiducialDetection(np.arange(4), ours(corners, setting.enlarge))
 

@@ -37,7 +37,7 @@ class RigContestant(Contestant):
     def area(self, radius: float) -> float:
         """See `Contestant.area`: that of all plates."""
         del radius
-        return sum(each.marker.boundary.region.area for each in self.rig.markers)
+        return sum(plate.marker.boundary.region.area for plate in self.rig.markers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +57,11 @@ class RigOfDots(RigContestant):
     def ink(self, radius: float) -> float:
         """See `Contestant.ink`: of all plates."""
         del radius
-        return sum(DotMarker("", each.marker).ink(each.marker.boundary.radius) for each in self.rig.markers)
+        return sum(DotMarker("", plate.marker).ink(plate.marker.boundary.radius) for plate in self.rig.markers)
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each dot independently."""
-        return np.concatenate([DotMarker("", each.marker).print_error(sigma, rng) for each in self.rig.markers])
+        return np.concatenate([DotMarker("", plate.marker).print_error(sigma, rng) for plate in self.rig.markers])
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
         """See `Contestant.render`."""
@@ -73,10 +73,10 @@ class RigOfDots(RigContestant):
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""
         del setting
-        found = detect(image, self.rig, camera, ErrorSources(print_sigma=print_sigma))
-        if not found.found or found.pose is None:
-            return Sighting(reason=found.reason or "no pose")
-        return Sighting(found.ids, found.pixels, found.pose.rotation, found.pose.translation)
+        detection = detect(image, self.rig, camera, ErrorSources(print_sigma=print_sigma))
+        if not detection.found or detection.pose is None:
+            return Sighting(reason=detection.reason or "no pose")
+        return Sighting(detection.ids, detection.pixels, detection.pose.rotation, detection.pose.translation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class RigOfTags(RigContestant):
     def on(rig: Rig, text: str) -> "RigOfTags":
         """Put the tag of a text on the first plate of a rig, and those of the next ids on the others."""
         unit = parse_tag(text, 1.0)
-        sides = [_largest_square(each.marker.boundary.region) / unit.outer_side for each in rig.markers]
+        sides = [_largest_square(plate.marker.boundary.region) / unit.outer_side for plate in rig.markers]
         return RigOfTags(text, rig, tuple(replace(unit, id=unit.id + k, side=side) for k, side in enumerate(sides)))
 
     @property
@@ -101,7 +101,7 @@ class RigOfTags(RigContestant):
     @property
     def settings(self) -> Sequence[Any]:
         """See `Contestant.settings`: those that do not enlarge the image."""
-        return [each for each in tag_settings() if each.enlarge == 1]
+        return [settings for settings in tag_settings() if settings.enlarge == 1]
 
     @property
     def size(self) -> str:
@@ -131,7 +131,9 @@ class RigOfTags(RigContestant):
             del turn, shift
             ink = self._lattice(self.tags[index]).displaced(self.tags[index].outlines, parts[index])
             outlines = (self.rig.plate_regions[index].rings, ink)
-            return [Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in each), 1.0 - k) for k, each in enumerate(outlines)]
+            return [
+                Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in region), 1.0 - k) for k, region in enumerate(outlines)
+            ]
 
         return photograph(painted_body(self.rig, patches_of, camera, *pose), camera, optics, rng)
 
@@ -140,28 +142,28 @@ class RigOfTags(RigContestant):
         del print_sigma
         grey = np.ascontiguousarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
         seen = find_tags(grey, self.tags[0].family, setting or self.settings[0])
-        own = {number - self.tags[0].id: corners for number, corners in reversed(seen)}
-        known = sorted(k for k in own if 0 <= k < len(self.tags))
-        if not known:
+        corners_of = {number - self.tags[0].id: corners for number, corners in reversed(seen)}
+        plates = sorted(k for k in corners_of if 0 <= k < len(self.tags))
+        if not plates:
             return Sighting(reason="no tag of the rig")
-        ids = np.concatenate([4 * k + np.arange(4) for k in known])
-        pixels = np.concatenate([own[k] for k in known])
-        rotation, translation = self._pose(known, ids, pixels, camera)
+        ids = np.concatenate([4 * k + np.arange(4) for k in plates])
+        pixels = np.concatenate([corners_of[k] for k in plates])
+        rotation, translation = self._pose(plates, ids, pixels, camera)
         if not np.isfinite(translation).all():
             return Sighting(reason="points that determine no pose")
         return Sighting(ids, pixels, rotation, translation)
 
-    def _pose(self, known: Sequence[int], ids: NDArray[np.intp], pixels: Array, camera: Camera) -> Pose:
+    def _pose(self, plates: Sequence[int], ids: NDArray[np.intp], pixels: Array, camera: Camera) -> Pose:
         """Least-squares pose; in the frame of a plate, where corners of that plate alone are in its plane."""
-        each = self.rig.markers[known[0]]
-        points = each.to_marker(self.points[ids])
+        plate = self.rig.markers[plates[0]]
+        points = plate.to_marker(self.points[ids])
         points[np.abs(points) < 1e-9 * self.rig.radius] = 0.0
         estimator = ESTIMATORS["lm"]
         assert isinstance(estimator, PoseEstimator)
         batch = Correspondences.from_distorted(points, pixels[None], camera)
         rotation, translation = (part[0] for part in batch.once(estimator).best)
-        turned = rotation @ each.rotation_matrix.T
-        return turned, translation - turned @ each.translation_vector
+        turned = rotation @ plate.rotation_matrix.T
+        return turned, translation - turned @ plate.translation_vector
 
     def _lattice(self, tag: Tag) -> Lattice:
         return Lattice(1, 1, tag.side)

@@ -93,13 +93,13 @@ class RingGrid(Printed):
         del camera
         detector = _detector(self.columns, self.rows, self.share)
         tiers = _tiers(setting.scales)
-        found = detector.detect_adaptive(image) if tiers is None else detector.detect_multiscale(image, tiers)
+        result = detector.detect_adaptive(image) if tiers is None else detector.detect_multiscale(image, tiers)
         row = {number: k for k, number in enumerate(_drawn(self.columns, self.rows, self.share)[0])}
-        seen = [each for each in found.detected_markers if each.id in row]
+        seen = [ring for ring in result.detected_markers if ring.id in row]
         if len(seen) < 4:
             return FiducialDetection(reason=f"{len(seen)} rings")
-        ids = np.array([row[each.id] for each in seen], dtype=np.intp)
-        return FiducialDetection(ids, np.array([each.center for each in seen], dtype=float))
+        ids = np.array([row[ring.id] for ring in seen], dtype=np.intp)
+        return FiducialDetection(ids, np.array([ring.center for ring in seen], dtype=float))
 
 
 def _target(columns: int, rows: int, share: float) -> Any:

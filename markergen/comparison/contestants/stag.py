@@ -108,10 +108,10 @@ class STag(Printed):
 
         del camera
         corners, ids, _ = stag.detectMarkers(enlarged(image, setting.enlarge), LIBRARY)
-        own = [np.reshape(each, (4, 2)) for each, i in zip(corners, np.ravel(ids), strict=True) if i == self.number]
-        if not own:
+        quads = [np.reshape(quad, (4, 2)) for quad, i in zip(corners, np.ravel(ids), strict=True) if i == self.number]
+        if not quads:
             return FiducialDetection(reason=f"no tag with id {self.number}")
-        return FiducialDetection(np.arange(4), ours(own[0].astype(float), setting.enlarge))
+        return FiducialDetection(np.arange(4), ours(quads[0].astype(float), setting.enlarge))
 
 
 @lru_cache(maxsize=16)
@@ -122,7 +122,7 @@ def unit_outlines(number: int) -> tuple[Array, ...]:
     black = np.array([bit == "1" for bit in f"{WORDS[number]:048b}"])
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     pairs = np.argwhere(np.triu(apart < 4 * CODE * BIT, 1) & black[:, None] & black)
-    bits, gaps = (_disks(places[each], CODE * BIT) for each in (black, ~black))
+    bits, gaps = (_disks(places[bit_mask], CODE * BIT) for bit_mask in (black, ~black))
     ink = (bits | _disks(places[pairs].mean(axis=1), FILLER * CODE * BIT)) - gaps
     for by in (SMOOTHING, -2 * SMOOTHING, SMOOTHING):
         ink = ink.offset(by)

@@ -174,6 +174,6 @@ def seen_by(camera: Camera) -> str:
 
 def sample_views(pictures: Sequence[Picture]) -> Section:
     """Rendered views in their order."""
-    shown = [picture(each.title, each.caption, each.png) for each in pictures]
-    missing = "" if shown else "No pictures were made; markergen validate makes them with --views 100."
-    return Section(plots=shown, missing=missing, book=("how views are made", "validate.md#views"))
+    plots = [picture(image.title, image.caption, image.png) for image in pictures]
+    missing = "" if plots else "No pictures were made; markergen validate makes them with --views 100."
+    return Section(plots=plots, missing=missing, book=("how views are made", "validate.md#views"))

@@ -51,7 +51,7 @@ def trials(subject: Subject) -> Section:
     estimators = results.get("estimators") or {}
     if not estimators or not results.get("bound"):
         return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
-    found = subject.bound
+    bound = subject.bound
     noise = f"{noise_of(results):g} px"
     section = Section(
         [
@@ -63,20 +63,21 @@ def trials(subject: Subject) -> Section:
         by_estimator = {name: row[groups] for name, row in estimators.items() if row.get(groups)}
         for key, name, unit in ERRORS:
             measured = {
-                estimator: {each: row[key] for each, row in rows.items()} for estimator, rows in by_estimator.items()
+                estimator: {group_name: row[key] for group_name, row in rows.items()}
+                for estimator, rows in by_estimator.items()
             }
             only = "" if measured else " These results hold no errors by distance, so it is the bound alone."
             section.plots.append(
                 plot(
                     labeled(
-                        partial(errors_over, measured, _by_group(found, groups, key)), axis, f"{name} error, {unit}"
+                        partial(errors_over, measured, _by_group(bound, groups, key)), axis, f"{name} error, {unit}"
                     ),
                     f"trials-{group}-{key}",
                     f"RMS {name} error of each estimator over the {group}, with the bound below.",
                     f"{name.capitalize()} error over the {group}, for noise of {noise}.{only}",
                 )
             )
-    drawn = draw_errors(found.covariance)
+    drawn = draw_errors(bound.covariance)
     for key, name, unit in ERRORS:
         curves = {
             estimator: (np.array(row["quantiles"][key], dtype=float), np.array(row["quantiles"]["level"], dtype=float))
@@ -86,7 +87,7 @@ def trials(subject: Subject) -> Section:
         marks = {} if curves else {estimator: row[key] for estimator, row in estimators.items()}
         section.plots.append(
             plot(
-                labeled(partial(distribution, _sizes(drawn, found, key), curves, marks=marks), f"{name} error, {unit}"),
+                labeled(partial(distribution, _sizes(drawn, bound, key), curves, marks=marks), f"{name} error, {unit}"),
                 f"trials-cdf-{key}",
                 f"Cumulative distribution of the {name} error of each estimator and of the bound.",
                 f"Distribution of the {name} error over all trials and poses. The bound is what errors at the limit "
@@ -108,9 +109,9 @@ def views(subject: Subject) -> Section:
         where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
         for key, name, unit in ERRORS:
             measured: dict[str, dict[str, Any]] = {}
-            for each, row in (seen.get(groups) or {}).items():
+            for group_name, row in (seen.get(groups) or {}).items():
                 for estimator, parts in (row.get("estimators") or {}).items():
-                    measured.setdefault(estimator, {})[each] = parts[key]
+                    measured.setdefault(estimator, {})[group_name] = parts[key]
             if not measured and not len(where):
                 continue
             limits = {} if predicted is None else _by_group(predicted, groups, key)
@@ -150,29 +151,31 @@ def views(subject: Subject) -> Section:
 def ellipses(subject: Subject) -> Section:
     """Predicted 95 % ellipses of dots and poses, and the measured errors."""
     samples = subject.views.get("samples") or []
-    found = subject.predicted or subject.expected
+    expected = subject.predicted or subject.expected
     source = (
-        "the noise and the print error that the views were made with" if subject.predicted is not None else found.source
+        "the noise and the print error that the views were made with"
+        if subject.predicted is not None
+        else expected.source
     )
     section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
     section.plots += _dots(subject, samples)
-    corners = _corners(pose_bins(found))
+    corners = _corners(pose_bins(expected))
     camera = ("to the right, mm", "away from the camera, mm")
     axes = ("about the camera's x, deg", "about its y, deg")
     for name, key, rows, scale, labels in (
         ("position", "translation_error_mm", [3, 5], 1e3, camera),
         ("attitude", "rotation_vector_deg", [0, 1], float(np.rad2deg(1.0)), axes),
     ):
-        covariances = scale**2 * found.covariance[:, rows][:, :, rows]
-        shown = [_of_corner(each, covariances, samples, key, [row % 3 for row in rows]) for each in corners]
-        if not all(np.isfinite(each.covariance).all() for each in shown):
+        covariances = scale**2 * expected.covariance[:, rows][:, :, rows]
+        drawn = [_of_corner(corner, covariances, samples, key, [row % 3 for row in rows]) for corner in corners]
+        if not all(np.isfinite(drawing.covariance).all() for drawing in drawn):
             continue
-        measured = any(len(each.errors) for each in shown)
+        measured = any(len(drawing.errors) for drawing in drawn)
         section.plots.append(
             plot(
-                labeled(partial(draw_ellipses, shown), *labels),
+                labeled(partial(draw_ellipses, drawn), *labels),
                 f"ellipse-{name}",
-                f"Predicted 95 % ellipses of the marker's {name} at " + "; ".join(each.name for each in shown) + ".",
+                f"Predicted 95 % ellipses of the marker's {name} at {'; '.join(corner.name for corner in drawn)}.",
                 f"Error of the marker's {name} in the camera frame, at the nearest and the farthest, least and most "
                 f"tilted poses{', with the errors of the views from there' if measured else ''}.",
             )
@@ -184,25 +187,25 @@ def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
     """Errors of the dots' centers, each transformed from its own covariance to the mean of all."""
     if not subject.marker.dot_diameter:
         return []
-    kept = [each for each in samples if each.get("error_px")]
-    errors = np.array([error for each in kept for error in each["error_px"]], dtype=float).reshape(-1, 2)
+    kept = [sample for sample in samples if sample.get("error_px")]
+    errors = np.array([error for sample in kept for error in sample["error_px"]], dtype=float).reshape(-1, 2)
     if len(errors) < 2:
         return []
     optics = Optics(**(subject.views.get("optics") or {}))
     every = image_covariance(subject.marker, subject.setting.camera, subject.setting.poses, optics)
     ids = range(len(subject.marker))
-    own = np.concatenate([every[each["pose"]][list(each.get("dots") or ids)] for each in kept])
-    if not np.isfinite(own).all():
+    own_covariances = np.concatenate([every[sample["pose"]][list(sample.get("dots") or ids)] for sample in kept])
+    if not np.isfinite(own_covariances).all():
         return []
-    mean = own.mean(axis=0)
-    carried = carried_over(errors, own, mean)
-    shown = [
+    mean = own_covariances.mean(axis=0)
+    carried = carried_over(errors, own_covariances, mean)
+    pair = [
         Ellipse("predicted", mean, carried),
         Ellipse("measured", carried.T @ carried / len(carried), carried[:0]),
     ]
     return [
         plot(
-            labeled(partial(draw_ellipses, shown), "right, px", "down, px"),
+            labeled(partial(draw_ellipses, pair), "right, px", "down, px"),
             "ellipse-dots",
             "Errors of the dots' centers in the image, with the predicted and the measured 95 % ellipse.",
             f"Errors of {len(errors)} dot centers in the image, each as many standard deviations off as it was under "
@@ -213,12 +216,12 @@ def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
 
 def _corners(bins: list[PoseBin]) -> list[PoseBin]:
     """Extreme bins: nearest and farthest, each least and most tilted."""
-    distances = {each.distance for each in bins}
+    distances = {pose_bin.distance for pose_bin in bins}
     chosen: dict[int, PoseBin] = {}
     for distance in (min(distances, key=middle), max(distances, key=middle)):
-        there = [each for each in bins if each.distance == distance]
+        there = [pose_bin for pose_bin in bins if pose_bin.distance == distance]
         for extreme in (min, max):
-            corner = extreme(there, key=lambda each: middle(each.tilt))
+            corner = extreme(there, key=lambda pose_bin: middle(pose_bin.tilt))
             chosen[id(corner)] = corner
     return list(chosen.values())
 
@@ -226,33 +229,33 @@ def _corners(bins: list[PoseBin]) -> list[PoseBin]:
 def _of_corner(corner: PoseBin, covariances: Array, samples: Sequence[Results], key: str, rows: list[int]) -> Ellipse:
     """Ellipse of the first pose of a bin, with the errors of all views in that bin transformed to it."""
     target = covariances[int(np.flatnonzero(corner.poses)[0])]
-    there = [each for each in samples if each.get(key) is not None and corner.poses[each["pose"]]]
-    errors = np.array([[each[key][row] for row in rows] for each in there], dtype=float).reshape(-1, 2)
-    own = covariances[[each["pose"] for each in there]] if there else covariances[:0]
-    return Ellipse(f"{corner.distance} m, {corner.tilt} deg", target, carried_over(errors, own, target))
+    there = [sample for sample in samples if sample.get(key) is not None and corner.poses[sample["pose"]]]
+    errors = np.array([[sample[key][row] for row in rows] for sample in there], dtype=float).reshape(-1, 2)
+    sample_covariances = covariances[[sample["pose"] for sample in there]] if there else covariances[:0]
+    return Ellipse(f"{corner.distance} m, {corner.tilt} deg", target, carried_over(errors, sample_covariances, target))
 
 
-def _by_group(found: Expected, groups: str, key: str) -> dict[str, float]:
+def _by_group(expected: Expected, groups: str, key: str) -> dict[str, float]:
     """RMS of ``rotation_deg`` or ``translation_pct`` over each group of poses."""
-    masks = getattr(found.poses, groups)()
-    return {each: rms(getattr(found, key)[mask]) for each, mask in masks.items()}
+    masks = getattr(expected.poses, groups)()
+    return {name: rms(getattr(expected, key)[mask]) for name, mask in masks.items()}
 
 
-def _sizes(errors: Array, found: Expected, key: str) -> Array:
+def _sizes(errors: Array, expected: Expected, key: str) -> Array:
     """RE in degrees or TE in percent (k,) of pose errors (P, T, 6)."""
     if key == "rotation_deg":
         return np.asarray(np.rad2deg(np.linalg.norm(errors[..., :3], axis=-1))).ravel()
-    distance = found.poses.distance[np.isfinite(found.covariance).all(axis=(1, 2))]
+    distance = expected.poses.distance[np.isfinite(expected.covariance).all(axis=(1, 2))]
     return np.asarray(100 * np.linalg.norm(errors[..., 3:], axis=-1) / distance[:, None]).ravel()
 
 
 def _column(samples: Sequence[Results], key: str) -> Array:
-    return np.array([np.nan if each.get(key) is None else each[key] for each in samples], dtype=float)
+    return np.array([np.nan if sample.get(key) is None else sample[key] for sample in samples], dtype=float)
 
 
 def _in_words(seen: Results) -> list[str]:
     count, detected, wrong = (seen.get(key) or 0 for key in ("count", "detected", "wrong"))
-    said = [f"{detected} of {count} rendered views detected, {wrong or 'none'} with wrong labels."]
+    sentences = [f"{detected} of {count} rendered views detected, {wrong or 'none'} with wrong labels."]
     point, before = (seen.get(key) or {} for key in ("point_px", "uncorrected_px"))
     if point.get("rms") is not None:
         line = f"The dots' centers are off by {number(point['rms'])} px RMS"
@@ -261,36 +264,36 @@ def _in_words(seen: Results) -> list[str]:
             line += f", {number(ratio)} times the least that the noise of the image allows"
         if before.get("rms") is not None:
             line += f"; without the correction for perspective it would be {number(before['rms'])} px"
-        said.append(f"{line}.")
+        sentences.append(f"{line}.")
     nees = seen.get("nees") or {}
     if nees.get("coverage") is not None and nees.get("coverage_interval"):
         low, high = (100 * end for end in nees["coverage_interval"])
-        said.append(
+        sentences.append(
             f"The truth lies inside the detector's own 95 % region in {100 * nees['coverage']:.3g} % of "
             f"{nees['count']} views; the 99 % interval of that share is {low:.3g} to {high:.3g} %."
         )
     optics = [_with_unit(key, value) for key, value in (seen.get("optics") or {}).items() if value]
     if optics:
-        said.append(f"Optics: {', '.join(optics)}.")
-    return said
+        sentences.append(f"Optics: {', '.join(optics)}.")
+    return sentences
 
 
 def _with_unit(key: str, value: Any) -> str:
     """Format blur_px = 0.7 as ``blur 0.7 px``."""
-    *words, last = key.split("_")
-    unit = f" {last}" if words and last in _UNITS else ""
-    name = " ".join(words if unit else [*words, last])
+    *parts, last = key.split("_")
+    unit = f" {last}" if parts and last in _UNITS else ""
+    name = " ".join(parts if unit else [*parts, last])
     return f"{name} {value:g}{unit}" if isinstance(value, int | float) else f"{name} {value}{unit}"
 
 
 def _views_tables(seen: Results) -> list[Table]:
-    found = tables.view_tables(seen)
+    listed = tables.view_tables(seen)
     failures = seen["failures"]
     if failures:
         rows = [
-            [f"{each['polar_angle_deg']:g} deg", f"{each['distance']:.3g} m", str(each["reason"])]
-            for each in failures[:MOST_FAILURES]
+            [f"{failure['polar_angle_deg']:g} deg", f"{failure['distance']:.3g} m", str(failure["reason"])]
+            for failure in failures[:MOST_FAILURES]
         ]
         more = f"And {len(failures) - MOST_FAILURES} more." if len(failures) > MOST_FAILURES else ""
-        found.append(Table("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
-    return found
+        listed.append(Table("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
+    return listed

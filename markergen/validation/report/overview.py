@@ -47,19 +47,19 @@ def answer(subject: Subject) -> Section:
     """Expected errors in words, at each pose, and by tilt and distance, the hardest in bold."""
     from markupsafe import Markup
 
-    distances = sorted({each.distance for each in subject.bins}, key=middle)
-    tilts = sorted({each.tilt for each in subject.bins}, key=middle)
-    hardest = [max(getattr(each, key) for each in subject.bins) for key in ("rotation_deg", "translation_mm")]
+    distances = sorted({pose_bin.distance for pose_bin in subject.bins}, key=middle)
+    tilts = sorted({pose_bin.tilt for pose_bin in subject.bins}, key=middle)
+    hardest = [max(getattr(pose_bin, key) for pose_bin in subject.bins) for key in ("rotation_deg", "translation_mm")]
     bold = Markup("<strong>{}</strong>")
     by_place = {
-        (each.distance, each.tilt): Markup(", ").join(
+        (pose_bin.distance, pose_bin.tilt): Markup(", ").join(
             bold.format(text) if value == worst else text
             for value, worst, text in (
-                (each.rotation_deg, hardest[0], f"{number(each.rotation_deg, 2)} deg"),
-                (each.translation_mm, hardest[1], f"{number(each.translation_mm, 2)} mm"),
+                (pose_bin.rotation_deg, hardest[0], f"{number(pose_bin.rotation_deg, 2)} deg"),
+                (pose_bin.translation_mm, hardest[1], f"{number(pose_bin.translation_mm, 2)} mm"),
             )
         )
-        for each in subject.bins
+        for pose_bin in subject.bins
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
     table = Table(
@@ -96,7 +96,7 @@ def limits(subject: Subject) -> Section:
             missing="How much of it the print and the calibration make is not in these results; markergen validate "
             "tells it with --print-sigma and --camera-covariance."
         )
-    said = {name: in_words(tables.shares(budget, key)) for key, name, _ in ERRORS}
+    share_texts = {name: in_words(tables.shares(budget, key)) for key, name, _ in ERRORS}
     section = Section(
         tables.limit_sentences(subject.results),
         tables=[tables.budget_table(subject.results)],
@@ -106,7 +106,7 @@ def limits(subject: Subject) -> Section:
         plot(
             partial(variance_shares, budget),
             "shares",
-            "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in said.items()) + ".",
+            "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in share_texts.items()) + ".",
             "What the variance of the error is made of, over all poses. Variances add up, errors do not: halving a "
             "source that makes 10 % of the variance gains 4 % of the error.",
             _LOW,
@@ -166,21 +166,21 @@ def the_marker(subject: Subject) -> Section:
 
 def labels(subject: Subject) -> Section:
     """Robustness of the dots' labels."""
-    found = subject.results.get("labels")
-    if not found:
+    labeling = subject.results.get("labels")
+    if not labeling:
         if not subject.marker.dot_diameter:
             return Section(missing="Bare points cannot be seen, and so not be told apart.")
         return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
     rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
     if rings:
-        told = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
+        looks = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
     else:
-        told = "All dots look the same"
-    said = [f"{told}; dots that look the same are told apart by their places alone."]
-    said += tables.trial_sentences({"nees": None, "labels": found})
+        looks = "All dots look the same"
+    sentences = [f"{looks}; dots that look the same are told apart by their places alone."]
+    sentences += tables.trial_sentences({"nees": None, "labels": labeling})
     return Section(
-        said,
-        tables=[tables.labels_table({"labels": found})],
+        sentences,
+        tables=[tables.labels_table({"labels": labeling})],
         book=("labels, and how to make them safe", "design.md#labels"),
     )
 
@@ -188,14 +188,14 @@ def labels(subject: Subject) -> Section:
 def origin(marker: Marker) -> list[tuple[str, str]]:
     """Provenance of the marker as terms and values from its file."""
     spec = marker.provenance.get("spec")
-    found = [
+    terms = [
         ("Spec hash", marker.spec_hash),
         ("Designed for", spec.get("objective") if isinstance(spec, dict) else None),
         ("Seed", marker.provenance.get("seed")),
         ("Versions", marker.provenance.get("versions")),
         ("Dots", marker.provenance.get("dots")),
     ]
-    return [(term, _short(value)) for term, value in found if value is not None]
+    return [(term, _short(value)) for term, value in terms if value is not None]
 
 
 def provenance(marker: Marker) -> str:
@@ -238,16 +238,16 @@ def comparison(subject: Subject) -> Section:
 def size_advice(subject: Subject) -> Section:
     """Advice on the size of the dots."""
     marker, poses = subject.marker, subject.setting.poses
-    found = advise(marker, subject.setting.camera, poses)
-    if found is None:
+    advice = advise(marker, subject.setting.camera, poses)
+    if advice is None:
         return Section(missing="Bare points have no size to print; design the marker with --dot above 0.")
     rows = [
-        [name, *(f"{number(value)} px" for value in (each.thinnest_px, each.center_px)), format_length(each.diameter)]
-        for name, each in (("every pose", found.worst), (f"{PERCENTILE:g} % of the poses", found.most))
+        [name, *(f"{number(value)} px" for value in (size.thinnest_px, size.center_px)), format_length(size.diameter)]
+        for name, size in (("every pose", advice.worst), (f"{PERCENTILE:g} % of the poses", advice.most))
     ]
     header = ["in", "smallest dot", "at the center", f"diameter for {PIXELS:g} px"]
     title = f"Short axis of the image of a {format_length(marker.dot_diameter)} dot"
-    return Section(advice_sentences(found, marker, poses), tables=[Table(title, header, rows)])
+    return Section(advice_sentences(advice, marker, poses), tables=[Table(title, header, rows)])
 
 
 def command(subject: Subject) -> str:
@@ -289,11 +289,11 @@ def in_words(parts: Mapping[str, float]) -> str:
     return ", ".join(f"{SOURCES[name]} {percent(part)}" for name, part in ordered)
 
 
-def _optics(shown: Results) -> str:
+def _optics(optics: Results) -> str:
     """Optics in the syntax of the option: values that differ from the default."""
     default = vars(DEFAULT_OPTICS)
     return ",".join(
-        f"{key}={value:g}" for key, value in shown.items() if value is not None and value != default.get(key)
+        f"{key}={value:g}" for key, value in optics.items() if value is not None and value != default.get(key)
     )
 
 

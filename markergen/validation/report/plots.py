@@ -138,9 +138,9 @@ def distribution(
         ax.plot(values[kept], 100 * below[kept], drawstyle=drawstyle, label=name_of(name), zorder=3, **look)
     for name, row in (marks or {}).items():
         at = [(row.get(key), share) for key, share in (("median", 50), ("p95", 95))]
-        shown = np.array([(value, share) for value, share in at if value], dtype=float).reshape(-1, 2)
+        points = np.array([(value, share) for value, share in at if value], dtype=float).reshape(-1, 2)
         ax.plot(
-            *shown.T, linestyle="none", marker=looks[name]["marker"], color=looks[name]["color"], markersize=7,
+            *points.T, linestyle="none", marker=looks[name]["marker"], color=looks[name]["color"], markersize=7,
             markerfacecolor="none", markeredgewidth=1.4,
             label=f"{name_of(name)}: median, 95 %", zorder=5,
         )  # fmt: skip
@@ -166,8 +166,8 @@ def draw_errors(covariance: Array) -> Array:
         return np.zeros((0, 6))
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
-    each = max(1, DRAWS // len(covariance))
-    noise = np.random.default_rng(0).standard_normal((len(covariance), each, 6))
+    per_pose = max(1, DRAWS // len(covariance))
+    noise = np.random.default_rng(0).standard_normal((len(covariance), per_pose, 6))
     return np.asarray(noise @ root.swapaxes(-1, -2))
 
 
@@ -183,11 +183,11 @@ class Ellipse:
 def draw_ellipses(ellipses: list[Ellipse], ax: "Axes") -> "Axes":
     """Draw the 95 % ellipses around the truth with different dashes, and the measured errors as marks."""
     reach = np.zeros(2)
-    for each, look in zip(ellipses, SERIES, strict=False):
-        outline = ellipse(each.covariance)
-        errors = each.errors[:: max(1, -(-len(each.errors) // _MOST_IN_ELLIPSE))]
+    for item, look in zip(ellipses, SERIES, strict=False):
+        outline = ellipse(item.covariance)
+        errors = item.errors[:: max(1, -(-len(item.errors) // _MOST_IN_ELLIPSE))]
         style: dict[str, Any] = {key: look[key] for key in ("color", "linestyle")}
-        ax.plot(*outline.T, label=each.name, linewidth=1.8, zorder=3, **style)
+        ax.plot(*outline.T, label=item.name, linewidth=1.8, zorder=3, **style)
         if len(errors):
             ax.plot(
                 *errors.T, linestyle="none", marker=look["marker"], markersize=3.5, markerfacecolor="none",
@@ -283,15 +283,15 @@ def compared(bounds: Mapping[str, float], measured: Mapping[str, float | None], 
         ax.barh(y, finite[name], height=0.6, edgecolor=INK, linewidth=0.7, **look)
         ahead = max(finite[name], measured.get(name) or 0.0)
         ax.annotate(number(value), (ahead, y), (8, 0), textcoords="offset points", va="center_baseline")
-    shown = {y: found for y, name in enumerate(bounds) if (found := measured.get(name))}
-    if shown:
+    marks = {y: mark for y, name in enumerate(bounds) if (mark := measured.get(name))}
+    if marks:
         ax.plot(
-            list(shown.values()), list(shown), linestyle="none", marker="D", markersize=7, markerfacecolor="#ffffff",
+            list(marks.values()), list(marks), linestyle="none", marker="D", markersize=7, markerfacecolor="#ffffff",
             markeredgecolor=INK, label="measured (LM)",
         )  # fmt: skip
         ax.legend(loc="lower right", bbox_to_anchor=(1, 1))
     ax.set_yticks(range(len(bounds)), list(bounds))
     ax.set_ylim(len(bounds) - 0.4, -0.6)
-    ax.set_xlim(0, 1.18 * max([*finite.values(), *shown.values(), 1e-12]))
+    ax.set_xlim(0, 1.18 * max([*finite.values(), *marks.values(), 1e-12]))
     ax.grid(visible=False, axis="y")
     return ax

@@ -51,18 +51,18 @@ def pose_dome(
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1) / 2
     outlines, dots, faces = [], [], []
     # The farthest first; of what shows its back, only the outline, and only in the picture to turn.
-    for each in sorted(markers, key=lambda each: _seen(each.translation_vector)[2]):
-        normal = each.rotation_matrix[:, 2]
-        rings = [each.to_body(np.pad(ring, ((0, 0), (0, 1)))) for ring in each.marker.boundary.outlines()]
-        sizes = [point.feature.diameter for point in each.marker.control_points]
-        places = each.to_body(each.marker.xyz)
+    for plate in sorted(markers, key=lambda plate: _seen(plate.translation_vector)[2]):
+        normal = plate.rotation_matrix[:, 2]
+        rings = [plate.to_body(np.pad(ring, ((0, 0), (0, 1)))) for ring in plate.marker.boundary.outlines()]
+        sizes = [point.feature.diameter for point in plate.marker.control_points]
+        places = plate.to_body(plate.marker.xyz)
         outlines += rings
         dots += [
             {**dict(zip("xyz", place, strict=True)), "diameter": size, "normal": normal.round(5).tolist()}
             for place, size in zip(places.round(5).tolist(), sizes, strict=True)
         ]
         if _seen(normal)[2] > 0:
-            turned = circle @ each.rotation_matrix.T
+            turned = circle @ plate.rotation_matrix.T
             faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
     centers = camera_centers(poses)
     hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]
@@ -80,8 +80,8 @@ def pose_dome(
         )
     ]
     for name, values in errors.items():
-        known = values[np.isfinite(values)]
-        low, high = (number(float(end), 2) for end in (known.min(initial=np.inf), known.max(initial=-np.inf)))
+        finite = values[np.isfinite(values)]
+        low, high = (number(float(end), 2) for end in (finite.min(initial=np.inf), finite.max(initial=-np.inf)))
         unit = UNITS[name]
         made.append(
             plot(
@@ -123,19 +123,19 @@ def pose_sphere(
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POSES))]
     if len(chosen):
         spots = _seen(centers[chosen])
-        shown = values[chosen]
-        spread = shown.min() > 0 and shown.max() > 1.001 * shown.min()
-        norm = LogNorm(shown.min(), shown.max()) if spread else Normalize(0, max(float(shown.max()), 1e-12))
+        errors = values[chosen]
+        spread = errors.min() > 0 and errors.max() > 1.001 * errors.min()
+        norm = LogNorm(errors.min(), errors.max()) if spread else Normalize(0, max(float(errors.max()), 1e-12))
         # Marks of one size are written as references to one path.
-        order = np.argsort(shown, kind="stable")
+        order = np.argsort(errors, kind="stable")
         points = ax.scatter(
-            spots[order, 0], spots[order, 1], c=shown[order], s=20, cmap=color_steps(COLORS), norm=norm,
+            spots[order, 0], spots[order, 1], c=errors[order], s=20, cmap=color_steps(COLORS), norm=norm,
             edgecolors=INK, linewidths=0.5, zorder=4,
         )  # fmt: skip
         bar = ax.figure.colorbar(points, ax=ax, shrink=0.75, pad=0.02, aspect=28)
         bar.set_label(label)
         if spread:
-            labels = _plain_numbers(float(shown.min()), float(shown.max()))
+            labels = _plain_numbers(float(errors.min()), float(errors.max()))
             bar.set_ticks(labels, labels=[f"{tick:g}" for tick in labels])
             bar.minorticks_off()
     ax.set_aspect("equal")
@@ -168,5 +168,5 @@ def _direction(polar: Array, azimuth: Array) -> Array:
 def _plain_numbers(low: float, high: float) -> list[float]:
     """Round numbers between two values, or the two if there are none."""
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    found = [float(f"{step}e{power}") for power in powers for step in ticks(low, high)]
-    return [tick for tick in found if low <= tick <= high] or [float(f"{low:.2g}"), float(f"{high:.2g}")]
+    steps = [float(f"{step}e{power}") for power in powers for step in ticks(low, high)]
+    return [tick for tick in steps if low <= tick <= high] or [float(f"{low:.2g}"), float(f"{high:.2g}")]

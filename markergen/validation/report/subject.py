@@ -113,12 +113,13 @@ class Subject:
         stated: Results | None = self.results.get("headline")
         if stated:
             return stated
-        found, none = self.expected, np.zeros(len(self.expected.poses))
+        expected, none = self.expected, np.zeros(len(self.expected.poses))
         undrawn = np.zeros((len(none), 0))
         first_order = Expectation(
-            found.first_order_deg, found.rotation_deg, found.translation_mm, none, none, none > 0, undrawn, undrawn
-        )
-        return headline(first_order, found.poses, found.source)
+            expected.first_order_deg, expected.rotation_deg, expected.translation_mm,
+            none, none, none > 0, undrawn, undrawn,
+        )  # fmt: skip
+        return headline(first_order, expected.poses, expected.source)
 
     @cached_property
     def bins(self) -> list[PoseBin]:
@@ -174,12 +175,12 @@ def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
     return Expected(noise_px**2 * covariance(matrix), setting.poses, f"image noise of {noise_px:g} px alone")
 
 
-def pose_bins(found: Expected) -> list[PoseBin]:
+def pose_bins(expected: Expected) -> list[PoseBin]:
     """Table of distances and tilts, nearest first and then by tilt, without empty bins."""
-    rotation, translation = found.rotation_deg, found.translation_mm
+    rotation, translation = expected.rotation_deg, expected.translation_mm
     return [
         PoseBin(distance, tilt, both, rms(rotation[both]), rms(translation[both]))
-        for (distance, tilt), both in cells_of(found.poses).items()
+        for (distance, tilt), both in cells_of(expected.poses).items()
     ]
 
 
@@ -253,38 +254,38 @@ def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) ->
     least = max(point.feature.least_pixels for point in marker.control_points)
     now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
     where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
-    found = (
+    sentence = (
         f"{where} the dot that looks smallest, of {now}, is {number(worst.thinnest_px, 2)} px across its short axis "
         f"({number(worst.center_px, 2)} px at the marker's center)"
     )
     if worst.thinnest_px >= PIXELS:
         enough = f"{format_length(worst.diameter)} would do for the {PIXELS:g} px that detection wants"
-        return [f"{found}, the least of all poses: large enough, {enough}."]
+        return [f"{sentence}, the least of all poses: large enough, {enough}."]
     if not np.isfinite(worst.diameter):
         return [f"{where} the image of a dot is no ellipse: no size helps, leave such poses out."]
-    said = [f"{found}: use {format_length(worst.diameter)} for the {PIXELS:g} px that detection wants."]
+    sentences = [f"{sentence}: use {format_length(worst.diameter)} for the {PIXELS:g} px that detection wants."]
     share = f"{PERCENTILE:g} % of the poses"
     if most.thinnest_px >= PIXELS:
-        said.append(f"For {share} {now} is enough: {number(most.thinnest_px, 3)} px or more.")
+        sentences.append(f"For {share} {now} is enough: {number(most.thinnest_px, 3)} px or more.")
     else:
-        said.append(
+        sentences.append(
             f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
             f"Smaller dots are found as well, down to {least:g} px, but with less margin."
         )
     room = format_length(np.floor(advice.largest * 1e4) / 1e4)
     if worst.diameter > advice.largest:
         factor = worst.diameter / marker.dot_diameter
-        said.append(
+        sentences.append(
             f"With a clearance of {100 * CLEARANCE:g} % of their diameter, {len(marker)} dots of up to {room} fit in "
             f"this boundary. For larger ones scale the whole marker to {100 * factor:.0f} %, come nearer, or use a "
             "longer focal length."
         )
     else:
-        said.append(
+        sentences.append(
             f"Up to {room} there is room for {len(marker)} dots in this boundary: design it again with "
             f"--dot {worst.diameter * 1e3:.6g}mm. Larger dots are measured better, but sit closer together."
         )
-    return said
+    return sentences
 
 
 def number(value: float | None, digits: int = 3) -> str:
