@@ -79,8 +79,8 @@ def tag_column(markers: Sequence[Marker]) -> list[Column]:
     consecutive = len(ids) > 1 and ids == list(range(ids[0], ids[-1] + 1))
     listed = f"{ids[0]}-{ids[-1]}" if consecutive else ",".join(map(str, ids[:MOST_IDS]))
     more = ",..." if len(ids) > MOST_IDS and not consecutive else ""
-    words = f"{tags[0].family}:{listed}{more}, {tags[0].side * 1e3:.6g} mm"
-    return [("tag", "tag, side of its black square", (words,), "regular")]
+    label = f"{tags[0].family}:{listed}{more}, {tags[0].side * 1e3:.6g} mm"
+    return [("tag", "tag, side of its black square", (label,), "regular")]
 
 
 def scale_column(factor: Point) -> Column:
@@ -117,23 +117,23 @@ def facts(frame: Frame, columns: Sequence[Column], y: float, name: str) -> list[
 
 
 def paragraph(
-    words: str, left: float, top: float, width: float, height: float, lines: int, name: str, color: str = GRAY
+    content: str, left: float, top: float, width: float, height: float, lines: int, name: str, color: str = GRAY
 ) -> list[Shape]:
     """Words in at most `lines` lines below `top`, smaller than the cap height `height` (mm) if necessary."""
-    step, rows = 1.94 * height, wrap(words, width, height)
+    step, rows = 1.94 * height, wrap(content, width, height)
     while len(rows) > lines or max(text_width(row, height) for row in rows) > width:
         height *= 0.96
-        rows = wrap(words, width, height)
+        rows = wrap(content, width, height)
     return [
         text(row, left, top - height - index * step, height, color=color, name=f"{name}-{index}")
         for index, row in enumerate(rows)
     ]
 
 
-def remedy_lines(frame: Frame, words: Sequence[str], top: float, height: float) -> list[Shape]:
+def remedy_lines(frame: Frame, lines: Sequence[str], top: float, height: float) -> list[Shape]:
     """One line per sentence below `top`, each shrunk to fit."""
     texts: list[Shape] = []
-    for index, line in enumerate(words):
+    for index, line in enumerate(lines):
         texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
     return texts
 

@@ -76,7 +76,7 @@ def place_numbers(
 def _free(
     middle: Array,
     half: Array,
-    own: int,
+    dot: int,
     lead: float,
     centers: Array,
     quiet: Array,
@@ -88,7 +88,7 @@ def _free(
     if left < page[0] or bottom < page[1] or right > page[2] or top > page[3]:
         return False
     gap = np.hypot(*np.maximum(np.abs(centers - middle) - half, 0).T) - quiet
-    if np.any(gap < 0) or np.any(np.delete(gap, own) <= gap[own] + lead):
+    if np.any(gap < 0) or np.any(np.delete(gap, dot) <= gap[dot] + lead):
         return False
     if len(ink) and np.any(np.all(np.abs(ink - middle) < half, axis=-1)):
         return False

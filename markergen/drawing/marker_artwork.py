@@ -125,8 +125,8 @@ def draw_artwork(
     taken = ink_points([*cut, *free, *cross, *on_boundary, *labels])
     if ink is not None:
         taken = np.concatenate([taken, ink])
-    each = [overlap(room, own) for own in rooms] if rooms else [room] * len(dots)
-    places = place_numbers(dots, names, height, each, (0.0, 0.0), taken, boxes)
+    number_rooms = [overlap(room, dot_room) for dot_room in rooms] if rooms else [room] * len(dots)
+    places = place_numbers(dots, names, height, number_rooms, (0.0, 0.0), taken, boxes)
     numbers = tuple(
         text(name, x, y - height / 2, height, "center", color=colors.mix(GRAY_SHARE), name=f"number-{name}")
         for name, place in zip(names, places, strict=True)
@@ -179,10 +179,10 @@ def axis_ticks(
         zones += [_shadow(box, heading, 2 * scale) for box in boxes]
         start = reach[name]
         # Sorted by their start, so one pass moves the tick beyond all zones that it would touch.
-        for near, far in sorted(zones):
-            if near < far and near < start + length and far > start:
-                start = float(far)
-        foot, tip = ((far * heading[0], far * heading[1]) for far in (start, start + length))
+        for low, high in sorted(zones):
+            if low < high and low < start + length and high > start:
+                start = float(high)
+        foot, tip = ((at * heading[0], at * heading[1]) for at in (start, start + length))
         left, bottom, right, top = room
         if start > 0 and left <= tip[0] <= right and bottom <= tip[1] <= top:
             ticks.append(Line((foot, tip), FINE, f"axis{name}", color))
@@ -243,11 +243,11 @@ def cut_lines(figure: Figure, colors: Colors) -> list[Line]:
         for rim, corner in paths
         for run in _runs(rim, np.ones(len(rim), dtype=bool) if whole else _clear(rim, figure), corner)
     ]
-    found = [_line(run, f"boundary-{index}", colors.cut) for index, run in enumerate(lines)]
+    cut = [_line(run, f"boundary-{index}", colors.cut) for index, run in enumerate(lines)]
     for index, opening in enumerate(openings(figure.marker)):
         rim, corner = _path(figure, opening.contour)
-        found.append(_line(_closed(rim[corner]), f"hole-{index}", colors.cut))
-    return found
+        cut.append(_line(_closed(rim[corner]), f"hole-{index}", colors.cut))
+    return cut
 
 
 def free_lines(figure: Figure, colors: Colors, scale: float) -> list[Line]:
@@ -257,8 +257,8 @@ def free_lines(figure: Figure, colors: Colors, scale: float) -> list[Line]:
     """
     marker, holes = figure.marker, enumerate(figure.marker.substrate.holes)
     sinks = [(f"sink-{index}", hole.rim) for index, hole in holes if hole.sink]
-    found = []
-    for name, shape in (*((f"keep-out-{index}", each) for index, each in enumerate(marker.keep_outs)), *sinks):
+    dashes = []
+    for name, shape in (*((f"keep-out-{index}", keep_out) for index, keep_out in enumerate(marker.keep_outs)), *sinks):
         runs: list[Array] = []
         for contour in shape.contours():
             rim, corner = _path(figure, contour, FINEST)
@@ -266,8 +266,8 @@ def free_lines(figure: Figure, colors: Colors, scale: float) -> list[Line]:
             if shape in marker.keep_outs:
                 free &= marker.boundary.depth(rim / figure.factor / 1e3) > 0
             runs += _runs(rim, free, corner)
-        found += [_line(run, f"{name}-{index}", colors.mix(PALE_SHARE)) for index, run in enumerate(runs)]
-    return found
+        dashes += [_line(run, f"{name}-{index}", colors.mix(PALE_SHARE)) for index, run in enumerate(runs)]
+    return dashes
 
 
 def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[str, ...]:
@@ -279,10 +279,10 @@ def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[s
             "draws it whole."
         )
     notes += holes_beyond(marker)
-    shown = {line.name.rpartition("-")[0] for line in free}
-    hidden = [f"keep-out {k + 1}" for k in range(len(marker.keep_outs)) if f"keep-out-{k}" not in shown]
+    drawn = {line.name.rpartition("-")[0] for line in free}
+    hidden = [f"keep-out {k + 1}" for k in range(len(marker.keep_outs)) if f"keep-out-{k}" not in drawn]
     holes = enumerate(marker.substrate.holes)
-    hidden += [f"the countersink of {hole}" for k, hole in holes if hole.sink and f"sink-{k}" not in shown]
+    hidden += [f"the countersink of {hole}" for k, hole in holes if hole.sink and f"sink-{k}" not in drawn]
     if hidden:
         notes.append(f"Not shown, in quiet zones or outside the boundary: {in_one_line(hidden, SHOWN)}.")
     return tuple(notes)
@@ -354,11 +354,11 @@ def axis_reach(figure: Figure) -> dict[str, float]:
     whole = region.box
     beyond = max(map(abs, whole)) + AIR
     strips = Region.rectangle(-beyond, -AIR, beyond, AIR), Region.rectangle(-AIR, -beyond, AIR, beyond)
-    near = [part.box if (part := region & strip) else None for strip in strips]
+    boxes = [part.box if (part := region & strip) else None for strip in strips]
     reach = {}
     for name, heading in HEADINGS.items():
         axis, side = (0, heading[0]) if heading[0] else (1, heading[1])
         end = axis + (2 if side > 0 else 0)
-        box = near[axis]
+        box = boxes[axis]
         reach[name] = side * (box[end] if box and side * box[end] > 0 else whole[end])
     return reach

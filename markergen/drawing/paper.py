@@ -204,7 +204,7 @@ class SheetOptions:
         if self.paper is not None:
             paper = find_paper(self.paper, self.orientation)
             fixed = self.orientation or oriented(self.paper)
-            return [self.frame(each) for each in ((paper,) if fixed else (paper, paper.turned))]
+            return [self.frame(candidate) for candidate in ((paper,) if fixed else (paper, paper.turned))]
         if self.orientation:
             return self.frames([find_paper(size.name, self.orientation) for size in sizes])
         return self.frames(both_ways(sizes))
@@ -223,7 +223,7 @@ class SheetOptions:
 
 def both_ways(sizes: Sequence[Paper]) -> list[Paper]:
     """Each size in portrait and then in landscape orientation."""
-    return [each for size in sizes for each in (size, size.landscape)]
+    return [oriented for size in sizes for oriented in (size, size.landscape)]
 
 
 def find_paper(name: str, orientation: Orientation = "") -> Paper:
@@ -250,11 +250,11 @@ def find_paper(name: str, orientation: Orientation = "") -> Paper:
     if wanted in PAPERS:
         paper = PAPERS[wanted]
         return paper.landscape if orientation == "landscape" and not ending else paper
-    near = get_close_matches(wanted, PAPERS, n=1)
-    hint = f"did you mean {PAPERS[near[0]].name!r}? Known: " if near else "known: "
-    known = ", ".join(paper.name for paper in ISO + AMERICAN)
+    matches = get_close_matches(wanted, PAPERS, n=1)
+    hint = f"did you mean {PAPERS[matches[0]].name!r}? Known: " if matches else "known: "
+    names = ", ".join(paper.name for paper in ISO + AMERICAN)
     raise InputError(
-        "a known paper size", repr(name), f"{hint}{known}, each also with -landscape, or a size such as 300x400mm"
+        "a known paper size", repr(name), f"{hint}{names}, each also with -landscape, or a size such as 300x400mm"
     )
 
 

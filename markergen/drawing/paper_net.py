@@ -111,11 +111,11 @@ def unfold(rig: Marker | Rig) -> Net:
         If the faces are not those of a convex body that touch along their edges, or they overlap when unfolded.
     """
     edges = plate_edges(rig)
-    meeting = sum(edge.meets is not None for own in edges for edge in own)
+    meeting = sum(edge.meets is not None for face_edges in edges for edge in face_edges)
     if len(rig.plates) < 3 or not rig.is_convex or not meeting:
         raise _no_net("plates that do not touch along their edges, as of a wall, or just two of them")
-    upright = [abs(each.rotation_matrix[2, 2]) < 0.5 for each in rig.plates]
-    degree = [sum(edge.meets is not None and upright[edge.meets[0]] for edge in own) for own in edges]
+    upright = [abs(plate.rotation_matrix[2, 2]) < 0.5 for plate in rig.plates]
+    degree = [sum(edge.meets is not None and upright[edge.meets[0]] for edge in face_edges) for face_edges in edges]
     row = [k for k in range(len(edges)) if upright[k]] or list(range(len(edges)))
     # For a cube the face -y, whose upper neighbor has its axes.
     root = max(row, key=lambda k: (degree[k], -rig.plates[k].rotation_matrix[1, 2], -k))
@@ -139,7 +139,7 @@ def unfold(rig: Marker | Rig) -> Net:
     if len(places) < len(edges):
         raise _no_net("faces in several pieces")
     ordered = tuple(places[k] for k in range(len(edges)))
-    outlines = tuple(ordered[k](np.array([edge.start for edge in own])) for k, own in enumerate(edges))
+    outlines = tuple(ordered[k](np.array([edge.start for edge in face_edges])) for k, face_edges in enumerate(edges))
     regions = [Region.polygon(outline) for outline in outlines]
     for k, region in enumerate(regions):
         if any((region & other).area > TOUCHING for other in regions[k + 1 :]):
@@ -147,8 +147,8 @@ def unfold(rig: Marker | Rig) -> Net:
     return Net(ordered, frozenset(folds), _flaps(edges, ordered, folds, regions), outlines, edges)
 
 
-def _no_net(found: str) -> InputError:
-    return InputError("the faces of a body for --net, such as a cube or a prism", found, "leave out --net")
+def _no_net(problem: str) -> InputError:
+    return InputError("the faces of a body for --net, such as a cube or a prism", problem, "leave out --net")
 
 
 def _matched(start: Sequence[float], end: Sequence[float], to_start: Array, to_end: Array) -> Placed:
@@ -166,8 +166,8 @@ def _flaps(
 ) -> tuple[Flap, ...]:
     """A flap for every pair of edges that meet and are not folded, on the face where there is room for it."""
     taken, flaps = list(regions), list[Flap]()
-    for k, own in enumerate(edges):
-        for i, edge in enumerate(own):
+    for k, face_edges in enumerate(edges):
+        for i, edge in enumerate(face_edges):
             if edge.meets is None or (k, i) in folds or edge.meets < (k, i):
                 continue
             for face, number, behind in ((k, i, edge.meets[0]), (*edge.meets, k)):
@@ -202,16 +202,16 @@ def net_sheet(rig: Marker | Rig, options: SheetOptions) -> Sheet:
     net = unfold(rig)
     left, bottom, right, top = net.box
     frames = options.candidates()
-    found = next((place for frame in frames if (place := _place(net, frame, options))), None)
-    if found is None:
+    placement = next((place for frame in frames if (place := _place(net, frame, options))), None)
+    if placement is None:
         raise _too_large(net, options)
-    frame, shift, corner = found
-    layers = [moved_layers(each, *shift) for each in _drawn(net, rig, options.colors)]
-    words, lengths = _instructions(rig, corner)
+    frame, shift, corner = placement
+    layers = [moved_layers(face_layers, *shift) for face_layers in _drawn(net, rig, options.colors)]
+    instructions, lengths = _instructions(rig, corner)
     names = len(net.flaps)
     return Sheet(
         frame.paper,
-        scene_of([*layers, words]),
+        scene_of([*layers, instructions]),
         tuple((float(place.translation[0] + shift[0]), float(place.translation[1] + shift[1])) for place in net.places),
         (lengths, 0),
         "Paper net of a rig",
@@ -266,19 +266,19 @@ def _too_large(net: Net, options: SheetOptions) -> InputError:
 def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[Shape, ...]]]:
     """Layers of the net, mm, net frame."""
     layers: list[dict[str, tuple[Shape, ...]]] = []
-    for k, each in enumerate(rig.plates):
-        figure, place = Figure(each.marker.as_designed, ink=colors.ink), net.places[k]
+    for k, plate in enumerate(rig.plates):
+        figure, place = Figure(plate.marker.as_designed, ink=colors.ink), net.places[k]
         artwork = draw_artwork(figure, replace(colors, paper="#ffffff", ink=BLACK), 0.8, figure.outline)
         face = Region.polygon([edge.start for edge in net.edges[k]])
         numbers = [shape for shape in artwork.layers["text"] if face.depth(_corners(bounds(shape))).min() > 0]
-        own = {
+        face_layers = {
             "ground": (polygon(_points(net.outlines[k]), "ground", colors.paper),) if colors.grounded else (),
             "dots": tuple(_moved(shape, place) for shape in artwork.layers["dots"]),
             "tag": tuple(_moved(shape, place) for shape in artwork.layers["tag"]),
-            "text": tuple(_moved(shape, place) for shape in (*numbers, *_name(each.name, figure, face, numbers))),
+            "text": tuple(_moved(shape, place) for shape in (*numbers, *_name(plate.name, figure, face, numbers))),
         }
-        layers.append({name: renamed(shapes, f"marker-{k + 1}-") for name, shapes in own.items()})
-    cut, marks, words = list[Shape](), list[Shape](), list[Shape]()
+        layers.append({name: renamed(shapes, f"marker-{k + 1}-") for name, shapes in face_layers.items()})
+    cut, marks, texts = list[Shape](), list[Shape](), list[Shape]()
     flapped = {(flap.face, tuple(np.round(flap.corners[0], 6))) for flap in net.flaps}
     for k, own_edges in enumerate(net.edges):
         for i, edge in enumerate(own_edges):
@@ -294,8 +294,8 @@ def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[
     for number, flap in enumerate(net.flaps):
         cut.append(Line(_points(flap.corners[[1, 2, 3, 0]]), FINE, f"flap-{number}", colors.cut or BLACK))
         marks += _hatch(flap.corners, f"hatch-{number}")
-        words += _flap_words(flap, rig, number)
-    return [*layers, {"cut": tuple(cut), "marks": tuple(marks), "text": tuple(words)}]
+        texts += _flap_words(flap, rig, number)
+    return [*layers, {"cut": tuple(cut), "marks": tuple(marks), "text": tuple(texts)}]
 
 
 def _points(corners: Array) -> tuple[tuple[float, float], ...]:
@@ -333,7 +333,7 @@ def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> 
         for x in sorted(spans, key=lambda x: abs(x + width / 2 - (left + right) / 2)):
             low, high = np.array([x, y]), np.array([x + width, y + TEXT])
             gaps = [np.hypot(*(np.clip((d.x, d.y), low, high) - (d.x, d.y))) - 2 * d.radius for d in figure.dots]
-            apart = all((own[0] > high + 1).any() or (own[1] < low - 1).any() for own in boxes)
+            apart = all((box[0] > high + 1).any() or (box[1] < low - 1).any() for box in boxes)
             tag = figure.tag_zone is None or not _overlap((*low, *high), figure.tag_zone)
             if apart and tag and min(gaps) > 0 and face.depth(_corners((*low, *high))).min() > 0.5:
                 return [text(name, float(x), float(y), TEXT, color=GRAY, name="plate-name")]
@@ -371,19 +371,19 @@ def _flap_words(flap: Flap, rig: Marker | Rig, number: int) -> list[Shape]:
     along = (end - start) / np.hypot(*(end - start))
     depth = float(np.hypot(*(flap.corners[3] - start)) / np.sqrt(2))
     height = min(1.6, 0.3 * depth)
-    words = rig.plates[flap.behind].name
-    if text_width(words, height) > 0.8 * (np.hypot(*(end - start)) - 2 * depth):
+    label = rig.plates[flap.behind].name
+    if text_width(label, height) > 0.8 * (np.hypot(*(end - start)) - 2 * depth):
         return []
     middle = flap.corners.mean(axis=0)
     # Upright or read from the right.
     if along[0] < -1e-9 or (abs(along[0]) <= 1e-9 and along[1] < 0):
         along = -along
     place = Placed(np.array([[along[0], -along[1]], [along[1], along[0]]]), middle)
-    width, white = text_width(words, height) / 2 + 1, height / 2 + 0.6
+    width, white = text_width(label, height) / 2 + 1, height / 2 + 0.6
     blank = np.array([[-width, -white], [width, -white], [width, white], [-width, white]])
     return [
         polygon(_points(place(blank)), f"flap-blank-{number}", "#ffffff"),
-        _moved(text(words, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}"), place),
+        _moved(text(label, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}"), place),
     ]
 
 
@@ -393,7 +393,7 @@ def _instructions(rig: Marker | Rig, room: Box) -> tuple[dict[str, tuple[Shape, 
     width = min(right - left, 110.0)
     left = right - width
     marks, texts = list[Shape](), list[Shape]()
-    length = next((each for each in RULERS_MM if each <= width - 8), RULERS_MM[-1])
+    length = next((mm for mm in RULERS_MM if mm <= width - 8), RULERS_MM[-1])
     ruler_marks, ruler_text = ruler((left, bottom + 2), length, 0, 1.0)
     marks += ruler_marks
     texts += ruler_text

@@ -48,12 +48,12 @@ class Edge:
 def plate_edges(body: Body) -> list[list[Edge]]:
     """Edges of each plate whose boundary is one outline of straight edges; none for others."""
     corners = [_corners(body, k) for k in range(len(body.plates))]
-    places = [body.plates[k].to_body(np.column_stack([each, np.zeros(len(each))])) for k, each in enumerate(corners)]
-    found = []
-    for k, own in enumerate(corners):
+    places = [body.plates[k].to_body(np.column_stack([ring, np.zeros(len(ring))])) for k, ring in enumerate(corners)]
+    edges_by_plate = []
+    for k, outline in enumerate(corners):
         edges = []
-        for i in range(len(own)):
-            ends = places[k][[i, (i + 1) % len(own)]]
+        for i in range(len(outline)):
+            ends = places[k][[i, (i + 1) % len(outline)]]
             meets = next(
                 (
                     (other, j)
@@ -64,10 +64,10 @@ def plate_edges(body: Body) -> list[list[Edge]]:
                 ),
                 None,
             )
-            start, end = (tuple((own[at % len(own)] * 1e3).tolist()) for at in (i, i + 1))
+            start, end = (tuple((outline[at % len(outline)] * 1e3).tolist()) for at in (i, i + 1))
             edges.append(Edge(start, end, meets))
-        found.append(edges)
-    return found
+        edges_by_plate.append(edges)
+    return edges_by_plate
 
 
 def _corners(body: Body, k: int) -> Array:
@@ -108,12 +108,12 @@ def plate_labels(body: Body, k: int, edges: list[Edge], scale: float) -> tuple[S
     for number, edge in enumerate(edges):
         if edge.meets is None:
             continue
-        words, height = f"to {body.plates[edge.meets[0]].name}", LABEL * scale
-        reach = np.array([text_width(words, height) / 2, height / 2])
+        caption, height = f"to {body.plates[edge.meets[0]].name}", LABEL * scale
+        reach = np.array([text_width(caption, height) / 2, height / 2])
         aside = edge.outward * (2 * AIR * scale + np.abs(edge.outward) @ reach)
         # In the middle of an edge there may be the tick of an axis, and at an end of the lower one is the name.
         shares = np.array([0.35, 0.65, 0.25, 0.75])[:, None]
         spot = freest(np.array(edge.start) + shares * np.subtract(edge.end, edge.start) + aside)
-        label = text(words, float(spot[0]), float(spot[1]) - height / 2, height, "center", color=GRAY)
+        label = text(caption, float(spot[0]), float(spot[1]) - height / 2, height, "center", color=GRAY)
         shapes.append(replace(label, name=f"edge-{number}"))
     return tuple(shapes)

@@ -59,15 +59,15 @@ def ruler(
         if mm == 0 or mm % step:
             continue
         # In front of its tick and above the short ones, which keeps the ruler narrow.
-        words = f"{mm} mm" if mm == length else str(mm)
+        number = f"{mm} mm" if mm == length else str(mm)
         low = (SHORT + 0.4) * scale
-        near = low if inward > 0 else -low - height
+        offset = low if inward > 0 else -low - height
         x, y = start[0] + (mm * factor if axis == 0 else 0), start[1] + (mm * factor if axis == 1 else 0)
         if axis == 0:
-            texts.append(text(words, x - 0.7 * scale, y + near, height, "right", name=f"{name}-number-{mm}"))
+            texts.append(text(number, x - 0.7 * scale, y + offset, height, "right", name=f"{name}-number-{mm}"))
         else:
-            upright = text(words, x - 0.7 * scale, y, height, "right", name=f"{name}-number-{mm}")
-            texts.append(moved(turned(upright, x, y), near + height, 0.0))
+            upright = text(number, x - 0.7 * scale, y, height, "right", name=f"{name}-number-{mm}")
+            texts.append(moved(turned(upright, x, y), offset + height, 0.0))
     return marks, texts
 
 
@@ -121,8 +121,8 @@ def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[S
     for shape in shapes:
         if isinstance(shape, Line) and len(shape.points) > 2:
             points = ink_points([shape])
-            near = points[(points[:, 1 - axis] > low - air) & (points[:, 1 - axis] < high + air), axis]
-            blocked += [(float(place) - 1 - air, float(place) + 1 + air) for place in near]
+            places = points[(points[:, 1 - axis] > low - air) & (points[:, 1 - axis] < high + air), axis]
+            blocked += [(float(place) - 1 - air, float(place) + 1 + air) for place in places]
         else:
             box = bounds(shape)
             if box[1 - axis] < high + air and box[3 - axis] > low - air:

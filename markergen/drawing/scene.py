@@ -188,8 +188,8 @@ def ink_points(shapes: Sequence[Shape]) -> Array:
 
 def scene_of(layers: Sequence[Mapping[str, Sequence[Shape]]]) -> Scene:
     """Merge the layers of several drawings into a scene; ``ground`` and ``tag`` only if they are not empty."""
-    found = {name: tuple(shape for each in layers for shape in each.get(name, ())) for name in LAYERS}
-    return Scene(tuple(Layer(name, found[name]) for name in LAYERS if found[name] or name not in ("ground", "tag")))
+    merged = {name: tuple(shape for group in layers for shape in group.get(name, ())) for name in LAYERS}
+    return Scene(tuple(Layer(name, merged[name]) for name in LAYERS if merged[name] or name not in ("ground", "tag")))
 
 
 def moved_layers(layers: Mapping[str, Sequence[Shape]], dx: float, dy: float) -> dict[str, tuple[Shape, ...]]:

@@ -54,11 +54,11 @@ def draw_footer(
         "ruler-y",
     )
     lengths = (x_length, y_length)
-    words = remedy_lines(frame, remedy_words(lengths), frame.block_top + 7.6 * scale, 1.6 * scale)
+    remedy = remedy_lines(frame, remedy_words(lengths), frame.block_top + 7.6 * scale, 1.6 * scale)
     lines = facts(frame, measured_columns(markers[0], lengths, where), frame.checks_y, "check")
     block_marks, block_text = title_block(frame, markers, factor, page)
     layers: dict[str, tuple[Shape, ...]] = {
         "marks": (*x_marks, *y_marks, *axes_marks, *block_marks),
-        "text": (*x_text, *y_text, *axes_text, *lines, *words, *block_text),
+        "text": (*x_text, *y_text, *axes_text, *lines, *remedy, *block_text),
     }
     return layers, lengths

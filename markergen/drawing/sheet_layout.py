@@ -87,10 +87,10 @@ def pages_for(
     candidates = options.candidates(ISO[ISO.index(USUAL) :])
     for _, same in groupby(candidates, lambda frame: {frame.paper.width, frame.paper.height}):
         frames = list(same)
-        found = [_whole(_reach_of(figure.outline, figure.quiet, options.colors), frames) for figure in figures]
+        places = [_whole(_reach_of(figure.outline, figure.quiet, options.colors), frames) for figure in figures]
         pages = grid_pages(figures, options, frames)
-        if pages or None not in found:
-            return pages or _pages(figures, [each for each in found if each], options)
+        if pages or None not in places:
+            return pages or _pages(figures, [place for place in places if place], options)
     return _pages(figures, [_place(figure, options, candidates) for figure in figures], options)
 
 
@@ -107,11 +107,11 @@ def one_page(
         If they need several pages, and as for `pages_for`.
     """
     named = options.paper is not None or len(markers) == 1
-    for each in [options] if named else [replace(options, paper=paper.name, tile=False) for paper in ISO]:
+    for variant in [options] if named else [replace(options, paper=paper.name, tile=False) for paper in ISO]:
         try:
-            pages = pages_for(markers, each, beside)
+            pages = pages_for(markers, variant, beside)
         except InputError:
-            if named or each.paper == ISO[-1].name:
+            if named or variant.paper == ISO[-1].name:
                 raise
             continue
         if len(pages) == 1:
@@ -214,10 +214,10 @@ _Place = tuple[Frame, Point] | Tiling
 
 def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _Place:
     reach = _reach_of(figure.outline, figure.quiet, options.colors)
-    found = _whole(reach, frames)
-    if found is None and not options.tile:
+    place = _whole(reach, frames)
+    if place is None and not options.tile:
         raise _too_small(reach, figure.marker.boundary, options)
-    return found or best_tiling(figure, options, options.candidates(ISO[-1:]))
+    return place or best_tiling(figure, options, options.candidates(ISO[-1:]))
 
 
 def _pages(figures: Sequence[Figure], places: Sequence[_Place], options: SheetOptions) -> tuple[Sheet, ...]:
@@ -357,9 +357,9 @@ def grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequenc
         return ()
     batches = [figures[start : start + best.count] for start in range(0, len(figures), best.count)]
     pages = [_grid_page(batch, best, options, (number, len(batches))) for number, batch in enumerate(batches, 1)]
-    told = pages[0].notes
-    others = (replace(page, notes=tuple(note for note in page.notes if note not in told)) for page in pages[1:])
-    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *told)), *others)
+    shared = pages[0].notes
+    others = (replace(page, notes=tuple(note for note in page.notes if note not in shared)) for page in pages[1:])
+    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *shared)), *others)
 
 
 @dataclass(frozen=True)
@@ -426,7 +426,7 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
         layers.append(moved_layers(named, *grid.origin(index)))
         nameless += [f"{dot} of marker {index + 1} on page {page[0]}" for dot in artwork.nameless]
         about += artwork.notes
-    merged = {name: tuple(shape for each in layers for shape in each[name]) for name in layers[0]}
+    merged = {name: tuple(shape for figure_layers in layers for shape in figure_layers[name]) for name in layers[0]}
     markers = [figure.marker for figure in figures]
     alike = all(marker.control_points == markers[0].control_points for marker in markers)
     where = " of each" if alike else " of the first"

@@ -216,7 +216,7 @@ def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) 
     if not least <= overlap <= most:
         raise InputError(f"an overlap of {least:g} to {most:.0f} mm", f"{overlap:g} mm", "10 mm suits most paper")
     tilings = [_tiling(figure, frame, overlap, options.colors.grounded) for frame in frames]
-    best = min(tilings, key=lambda each: (each.columns * each.rows, each.across.cut + each.upward.cut))
+    best = min(tilings, key=lambda tiling: (tiling.columns * tiling.rows, tiling.across.cut + tiling.upward.cut))
     if best.columns * best.rows > MOST_TILES:
         raise InputError(
             f"a marker that at most {MOST_TILES} tiles hold",
@@ -271,8 +271,8 @@ def find_seams(low: float, high: float, room: float, overlap: float, items: Sequ
         return Cuts((), 0)
     # Two outer tiles of room - overlap / 2, and inner tiles of room - overlap.
     least = 2 + max(ceil((extent - (2 * room - overlap)) / (room - overlap) - 1e-9), 0)
-    found = [_places(low, high, room, overlap, items, count) for count in (least, least + 1)]
-    return min(found, key=lambda cuts: cuts.cut)
+    candidates = [_places(low, high, room, overlap, items, count) for count in (least, least + 1)]
+    return min(candidates, key=lambda cuts: cuts.cut)
 
 
 def _places(low: float, high: float, room: float, overlap: float, items: Sequence[Item], count: int) -> Cuts:
@@ -317,12 +317,12 @@ def _even(low: float, high: float, number: int, count: int) -> float:
 
 def crossed(tiles: Tiling, shapes: Iterable[Shape]) -> list[Shape]:
     """Shapes that a seam goes through."""
-    found = []
+    crossing = []
     for shape in shapes:
         left, bottom, right, top = bounds(shape)
         if any(left < x < right for x in tiles.across.places) or any(bottom < y < top for y in tiles.upward.places):
-            found.append(shape)
-    return found
+            crossing.append(shape)
+    return crossing
 
 
 def registration(tiles: Tiling, figure: Figure, lines: Sequence[Line], color: str) -> list[Line]:
@@ -357,8 +357,8 @@ def _free(spots: Array, figure: Figure, ink: Array, arm: float) -> NDArray[np.bo
         low, high = np.array(figure.tag_zone[:2]) - arm, np.array(figure.tag_zone[2:]) + arm
         free &= ~np.all((spots > low) & (spots < high), axis=1)
     low, high = spots.min(axis=0, initial=np.inf) - arm - 1, spots.max(axis=0, initial=-np.inf) + arm + 1
-    near = ink[np.all((ink > low) & (ink < high), axis=1)]
-    free &= ~np.any(np.max(np.abs(near - spots[:, None]), axis=-1) < arm + 1, axis=1)
+    close_ink = ink[np.all((ink > low) & (ink < high), axis=1)]
+    free &= ~np.any(np.max(np.abs(close_ink - spots[:, None]), axis=-1) < arm + 1, axis=1)
     return free
 
 
@@ -404,7 +404,7 @@ def tile_sheets(
 def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str], Sequence[str]]:
     """Artwork and registration crosses to divide, mm, marker frame; dots without room for their number; notes."""
     scale, color = tiles.frame.scale, options.colors.ink
-    near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
+    is_center_cut = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
     lines = [shape for name in ("cut", "marks") for shape in bare.layers[name] if isinstance(shape, Line)]
     crosses = registration(tiles, figure, lines, color)
@@ -414,7 +414,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     # Numbers avoid seams and crosses, like all other ink, and stay on the tile of their dot.
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
     artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
-    marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
+    marks = [shape for shape in artwork.layers["marks"] if not (is_center_cut and shape.name.startswith("center-"))]
     return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless, artwork.notes
 
 
@@ -528,9 +528,9 @@ def _strip(
         sides, 1, band_scale, figure.factor[1], dots, [*others, *ground], "ruler-y"
     )
     lengths = (x_length, y_length)
-    words = remedy_lines(frame, remedy_words(lengths), base - 1.7 * scale, 1.4 * scale)
+    remedy = remedy_lines(frame, remedy_words(lengths), base - 1.7 * scale, 1.4 * scale)
     columns = facts(frame, _facts(figure, tiles, tile, lengths, seams, page), frame.margin, "tile")
-    return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *words, *columns)}, lengths
+    return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *remedy, *columns)}, lengths
 
 
 def _facts(
@@ -645,11 +645,11 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         marks += _dashed(at(left, y), at(right, y), f"plan-upward-{index}")
     texts: list[Shape] = []
     # Labels avoid dots and outline.
-    near = ink_points(edges)
+    points = ink_points(edges)
     disks = np.array([(*at(dot.x, dot.y), small * dot.radius) for dot in figure.dots])
     tags = [((left + right) / 2, (low + high) / 2, right - left) for left, low, right, high in squares]
     around = [(*at(x, y), 0.6 * small * side) for x, y, side in tags]
-    disks = np.concatenate([disks, np.array(around).reshape(-1, 3), np.column_stack([near, np.ones(len(near))])])
+    disks = np.concatenate([disks, np.array(around).reshape(-1, 3), np.column_stack([points, np.ones(len(points))])])
     for number, tile in enumerate(tiles.tiles, 1):
         (x0, y0), (x1, y1) = at(*tile.box[:2]), at(*tile.box[2:])
         label = f"row {tile.row + 1}, column {tile.column + 1}"
@@ -738,10 +738,10 @@ def _words(figure: Figure, tiles: Tiling, first: int) -> list[str]:
 
 def _across(figure: Figure, tiles: Tiling) -> Sequence[str]:
     """Lengths between dots on opposite sides of the seams."""
-    found: list[str] = []
+    pairs: list[str] = []
     for axis, cuts in enumerate((tiles.across, tiles.upward)):
         for place in cuts.places[:MOST_LENGTHS]:
             pair = far_pair(figure.marker.control_points, axis, place / figure.factor[axis] / 1e3)
-            if pair and str(pair) not in found:
-                found.append(str(pair))
-    return found
+            if pair and str(pair) not in pairs:
+                pairs.append(str(pair))
+    return pairs

@@ -59,8 +59,8 @@ def _layers(canvas: Any, names: Sequence[str]) -> dict[str, Any]:
     }
     catalog, all_groups = document.Catalog, PDFArray(list(groups.values()))
     catalog.__NoDefault__ = [*catalog.__NoDefault__, "OCProperties"]
-    shown = PDFDictionary({"ON": all_groups, "Order": all_groups, "Name": PDFString("layers")})
-    vars(catalog)["OCProperties"] = PDFDictionary({"OCGs": all_groups, "D": shown})
+    configuration = PDFDictionary({"ON": all_groups, "Order": all_groups, "Name": PDFString("layers")})
+    vars(catalog)["OCProperties"] = PDFDictionary({"OCGs": all_groups, "D": configuration})
     return groups
 
 

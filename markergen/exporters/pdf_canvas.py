@@ -108,21 +108,21 @@ def _path(segments: tuple[Segment, ...]) -> str:
 
     Our own, because reportlab takes half of the time to write a sheet for formatting numbers, to 7 digits.
     """
-    words: list[str] = []
+    tokens: list[str] = []
     here: Point = (0.0, 0.0)
     for command, in_mm in segments:
         if command == "Z":
-            words.append("h")
+            tokens.append("h")
             continue
         points = in_mm
         if command == "Q":
             (cx, cy), (ex, ey) = in_mm
             first = here[0] + 2 / 3 * (cx - here[0]), here[1] + 2 / 3 * (cy - here[1])
             points = first, (ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey)), (ex, ey)
-        words += [_number(side * POINTS_PER_MM) for point in points for side in point]
-        words.append(_OPERATORS[command])
+        tokens += [_number(side * POINTS_PER_MM) for point in points for side in point]
+        tokens.append(_OPERATORS[command])
         here = in_mm[-1]
-    return " ".join(words)
+    return " ".join(tokens)
 
 
 _OPERATORS = {"M": "m", "L": "l", "C": "c", "Q": "c"}

@@ -110,17 +110,17 @@ def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
         If two outputs bring different files of the same name, or one conflicts with a requested output.
     """
     asked = {path.resolve(): output.data for path, output in outputs.items()}
-    found: dict[Path, tuple[Path, bytes]] = {}
+    companions: dict[Path, tuple[Path, bytes]] = {}
     for path, output in outputs.items():
         for name, data in output.beside.items():
             target = path.parent / name
-            _, known = found.setdefault(target.resolve(), (target, asked.get(target.resolve(), data)))
-            if known != data:
+            _, earlier = companions.setdefault(target.resolve(), (target, asked.get(target.resolve(), data)))
+            if earlier != data:
                 raise OutputError(
                     f"expected to write {target}, which comes with {path}, found another output of that name; "
                     "nothing was changed, choose another path for one of them"
                 )
-    return {target: data for real, (target, data) in found.items() if real not in asked}
+    return {target: data for real, (target, data) in companions.items() if real not in asked}
 
 
 def with_record(paths: Sequence[Path], frame: str = "marker") -> list[Path]:
@@ -189,7 +189,7 @@ def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None"
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
     """Paths written by `save_family` for these paths: for ``stem.json`` a ``stem-<id>.json`` for each id, and so on."""
-    return [own for path in paths for own in ([path] if _is_sheet(path) else [_own(path, k) for k in ids])]
+    return [target for path in paths for target in ([path] if _is_sheet(path) else [_own(path, k) for k in ids])]
 
 
 def save_family(

@@ -107,7 +107,9 @@ class SolidPlate:
         """Return the distances (m,) from footprints to the edge of the face; negative where they extend past it."""
         if not footprints:
             return np.zeros(0)
-        return self.face.clearance([each.points for each in footprints]) - [each.radius for each in footprints]
+        return self.face.clearance([footprint.points for footprint in footprints]) - [
+            footprint.radius for footprint in footprints
+        ]
 
     def bores(self, face: float = 0.0) -> list[Revolved]:
         """Return mounting and dowel holes as bodies to cut, from a face at that height down through the plate."""
@@ -137,7 +139,7 @@ class SolidPlate:
         bottom = self.bottom(face)
         names = ["plate"] if len(self.outlines) == 1 else [f"plate-{k}" for k in range(1, len(self.outlines) + 1)]
         bodies = [Prism(outer, tuple(holes), bottom, face, self.chamfer) for outer, *holes in self.outlines]
-        cuts, marks, joined = (self._shared_out(each) for each in ((*self.bores(face), *cut), marked, add))
+        cuts, marks, joined = (self._shared_out(group) for group in ((*self.bores(face), *cut), marked, add))
         return [
             Part(name, "light", (body, *joined[k]), cuts[k], marks[k])
             for k, (name, body) in enumerate(zip(names, bodies, strict=True))
@@ -151,7 +153,8 @@ class SolidPlate:
         # By distance rather than containment: a recess may be as large as its plate.
         nearest = np.argmin([piece.distance(points) for piece in self.pieces], axis=0)
         return [
-            tuple(body for body, own in zip(bodies, nearest, strict=True) if own == k) for k in range(len(self.pieces))
+            tuple(body for body, nearest_piece in zip(bodies, nearest, strict=True) if nearest_piece == k)
+            for k in range(len(self.pieces))
         ]
 
 
@@ -184,10 +187,10 @@ def gaps(footprints: Sequence[Footprint], others: Sequence[Footprint]) -> Array:
     """Gaps (m, k) in mm between footprints, negative where their margins overlap; inf between one and itself."""
     if not (footprints and others):
         return np.full((len(footprints), len(others)), np.inf)
-    found = pairwise_distances([each.points for each in footprints], [each.points for each in others])
-    found -= np.array([each.radius for each in footprints])[:, None] + [each.radius for each in others]
-    found[np.array([[a is b for b in others] for a in footprints])] = np.inf
-    return found
+    distances = pairwise_distances([a.points for a in footprints], [b.points for b in others])
+    distances -= np.array([a.radius for a in footprints])[:, None] + [b.radius for b in others]
+    distances[np.array([[a is b for b in others] for a in footprints])] = np.inf
+    return distances
 
 
 def grouped(contours: Sequence[Contour]) -> list[Outline]:
@@ -213,12 +216,12 @@ def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
     else:
         drawn = (substrate.outline or boundary).contours()
         if substrate.outline is not None:
-            drawn = (*(each for each in drawn if area(each) > 0), *drawn_holes(boundary, substrate.outline))
-        contours = [placed(each, 1e3, digits=9) for each in drawn]
+            drawn = (*(contour for contour in drawn if area(contour) > 0), *drawn_holes(boundary, substrate.outline))
+        contours = [placed(contour, 1e3, digits=9) for contour in drawn]
         if edge := mm(substrate.edge_around(boundary)):
-            contours = [placed(offset(each, -edge), 1.0, digits=9) for each in contours]
+            contours = [placed(offset(contour, -edge), 1.0, digits=9) for contour in contours]
         corner = mm(substrate.corner_radius)
-        outlines = [tuple(_rounded(each, corner) for each in piece) for piece in _separate(contours)]
+        outlines = [tuple(_rounded(contour, corner) for contour in piece) for piece in _separate(contours)]
     for outer, *holes in outlines:
         _check_chamfer(outer, holes, chamfer)
     return SolidPlate(tuple(outlines), mm(substrate.thickness), chamfer, substrate.holes)
@@ -247,15 +250,15 @@ def _rounded(contour: Contour, radius: float) -> Contour:
     """Round the corners of a contour, including concave ones, which a mill leaves round."""
     if not radius:
         return contour
-    found = filleted(contour, radius, SMOOTH)
-    if found is None:
+    rounded = filleted(contour, radius, SMOOTH)
+    if rounded is None:
         room = largest_fillet(contour, SMOOTH, radius)
         raise InputError(
             f"a corner radius of at most {room:.4g} mm for this outline",
             f"corner_radius={format_length(radius / 1e3)}",
             f"use --corner-radius {np.floor(room * 100 + 1e-6) / 100:g}mm, or another outline",
         )
-    return found
+    return rounded
 
 
 def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> None:

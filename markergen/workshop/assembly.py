@@ -311,11 +311,11 @@ def _check_inlays(block: Sequence[BlockFace], made: Sequence[Made]) -> None:
     reach = [[_extent(body) for body in (*plate_made.cut, *plate_made.marked)] for plate_made in made]
     for a, b in combinations(range(len(made)), 2):
         rooms = []
-        for own, other in ((a, b), (b, a)):
-            face = block[own]
-            points = [extent @ np.array(face.rotation).T + np.array(face.translation) for extent in reach[own]]
-            near = min((float(_depths(block[other], extent).min()) for extent in points), default=np.inf)
-            rooms.append(near - made[other].depth - made[other].face)
+        for index, other in ((a, b), (b, a)):
+            face = block[index]
+            points = [extent @ np.array(face.rotation).T + np.array(face.translation) for extent in reach[index]]
+            least = min((float(_depths(block[other], extent).min()) for extent in points), default=np.inf)
+            rooms.append(least - made[other].depth - made[other].face)
         if max(rooms) < 0:
             raise InputError(
                 f"inlays of {block[a].name} and {block[b].name} that do not meet",

@@ -200,19 +200,19 @@ def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) 
         points.append((x, y))
         bulges.append(bulge)
 
-    moved = [_outward(ring[i - 1], each, ring[(i + 1) % len(ring)], grow) for i, each in enumerate(ring)]
-    for i, each in enumerate(moved):
+    moved = [_outward(ring[i - 1], vertex, ring[(i + 1) % len(ring)], grow) for i, vertex in enumerate(ring)]
+    for i, vertex in enumerate(moved):
         # The wall must be as wide as the neck even with both sides offset.
-        radius = max(corner, NECK * (neck + 2 * grow)) if each.shared else corner
+        radius = max(corner, NECK * (neck + 2 * grow)) if vertex.shared else corner
         if radius:
-            radius = max(0.0, radius + grow if each.left else radius - grow)
+            radius = max(0.0, radius + grow if vertex.left else radius - grow)
         before, after = moved[i - 1], moved[(i + 1) % len(moved)]
-        (ux, uy), (vx, vy) = _way(before, each), _way(each, after)
+        (ux, uy), (vx, vy) = _way(before, vertex), _way(vertex, after)
         if not radius:
-            add(each.x, each.y, 0.0)
+            add(vertex.x, vertex.y, 0.0)
             continue
-        add(each.x - radius * ux, each.y - radius * uy, QUARTER if each.left else -QUARTER)
-        add(each.x + radius * vx, each.y + radius * vy, 0.0)
+        add(vertex.x - radius * ux, vertex.y - radius * uy, QUARTER if vertex.left else -QUARTER)
+        add(vertex.x + radius * vx, vertex.y + radius * vy, 0.0)
     if hypot(points[-1][0] - points[0][0], points[-1][1] - points[0][1]) < 1e-6:
         del points[-1], bulges[-1]
     return Contour(tuple(points), tuple(bulges))

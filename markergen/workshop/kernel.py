@@ -130,20 +130,20 @@ def checked(name: str, volume: float, make: Callable[[], tuple[Any, tuple[Any, .
         shape, floors = make()
         properties = GProp_GProps()
         BRepGProp.VolumeProperties_s(shape, properties)
-        found = properties.Mass()
-        if found <= 0 or not BRepCheck_Analyzer(shape).IsValid():
-            raise ValueError("several pieces" if found > 0 else "nothing")
+        enclosed = properties.Mass()
+        if enclosed <= 0 or not BRepCheck_Analyzer(shape).IsValid():
+            raise ValueError("several pieces" if enclosed > 0 else "nothing")
     except Exception as error:
         # Open CASCADE raises errors of many classes, none of them Python's.
         raise _failed(name, " ".join(str(error).split()) or type(error).__name__) from None
-    if abs(found - volume) > TOLERANCE * found:
-        raise _failed(name, f"{found:.9g} mm^3 instead of {volume:.9g} mm^3")
+    if abs(enclosed - volume) > TOLERANCE * enclosed:
+        raise _failed(name, f"{enclosed:.9g} mm^3 instead of {volume:.9g} mm^3")
     return shape, floors
 
 
-def _failed(name: str, found: str) -> OutputError:
+def _failed(name: str, problem: str) -> OutputError:
     return OutputError(
-        f"expected Open CASCADE to make a valid solid of the part {name!r}, found {found}; change the depth, "
+        f"expected Open CASCADE to make a valid solid of the part {name!r}, found {problem}; change the depth, "
         "the thickness or the outline a little"
     )
 
@@ -173,12 +173,12 @@ def assembled(part: Part, face_only: bool = False) -> tuple[Any, tuple[Any, ...]
     builder, shell, solid, rims, floors = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid(), _Rims(), []
     builder.MakeShell(shell)
     for number, (body, sign, _) in enumerate(signed_bodies(part)):
-        for piece, own in _pieces(body):
+        for piece, piece_sign in _pieces(body):
             for face in explored(piece, "FACE"):
                 if _side(face):
                     rims.add(face)
                 elif number or not face_only:
-                    builder.Add(shell, face if sign * own > 0 else face.Reversed())
+                    builder.Add(shell, face if sign * piece_sign > 0 else face.Reversed())
     for level in level_faces(part, face_only):
         face = _level(level, rims)
         builder.Add(shell, face)
@@ -252,10 +252,10 @@ def explored(shape: Any, kind: str) -> list[Any]:
     from OCP.TopoDS import TopoDS
     from OCP.TopTools import TopTools_IndexedMapOfShape
 
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, getattr(TopAbs.TopAbs_ShapeEnum, f"TopAbs_{kind}"), found)
+    shapes = TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, getattr(TopAbs.TopAbs_ShapeEnum, f"TopAbs_{kind}"), shapes)
     cast = getattr(TopoDS, f"{kind.capitalize()}_s")
-    return [cast(found.FindKey(number)) for number in range(1, found.Extent() + 1)]
+    return [cast(shapes.FindKey(number)) for number in range(1, shapes.Extent() + 1)]
 
 
 def _side(face: Any) -> int:
@@ -284,7 +284,7 @@ def _chamfered(body: Prism) -> Any:
     from OCP.TopoDS import TopoDS
 
     rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
-    lower, upper = (_solid(Prism(each, (), body.bottom, z)) for each, z in ((body.outer, rim), (edge, body.top)))
+    lower, upper = (_solid(Prism(outline, (), body.bottom, z)) for outline, z in ((body.outer, rim), (edge, body.top)))
     sewing = BRepBuilderAPI_Sewing(NEAR)
     for face in explored(lower, "FACE"):
         if _side(face) <= 0:

@@ -51,8 +51,8 @@ class Tool:
 
 def tool_of(fabrication: Fabrication, word: str, size: float, wall: float | None = None) -> Tool:
     """Make a tool of the requested or else the usual size; a wall of None is as wide as the tool."""
-    given = size if fabrication.tool is None else fabrication.tool * 1e3
-    return Tool(word, given, given if wall is None else wall, wall is None)
+    diameter = size if fabrication.tool is None else fabrication.tool * 1e3
+    return Tool(word, diameter, diameter if wall is None else wall, wall is None)
 
 
 def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) -> float:
@@ -179,10 +179,10 @@ def check_apart(marker: Marker, plate: SolidPlate, footprints: Sequence[Footprin
     between = gaps(footprints, others)
     if between.size and between.min() < tool.wall - ROUNDING:
         i, j = divmod(int(np.argmin(between)), len(others))
-        found, more = float(between[i, j]), tool.wall - float(between[i, j])
+        gap, more = float(between[i, j]), tool.wall - float(between[i, j])
         raise InputError(
             f"a wall of at least {tool.wall:.6g} mm between {footprints[i].name} and {others[j].name}",
-            found_room(found),
+            found_room(gap),
             f"move the hole by {up(more)}"
             if j >= len(footprints)
             else f"design it with --clearance {up(marker.clearance * 1e3 + more)} or more",

@@ -101,7 +101,7 @@ def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Arr
     """
     pieces = [(wall, False) for wall in _walls_of(part, tolerance, face_only)]
     pieces += [(_filled(face, tolerance), face.marked) for face in level_faces(part, face_only)]
-    marked = np.repeat([each for _, each in pieces], [len(piece) for piece, _ in pieces])
+    marked = np.repeat([is_marked for _, is_marked in pieces], [len(piece) for piece, _ in pieces])
     return np.concatenate([piece for piece, _ in pieces]), marked
 
 
@@ -154,10 +154,10 @@ def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
     return apart
 
 
-def failed(name: str, found: str) -> OutputError:
+def failed(name: str, problem: str) -> OutputError:
     """Return the error with what was found instead of bodies that make a closed mesh."""
     return OutputError(
-        f"expected bodies that make a closed mesh of the part {name!r}, found {found}; "
+        f"expected bodies that make a closed mesh of the part {name!r}, found {problem}; "
         "choose a finer or a coarser --tolerance"
     )
 
@@ -243,14 +243,14 @@ def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
     off = _off(radius, tolerance) if is_ball else tolerance / 2
     steps = max(1, ceil(abs(angle) / (2 * acos(max(1 - off / radius, 0.5)))))
     first = atan2(z - y, r - x)
-    found = [(r, z, _count(r, tolerance))]
+    points = [(r, z, _count(r, tolerance))]
     for k in range(1, steps):
         at = first + angle * k / steps
         wide = x + radius * cos(at)
-        found.append(
+        points.append(
             (wide, y + radius * sin(at), _chords(wide**2 / radius, off) if is_ball else _count(wide, tolerance))
         )
-    return [*found, (u, w, _count(u, tolerance))]
+    return [*points, (u, w, _count(u, tolerance))]
 
 
 def _off(radius: float, tolerance: float) -> float:
@@ -304,17 +304,17 @@ def _stitches(low: int, high: int) -> Indices:
 
     Of the two triangles possible next, the one with the shorter new edge is taken. Thus no angle at a ring is obtuse.
     """
-    found, i, j = [], 0, 0
+    triangles, i, j = [], 0, 0
     # Around a point on the axis, only the other ring has chords.
     while (i < low and low > 1) or (j < high and high > 1):
         along_low, along_high = abs((i + 1) * high - j * low), abs((j + 1) * low - i * high)
         if high == 1 or j == high or (low > 1 and i < low and along_low <= along_high):
-            found.append((i, (i + 1) % low, low + j % high))
+            triangles.append((i, (i + 1) % low, low + j % high))
             i += 1
         else:
-            found.append((i % low, low + (j + 1) % high, low + j % high))
+            triangles.append((i % low, low + (j + 1) % high, low + j % high))
             j += 1
-    return np.array(found, dtype=np.int64)
+    return np.array(triangles, dtype=np.int64)
 
 
 def _filled(face: PlanarFace, tolerance: float) -> Array:

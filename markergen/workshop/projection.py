@@ -30,19 +30,19 @@ def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[ViewFace, ...]:
 
     Faces are in painting order: later ones are nearer or lie within earlier ones. Hidden edges are omitted.
     """
-    found: list[tuple[float, int, ViewFace]] = []
+    views: list[tuple[float, int, ViewFace]] = []
     for part in parts:
         inlay = 0 if part.is_plate else 2
         nearest = min(_end(body, side) for body in part.add)
         deepest = max(_end(body, -side) for body in part.add)
-        found += [(_end(body, side), inlay, _top_view(body, part.material, side)) for body in part.add]
+        views += [(_end(body, side), inlay, _top_view(body, part.material, side)) for body in part.add]
         for body, floor in (*((b, part.material) for b in part.cut), *((b, OTHER[part.material]) for b in part.marked)):
             if _end(body, side) > nearest - SAME:
                 through = _end(body, -side) > deepest - SAME
                 view = _top_view(body, "" if through else floor, side, hollow=True)
-                found.append((_end(body, side), inlay + 1, view))
-    found.sort(key=lambda each: (round(each[0], 6), each[1]))
-    faces = tuple(face for _, _, face in found)
+                views.append((_end(body, side), inlay + 1, view))
+    views.sort(key=lambda entry: (round(entry[0], 6), entry[1]))
+    faces = tuple(face for _, _, face in views)
     return tuple(map(_mirrored, faces)) if side == BACK else faces
 
 
@@ -51,25 +51,25 @@ def elevation(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     plates = [part for part in parts if part.is_plate]
     foot = min(part.span[0] for part in plates)
     slabs: list[tuple[float, ViewFace]] = []
-    near: list[tuple[float, ViewFace]] = []
-    hiding, own = [], {}
+    standing: list[tuple[float, ViewFace]] = []
+    hiding, outlines = [], {}
     for part in plates:
         for body in part.add:
             outline = _silhouette(body)
             low = body.span[0] < foot + SAME
-            (slabs if low else near).append((_distance(body), ViewFace(_contours(outline), part.material)))
+            (slabs if low else standing).append((_distance(body), ViewFace(_contours(outline), part.material)))
             if low:
                 hiding.append(outline)
             if isinstance(body, Revolved):
-                own[body.x, body.y] = outline
+                outlines[body.x, body.y] = outline
     covered = Region.union(hiding)
     for part in parts:
         for body in () if part.is_plate else part.add:
             # A pillar also hides the dot that is flush with it.
-            pillar = own.get((body.x, body.y)) if isinstance(body, Revolved) else None
+            pillar = outlines.get((body.x, body.y)) if isinstance(body, Revolved) else None
             rest = _silhouette(body) - (covered if pillar is None else covered | pillar)
-            near += [(_distance(body), ViewFace(_contours(piece), part.material)) for piece in _pieces(rest)]
-    return tuple(face for found in (near, slabs) for _, face in sorted(found, key=lambda each: -each[0]))
+            standing += [(_distance(body), ViewFace(_contours(piece), part.material)) for piece in _pieces(rest)]
+    return tuple(face for group in (standing, slabs) for _, face in sorted(group, key=lambda entry: -entry[0]))
 
 
 def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]:
@@ -114,9 +114,9 @@ def _top_view(body: Primitive, material: str, side: int, hollow: bool = False) -
         return ViewFace((body.outer, *body.holes), material, chamfer)
     profile = flattened(body.profile, OFF)
     narrowest = min(r for r, _ in profile)
-    near = _end(body, side) * side
+    end = _end(body, side) * side
     # Of a hollow, its rim and anything narrower below it is visible.
-    widest = max(r for r, z in profile if not hollow or abs(z - near) < SAME)
+    widest = max(r for r, z in profile if not hollow or abs(z - end) < SAME)
     corners = {round(r, 6) for r, z in body.profile.points if _in_sight(profile, r, z, side, hollow)}
     inner = sorted(r for r in corners if narrowest + SAME < r < widest - SAME)
     rims, edges = (
@@ -134,8 +134,8 @@ def _in_sight(profile: Sequence[Point], r: float, z: float, side: int, hollow: b
 def _mirrored(face: ViewFace) -> ViewFace:
     def flipped(contours: Iterable[Contour]) -> tuple[Contour, ...]:
         return tuple(
-            Contour(tuple((-x, y) for x, y in each.points), tuple(0.0 - bulge for bulge in each.bulges))
-            for each in contours
+            Contour(tuple((-x, y) for x, y in contour.points), tuple(0.0 - bulge for bulge in contour.bulges))
+            for contour in contours
         )
 
     return ViewFace(flipped(face.contours), face.material, flipped(face.edges))

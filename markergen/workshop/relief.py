@@ -202,7 +202,7 @@ def _room(
     """Room in mm for each pillar to widen, less a wall, and the feature that limits it; pillars share their gap."""
     feet = [Footprint(PILLAR + p.dot.name, ((p.dot.x, p.dot.y),), p.base) for p in pillars]
     beside = [*plate.hole_footprints, *others]
-    found = []
+    nearest = []
     between, aside, edge = gaps(feet, feet), gaps(feet, beside), plate.room(feet)
     for i in range(len(feet)):
         rooms = [(edge[i] - tool.wall, EDGE)]
@@ -210,8 +210,8 @@ def _room(
             ((gap - tool.wall) / 2, other.name) for gap, other in zip(between[i], feet, strict=True) if np.isfinite(gap)
         ]
         rooms += [(gap - tool.wall, other.name) for gap, other in zip(aside[i], beside, strict=True)]
-        found.append(min(rooms))
-    return [(float(room), name) for room, name in found]
+        nearest.append(min(rooms))
+    return [(float(room), name) for room, name in nearest]
 
 
 def _feet(
@@ -239,15 +239,15 @@ def _check_sight(
     poses: PoseDistribution | None,
 ) -> None:
     """Refuse pillars that hide dots."""
-    if poses is None or not (found := hiding(dots, drafted, poses)):
+    if poses is None or not (hidden := hiding(dots, drafted, poses)):
         return
-    pillar, dot, count = found
+    pillar, dot, count = hidden
     remedy = "design it again with --relief, or choose poses with less tilt"
     if not hiding(dots, bare, poses):
         low, high = 0.0, drafted[0].draft
         for _ in range(8):
             middle = (low + high) / 2
-            hides = hiding(dots, [replace(each, draft=middle) for each in bare], poses)
+            hides = hiding(dots, [replace(bare_pillar, draft=middle) for bare_pillar in bare], poses)
             low, high = (low, middle) if hides else (middle, high)
         remedy = f"use --draft {np.floor(np.degrees(low) * 10) / 10:g} or less"
     elif not hiding(
@@ -274,23 +274,23 @@ def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistr
     radii = np.array([dot.radius for dot in dots])
     heights, walls, slopes = (np.array(values) for values in zip(*(p.cones() for p in pillars), strict=True))
     middles = np.array([[pillar.dot.x, pillar.dot.y] for pillar in pillars])
-    own = np.array([[dot.id == pillar.dot.id for pillar in pillars] for dot in dots])
+    is_same_dot = np.array([[dot.id == pillar.dot.id for pillar in pillars] for dot in dots])
     # Only a pillar higher than a dot can hide it, and only one near the line from the dot to the lowest eye.
     above = heights[None] - places[:, None, None, 2]
     climb = max(float(eyes[:, 2].min()) - places[:, 2].max(), FORGIVEN)
     reach = above / climb * (np.hypot(*eyes.T[:2]).max() + np.hypot(*places.T[:2]).max())
     apart = np.linalg.norm(middles[None] - places[:, None, :2], axis=-1)[:, :, None]
     widest = walls + slopes * heights
-    near = apart - widest[None] - radii[:, None, None] <= reach
-    dot, pillar, cone = np.nonzero((above > FORGIVEN) & near & ~own[:, :, None])
-    counts = np.zeros(own.shape, dtype=int)
+    is_reached = apart - widest[None] - radii[:, None, None] <= reach
+    dot, pillar, cone = np.nonzero((above > FORGIVEN) & is_reached & ~is_same_dot[:, :, None])
+    counts = np.zeros(is_same_dot.shape, dtype=int)
     for chunk in np.array_split(np.arange(len(dot)), max(1, len(dot) * len(eyes) // AT_ONCE)):
         d, p, k = dot[chunk], pillar[chunk], cone[chunk]
         slope, top = slopes[p, k][:, None], np.column_stack([middles[p], heights[p, k]])[:, None]
         size = radii[d, None] + slope * (eyes[None, :, 2] - places[d, None, 2])
         wall = walls[p, k][:, None] + slope * (top[..., 2] - eyes[None, :, 2])
-        found = passage(places[d, None], size, top, wall, eyes[None])
-        np.maximum.at(counts, (d, p), np.sum(found.gap < -FORGIVEN, axis=1))
+        sight = passage(places[d, None], size, top, wall, eyes[None])
+        np.maximum.at(counts, (d, p), np.sum(sight.gap < -FORGIVEN, axis=1))
     if not counts.any():
         return None
     worst = divmod(int(np.argmax(counts)), len(pillars))
@@ -320,7 +320,7 @@ def balls_hide(dots: Sequence[SolidDot], poses: PoseDistribution) -> int:
         half = np.arcsin(np.clip(radii / far, 0.0, 1.0))
         unit = way / far[:, None]
         angle = 2 * np.arcsin(np.clip(np.linalg.norm(unit[:, None] - unit[None], axis=-1) / 2, 0.0, 1.0))
-        near = angle < half[:, None] + half[None]
-        np.fill_diagonal(near, False)
-        hidden += bool(near.any())
+        overlap = angle < half[:, None] + half[None]
+        np.fill_diagonal(overlap, False)
+        hidden += bool(overlap.any())
     return hidden

@@ -197,8 +197,8 @@ def write_bundle(marker: Marker) -> str:
     """
     tag = marker.tag
     if tag is None or not tag.family.startswith(APRILTAG):
-        found = "none" if tag is None else str(tag)
-        raise InputError("a marker with an AprilTag", found, "design it with --tag apriltag:36h11:0, for example")
+        tag_text = "none" if tag is None else str(tag)
+        raise InputError("a marker with an AprilTag", tag_text, "design it with --tag apriltag:36h11:0, for example")
     x, y = (picometers(value * scale) for value, scale in zip(tag.center, marker.print_scale, strict=True))
     layout: list[dict[str, Any]] = [{"id": tag.id, "size": tag_side(marker), "x": x, "y": y, "z": 0.0, **TURNED}]
     body = {"standalone_tags": [], "tag_bundles": [{"name": frame_name(marker), "layout": layout}]}
@@ -219,8 +219,8 @@ def export_bundle(markers: Sequence[Marker], options: ExportOptions) -> Output: 
 
 
 def _unknown(marker: Marker) -> tuple[str, ...]:
-    family, said = UNKNOWN_TO_ROS
-    return (said,) if marker.tag and marker.tag.family == APRILTAG + family else ()
+    family, note = UNKNOWN_TO_ROS
+    return (note,) if marker.tag and marker.tag.family == APRILTAG + family else ()
 
 
 def _seen(marker: Marker) -> tuple[str, ...]:

@@ -113,7 +113,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         engraved=_back_texts(made) if back else (),
         size=size_of([body for part in parts for body in part.add]),
         round=[plate.is_disk for plate in plates] == [True],
-        listed=any(each.plate for each in listed_outlines(marker, made)),
+        listed=any(outline.plate for outline in listed_outlines(marker, made)),
         face=made.face,
         flatness=flat(made),
         datums=datums,
@@ -137,14 +137,14 @@ def _heights(made: Made) -> tuple[Dimension, ...]:
     """Heights in the side view: the plate's thickness with its tolerance, and what stands on it."""
     low, high = span_of([part for part in made.parts if part.is_plate])
     face, highest, accuracy = made.face, span_of(made.parts)[1], made.accuracy
-    words = {(low, face): f"{millimeters(face - low)} {PLUS_MINUS}{millimeters(accuracy.thickness)}"}
+    labels = {(low, face): f"{millimeters(face - low)} {PLUS_MINUS}{millimeters(accuracy.thickness)}"}
     if high > face + SAME:
-        words[face, high] = f"{millimeters(high - face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+        labels[face, high] = f"{millimeters(high - face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
     if highest > high + SAME:
-        words[face, highest] = f"({millimeters(highest - face)})"
+        labels[face, highest] = f"({millimeters(highest - face)})"
     if face < -SAME:
-        words[face, 0.0] = f"{millimeters(-face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
-    return upright(words)
+        labels[face, 0.0] = f"{millimeters(-face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+    return upright(labels)
 
 
 def _back(made: Made) -> tuple[ViewFace, ...]:
@@ -206,19 +206,19 @@ def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) ->
 def _dot_callouts(
     dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
 ) -> list[Callout]:
-    found = []
+    callouts = []
     kinds, controls = alike(dots), dot_controls(made, datums)
     if len(kinds) > MOST_KINDS:
         places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
         return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
     # S stands for a sphere (ISO 129).
     sphere = "S" if PROCESSES[fabrication.process].balls else ""
-    for (radius, inner), some in kinds:
-        names = f"{'ring' if inner else 'dot'}{'s' if len(some) > 1 else ''} {ranges([dot.id for dot in some])}"
-        places = tuple((dot.x, dot.y, dot.radius) for dot in some)
-        lines = _dot_lines(_times(some), f"{sphere}{DIAMETER}", radius, inner, some[0], made)
-        found.append(Callout((*lines, names), places, controls=controls))
-    return found
+    for (radius, inner), group in kinds:
+        names = f"{'ring' if inner else 'dot'}{'s' if len(group) > 1 else ''} {ranges([dot.id for dot in group])}"
+        places = tuple((dot.x, dot.y, dot.radius) for dot in group)
+        lines = _dot_lines(_times(group), f"{sphere}{DIAMETER}", radius, inner, group[0], made)
+        callouts.append(Callout((*lines, names), places, controls=controls))
+    return callouts
 
 
 def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot, made: Made) -> list[str]:
@@ -251,7 +251,7 @@ def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datu
     def as_datum(hole: PlateHole) -> str:
         return hole_control(hole, made, datums)[1]
 
-    found = []
+    callouts = []
     kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
     if many := len(kinds) > MOST_KINDS:
         rest = [hole for hole in holes if not as_datum(hole)]
@@ -259,14 +259,14 @@ def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datu
         zones: dict[Control, list[str]] = {}
         for hole in rest:
             zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
-        controls = [replace(each, of=_labels(names) if len(zones) > 1 else "") for each, names in zones.items()]
-        found.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
-    for some in kinds:
-        pitch, first = _pitch(some, plate)
-        for letter, group in groupby(sorted(some, key=as_datum), key=as_datum):
+        controls = [replace(control, of=_labels(names) if len(zones) > 1 else "") for control, names in zones.items()]
+        callouts.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
+    for kind_holes in kinds:
+        pitch, first = _pitch(kind_holes, plate)
+        for letter, group in groupby(sorted(kind_holes, key=as_datum), key=as_datum):
             if not many or letter:
-                found.append(_hole_callout(list(group), len(some), pitch, first, made, datums))
-    return found
+                callouts.append(_hole_callout(list(group), len(kind_holes), pitch, first, made, datums))
+    return callouts
 
 
 def _hole_callout(
@@ -337,24 +337,26 @@ def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> li
                 (x, y), (u, v), bulge = side
                 middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
                 arcs.setdefault(round(radius_of(side), 4), []).append(middle)
-    found = [Callout((f"{_times(some)}R{millimeters(r)}",), tuple(some)) for r, some in sorted(arcs.items())]
+    callouts = [
+        Callout((f"{_times(centers)}R{millimeters(r)}",), tuple(centers)) for r, centers in sorted(arcs.items())
+    ]
     if len(arcs) > MOST_KINDS:
-        places = tuple(place for some in arcs.values() for place in some)
-        found = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
+        places = tuple(place for centers in arcs.values() for place in centers)
+        callouts = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
     profile = Control("profile", millimeters(PROFILE), letters(datums))
-    for each in listed_outlines(marker, made):
-        x, y = max(flattened(each.contour, OFF))
-        words, control = [each.words, "see the table"], profile
-        if each.recess:
-            words.append(_depth_words(each.recess, made))
+    for outline in listed_outlines(marker, made):
+        x, y = max(flattened(outline.contour, OFF))
+        lines, control = [outline.words, "see the table"], profile
+        if outline.recess:
+            lines.append(_depth_words(outline.recess, made))
             # The zone is outside of the outline, by which the recess may only be larger.
             control = replace(profile, zone=f"{millimeters(RECESS / 2)} UZ-{millimeters(RECESS / 4)}")
-        found.append(Callout(tuple(words), ((x, y, 0.0),), controls=(control,)))
-    return found
+        callouts.append(Callout(tuple(lines), ((x, y, 0.0),), controls=(control,)))
+    return callouts
 
 
 def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
-    found = []
+    callouts = []
     for recess in filter(is_plain, recesses_of(made)):
         left, bottom, right, top = recess.box
         over = f" +{millimeters(RECESS)} / 0"
@@ -371,8 +373,8 @@ def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
             control = replace(control, zone=control.zone.removeprefix(DIAMETER))
         # On the rim, away from the axes.
         x, y = max((x, y) for x, y in flattened(recess.outer, OFF) if y <= (bottom + 3 * top) / 4)
-        found.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
-    return found
+        callouts.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
+    return callouts
 
 
 def _depth_words(recess: Prism, made: Made) -> str:
@@ -388,39 +390,39 @@ def _tag_callout(marker: Marker) -> list[Callout]:
         return []
     side = mm(marker.tag.side)
     x, y = (mm(center) for center in marker.tag.center)
-    words = (
+    lines = (
         f"tag {marker.tag}",
         f"black square {millimeters(side)} x {millimeters(side)}",
         f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
     )
-    return [Callout(words, ((x + side / 2, y + side / 4, 0.0),))]
+    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),))]
 
 
 def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace]) -> list[str]:
     substrate, accuracy = marker.substrate, made.accuracy
-    said = [FRAME, BOXED, MEASURE]
+    notes = [FRAME, BOXED, MEASURE]
     if accuracy.position:
         off, play = (ceil(length * 1e3 - 1e-6) / 1e3 for length in (accuracy.center, accuracy.play))
         where = f"{millimeters(accuracy.position / 2)} mm for the pocket, {millimeters(play)} mm for the play"
-        said.append(
+        notes.append(
             f"The center of a finished dot is off by at most {millimeters(off)} mm"
             f"{f', {where} in it' if accuracy.play else ''}; if errors are even, --print-sigma "
             f"{millimeters(off / 2)}mm in markergen validate."
         )
     if any("CZ" in control.zone for callout in callouts for control in callout.controls):
-        said.append(PATTERN)
+        notes.append(PATTERN)
     if len(plate_of(marker).outlines) > 1:
-        said.append(APART)
+        notes.append(APART)
     if any(hole.use == "dowel" for hole in substrate.holes):
-        said.append(REAMED)
+        notes.append(REAMED)
     if substrate.chamfer:
-        said.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
-    said += made.lines
+        notes.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
+    notes += made.lines
     if made.engraved:
         # What is engraved besides letters is the cross at the origin.
         cross = any(face.material == "engraved" for face in back)
-        said.append(_engraved(made, cross, len(marker.control_points)))
-    return [*said, AFTERWARDS]
+        notes.append(_engraved(made, cross, len(marker.control_points)))
+    return [*notes, AFTERWARDS]
 
 
 def _engraved(made: Made, cross: bool, dots: int) -> str:
@@ -512,25 +514,25 @@ def is_plain(recess: Prism) -> bool:
 def listed_outlines(marker: Marker, made: Made) -> list[ListedOutline]:
     """Outlines that a size and a radius do not describe: of plates, of holes that are not round, and of recesses."""
     plates = [outer for outer, *_ in plate_of(marker).outlines]
-    found = []
+    outlines = []
     if len(plates) > 1:
         for number, outer in enumerate(plates, 1):
-            found.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
+            outlines.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
     elif plates[0].as_circle is None and not is_rectangle(plates[0]):
-        found.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
+        outlines.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
     for number, contour in enumerate(cutouts_of(marker), 1):
-        found.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
+        outlines.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
     for number, recess in enumerate(recesses_of(made), 1):
         if not is_plain(recess):
-            found.append(ListedOutline(f"Recess {number}", f"recess {number}", recess.outer, recess=recess))
-    return found
+            outlines.append(ListedOutline(f"Recess {number}", f"recess {number}", recess.outer, recess=recess))
+    return outlines
 
 
 def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
     """Corners of outlines, or the center of a round one."""
     tables = []
-    for each in listed_outlines(marker, made):
-        title, contour = each.title, each.contour
+    for outline in listed_outlines(marker, made):
+        title, contour = outline.title, outline.contour
         if circle := contour.as_circle:
             x, y, radius = circle
             row = _fixed(x), _fixed(y), f"{DIAMETER}{millimeters(2 * radius)}"
@@ -539,8 +541,8 @@ def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
         left, bottom, right, top = box(contour)
         size = f"{millimeters(right - left)} x {millimeters(top - bottom)} mm"
         if len(contour.points) > MOST_CORNERS:
-            words = ((f"{len(contour.points)} corners", "as in the STEP file"),)
-            tables.append(DrawingTable(f"{title}, {size}", ("what", "where"), words, (0, 1)))
+            corner_rows = ((f"{len(contour.points)} corners", "as in the STEP file"),)
+            tables.append(DrawingTable(f"{title}, {size}", ("what", "where"), corner_rows, (0, 1)))
         else:
             tables.append(
                 DrawingTable(f"{title}, {size}", ("corner x", "corner y", "to the next"), _corners(contour), (2,))
@@ -597,17 +599,17 @@ def _size(part: Part) -> str:
 def _names(names: Sequence[str]) -> str:
     """Abbreviate long lists of part names: ``dot-1, dot-3 to dot-5``."""
     stems: dict[tuple[str, str], list[int]] = {}
-    words = []
+    terms = []
     for name in names:
         stem, _, rest = name.partition("-")
         number, _, suffix = rest.partition("-")
         if number.isdecimal():
             stems.setdefault((stem, suffix), []).append(int(number))
         else:
-            words.append(name)
+            terms.append(name)
     for (stem, suffix), numbers in stems.items():
-        words.append(f"{stem}-{ranges(numbers)}" + (f" {suffix}" if suffix else ""))
-    return ", ".join(words)
+        terms.append(f"{stem}-{ranges(numbers)}" + (f" {suffix}" if suffix else ""))
+    return ", ".join(terms)
 
 
 def ranges(numbers: Iterable[int]) -> str:
@@ -618,10 +620,10 @@ def ranges(numbers: Iterable[int]) -> str:
             runs[-1].append(number)
         else:
             runs.append([number])
-    words: list[str] = []
+    terms: list[str] = []
     for run in runs:
-        words += [str(run[0])] if len(run) == 1 else [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
-    return ", ".join(words)
+        terms += [str(run[0])] if len(run) == 1 else [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+    return ", ".join(terms)
 
 
 def _fixed(millimeters_: float) -> str:
@@ -652,15 +654,15 @@ def alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[Soli
 def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
     """One section per kind of dot, and one through the highest raised dot."""
     bodies = [body for part in made.parts for body in (*part.add, *part.cut, *part.marked)]
-    found = []
-    for (_, inner), some in alike(dots)[:MOST_KINDS]:
-        flat = [dot for dot in some if not dot.raised]
-        raised = sorted((dot for dot in some if dot.raised), key=lambda dot: -dot.z)
+    sections = []
+    for (_, inner), group in alike(dots)[:MOST_KINDS]:
+        flat = [dot for dot in group if not dot.raised]
+        raised = sorted((dot for dot in group if dot.raised), key=lambda dot: -dot.z)
         for dot in (*flat[:1], *raised[:1]):
             if centered(bodies, dot.x, dot.y):
                 what = "ring" if inner else "dot"
-                found.append(_dot_section(dot, f"Section along x through {what} {dot.id}", made))
-    return found
+                sections.append(_dot_section(dot, f"Section along x through {what} {dot.id}", made))
+    return sections
 
 
 def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
@@ -681,7 +683,7 @@ def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
     aside = wide + max(3.0, 0.2 * wide)
     box = (x - aside, low, x + aside, high)
     across = tuple(
-        Dimension(x - r, x + r, words) for r, words in sorted(_diameters(dot, made, pockets, pillars).items())
+        Dimension(x - r, x + r, label) for r, label in sorted(_diameters(dot, made, pockets, pillars).items())
     )
     return SectionView(title, cut_along(parts, y, box), box, across, upright(tall), (x,))
 
@@ -708,10 +710,10 @@ def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: 
         sizes[round(dot.inner, 6)] = f"{DIAMETER}{millimeters(2 * dot.inner)}{bore}"
     for body in pockets:
         r = round(body.radii[1], 6)
-        words = f"{DIAMETER}{millimeters(2 * r)}"
+        label = f"{DIAMETER}{millimeters(2 * r)}"
         if fit and abs(r - dot.radius - fit.gap) < SAME:
-            words = f"{DIAMETER}{millimeters(fit.pocket.diameter)} {fit.pocket.words}"
-        sizes.setdefault(r, f"{words} pocket")
+            label = f"{DIAMETER}{millimeters(fit.pocket.diameter)} {fit.pocket.words}"
+        sizes.setdefault(r, f"{label} pocket")
     for body in pillars:
         sizes.setdefault(round(body.radii[1], 6), f"({DIAMETER}{millimeters(2 * body.radii[1])}) foot")
     return sizes
@@ -727,10 +729,10 @@ def _depth(bottom: float, top: float, low: float, made: Made) -> str:
 
 def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
     """One section per kind of hole."""
-    found: dict[tuple[float, float], SectionView] = {}
+    sections: dict[tuple[float, float], SectionView] = {}
     low, _ = span_of([part for part in parts if part.is_plate])
     for hole in holes_of(marker):
-        if hole.use == "drawn" or (hole.radius, hole.sink) in found or len(found) == MOST_KINDS:
+        if hole.use == "drawn" or (hole.radius, hole.sink) in sections or len(sections) == MOST_KINDS:
             continue
         widest = max(hole.radius, hole.sink)
         aside = widest + max(2.0, 0.6 * widest)
@@ -740,7 +742,7 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
         across = [_across(hole, hole.radius, f" {hole.limits.words}" if hole.limits else "")]
         if hole.sink:
             across.append(_across(hole, hole.sink, " x 90\xb0"))
-        found[hole.radius, hole.sink] = SectionView(
+        sections[hole.radius, hole.sink] = SectionView(
             f"Section through hole {hole.label}, {use_words(hole)}",
             faces,
             (box[0], low, box[2], top),
@@ -748,7 +750,7 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
             upright({(low, top): f"({millimeters(top - low)})"}),
             (hole.x,),
         )
-    return list(found.values())
+    return list(sections.values())
 
 
 def _across(hole: PlateHole, radius: float, more: str) -> Dimension:

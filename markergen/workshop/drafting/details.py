@@ -70,12 +70,12 @@ def section_view(section: SectionView, width: float, height: float, style: Style
         heights = stacked_at(section.upright, scale, 0.9 * tier, tier, style)
         wide = scale * (right - left)
         # Words beside a short dimension start at its right end, or beyond its outer arrows.
-        words = [
+        extents = [
             scale * (span.end - left) + 3 * style.head + text_width(span.words, style.words)
             for span in section.across
             if text_width(span.words, style.words) > scale * (span.end - span.start) - style.head
         ]
-        return max([wide + (heights[-1][1] if heights else 0.0), *words]) + 0.6 * tier
+        return max([wide + (heights[-1][1] if heights else 0.0), *extents]) + 0.6 * tier
 
     def fits(scale: float, room: float) -> bool:
         tall = scale * (top - low) + lift(scale) + len(section.across) * tier + below
@@ -83,7 +83,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
 
     # Small if that shows enough; more room if the section would be smaller than the solid.
     rooms = min(0.45 * height, 52 * style.scale), 0.7 * height
-    scales = [next((each for each in SCALES[1:] if fits(each, room)), SCALES[-1]) for room in rooms]
+    scales = [next((candidate for candidate in SCALES[1:] if fits(candidate, room)), SCALES[-1]) for room in rooms]
     scale = scales[0] if scales[0] >= 1 else min(scales[1], 1.0)
     above = max(lift(scale) + len(section.across) * tier, 1.5 * tier)
     deep = scale * (top - low) + above + below
@@ -115,16 +115,16 @@ def back_view(work: Workpiece, width: float, height: float, style: Style) -> Det
     view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
     shapes = [shape for face in work.back for shape in drawn(face, view)]
     least = LEGIBLE * style.scale
-    words = ", letters larger than to scale" if _back_is_small(work, scale, style) else ""
+    remark = ", letters larger than to scale" if _back_is_small(work, scale, style) else ""
     taken: list[Box] = []
     # The title first: an id that has no room is in the note about the engraving.
-    for text in sorted(work.engraved, key=lambda each: -len(each.lines[0])):
+    for text in sorted(work.engraved, key=lambda engraving: -len(engraving.lines[0])):
         lines = _back_text(text, view, least)
         boxes = [bounds(line) for line in lines]
         if not any(a[0] < c[2] and c[0] < a[2] and a[1] < c[3] and c[1] < a[3] for a in boxes for c in taken):
             shapes += lines
             taken += boxes
-    title = f"Seen from the back, {scale_words(scale)}{words}"
+    title = f"Seen from the back, {scale_words(scale)}{remark}"
     return DetailView(title, width, scale * (top - bottom) + 1, tuple(shapes))
 
 
@@ -151,7 +151,7 @@ def key_view(work: Workpiece, width: float, style: Style) -> DetailView:
     wide, high, step = 12 * style.scale, 4 * style.scale, 6.5 * style.scale
     height = step * len(work.key)
     shapes: list[Shape] = []
-    for number, (kind, words) in enumerate(work.key):
+    for number, (kind, meaning) in enumerate(work.key):
         low = height - (number + 1) * step + (step - high) / 2
         corners = (0.5, low), (wide, low), (wide, low + high), (0.5, low + high)
         material = kind.removeprefix("cut-")
@@ -159,7 +159,7 @@ def key_view(work: Workpiece, width: float, style: Style) -> DetailView:
         shapes += drawn(face, DrawingView(0.0, 0.0, 1.0), kind != material, style)
         shapes.append(frame_lines((0.5, low, wide, low + high), 0.2))
         base = low + (high - style.small) / 2
-        shapes.append(lettering(words, wide + 2.5 * style.scale, base, style.small))
+        shapes.append(lettering(meaning, wide + 2.5 * style.scale, base, style.small))
     return DetailView("Key", width, height, tuple(shapes))
 
 
@@ -167,14 +167,14 @@ def stacked_at(
     spans: Sequence[Dimension], scale: float, first: float, tier: float, style: Style
 ) -> list[tuple[float, float]]:
     """Places of dimensions along z beside each other: distance of each line, and of the far side of its words."""
-    found: list[tuple[float, float]] = []
+    spots: list[tuple[float, float]] = []
     before = 0.0
     for span in spans:
         half = beside(span.words, scale * (span.end - span.start), style)
-        at = max(first, half + 0.3 * tier) if not found else found[-1][0] + max(tier, before + half + 1.6 * style.scale)
-        found.append((at, at + half))
+        at = max(first, half + 0.3 * tier) if not spots else spots[-1][0] + max(tier, before + half + 1.6 * style.scale)
+        spots.append((at, at + half))
         before = half
-    return found
+    return spots
 
 
 def stacked(
@@ -204,5 +204,5 @@ def _back_text(text: BackText, view: DrawingView, least: float) -> list[Shape]:
 
 def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
     """Start of the extension line at a position along the cut: the highest corner of the edge there."""
-    found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
-    return max(found, default=top)
+    heights = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
+    return max(heights, default=top)

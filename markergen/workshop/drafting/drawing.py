@@ -36,7 +36,7 @@ class ViewFace:
     @property
     def box(self) -> Box:
         """Left, lower, right and upper end."""
-        return union(*(contour.box(each) for each in self.contours))
+        return union(*(contour.box(ring) for ring in self.contours))
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class Lettering(FilledPath):
 
 
 def lettering(
-    words: str,
+    label: str,
     x: float,
     y: float,
     height: float,
@@ -105,11 +105,11 @@ def lettering(
     name: str = WORDS,
 ) -> Lettering:
     """Letter words aligned at (x, y), rotated a quarter turn counterclockwise about it if upright; see `text`."""
-    path = text(words, x, y, height, align, face, color, name)
-    back = SHIFT[align] * text_width(words, height, face)
+    path = text(label, x, y, height, align, face, color, name)
+    back = SHIFT[align] * text_width(label, height, face)
     start = (x, y - back) if upright else (x - back, y)
     segments = (turned(path, x, y) if upright else path).segments
-    return Lettering(segments, name, color, words, start, height, upright, face)
+    return Lettering(segments, name, color, label, start, height, upright, face)
 
 
 @dataclass(frozen=True)
@@ -236,61 +236,61 @@ def arrow(tip: Point, direction: Point, style: Style) -> FilledPath:
 
 
 def across(
-    x0: float, x1: float, y: float, from_y: float | tuple[float, float], words: str, style: Style
+    x0: float, x1: float, y: float, from_y: float | tuple[float, float], label: str, style: Style
 ) -> list[Shape]:
     """Horizontal dimension between two positions on paper, on a line at height y; extension lines start at `from_y`."""
     starts = from_y if isinstance(from_y, tuple) else (from_y, from_y)
     shapes: list[Shape] = []
     for x, start in zip((x0, x1), starts, strict=True):
         shapes += _extension((x, start), (x, y), style)
-    width = text_width(words, style.words)
+    width = text_width(label, style.words)
     outside = x1 - x0 < 2.6 * style.head
     beside = width > x1 - x0 - (0 if outside else 2 * style.head * 0.5)
     shapes += _arrows((x0, y), (x1, y), outside, style)
     if beside:
         # To the right of the arrows, on an extended dimension line.
         start = x1 + (1.9 * style.head if outside else 0.0)
-        ground, *written = _size(words, start + style.scale, y + 0.7 * style.scale, style)
+        ground, *written = _size(label, start + style.scale, y + 0.7 * style.scale, style)
         shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), *written]
     else:
-        shapes += _size(words, (x0 + x1) / 2, y + 0.7 * style.scale, style, "center")
+        shapes += _size(label, (x0 + x1) / 2, y + 0.7 * style.scale, style, "center")
     return shapes
 
 
 def upright(
-    y0: float, y1: float, x: float, from_x: float | tuple[float, float], words: str, style: Style
+    y0: float, y1: float, x: float, from_x: float | tuple[float, float], label: str, style: Style
 ) -> list[Shape]:
     """Vertical dimension between two heights on paper, on a line at x; its text reads from the right."""
     starts = from_x if isinstance(from_x, tuple) else (from_x, from_x)
     shapes: list[Shape] = []
     for y, start in zip((y0, y1), starts, strict=True):
         shapes += _extension((start, y), (x, y), style)
-    width = text_width(words, style.words)
+    width = text_width(label, style.words)
     outside = y1 - y0 < 2.6 * style.head
     shapes += _arrows((x, y0), (x, y1), outside, style)
     if width > y1 - y0 - style.head:
         # Horizontal above the upper arrow, where there is room.
         top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
         shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
-        shapes += _size(words, x, top + 0.9 * style.scale, style, "center")
+        shapes += _size(label, x, top + 0.9 * style.scale, style, "center")
     else:
-        shapes += _size(words, x - 0.7 * style.scale, (y0 + y1) / 2, style, "center", upright=True)
+        shapes += _size(label, x - 0.7 * style.scale, (y0 + y1) / 2, style, "center", upright=True)
     return shapes
 
 
-def beside(words: str, length: float, style: Style) -> float:
+def beside(label: str, length: float, style: Style) -> float:
     """Half of the width that the words of an upright dimension of a length take across it."""
-    width = text_width(words, style.words)
+    width = text_width(label, style.words)
     return width / 2 if width > length - style.head else style.words + 0.7 * style.scale
 
 
-def _size(words: str, x: float, y: float, style: Style, align: str = "left", upright: bool = False) -> list[Shape]:
+def _size(label: str, x: float, y: float, style: Style, align: str = "left", upright: bool = False) -> list[Shape]:
     """Words of a dimension on white; in brackets they are theoretically exact, and in a box."""
-    exact = words.startswith("[")
+    exact = label.startswith("[")
     # The box must not touch the dimension line.
     off = 0.5 * style.scale if exact else 0.0
     at = (x - off, y) if upright else (x, y + off)
-    word = lettering(words.strip("[]"), *at, style.words, align, upright)
+    word = lettering(label.strip("[]"), *at, style.words, align, upright)
     if not exact:
         return on_white(word)
     left, bottom, right, top = bounds(word)
@@ -298,10 +298,10 @@ def _size(words: str, x: float, y: float, style: Style, align: str = "left", upr
     return [*on_white(word), frame_lines((left - pad, bottom - pad, right + pad, top + pad), THIN)]
 
 
-def on_white(words: Lettering) -> list[Shape]:
+def on_white(label: Lettering) -> list[Shape]:
     """Words on a background of their own, so that no line runs through them."""
-    left, bottom, right, top = bounds(words)
-    return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", WHITE), words]
+    left, bottom, right, top = bounds(label)
+    return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", WHITE), label]
 
 
 def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:

@@ -172,7 +172,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     datums = _datums(sides)
     main = _main_view(rig)
     views = tuple(_view(place, axes, rig, made, sides, datums, accuracy) for place, axes in _six(main))
-    shown = [view for view in views if view.place in ("main", "+u", "+v") or view.names]
+    drawn = [view for view in views if view.place in ("main", "+u", "+v") or view.names]
     boxes = {view.place: around(view.faces) for view in views}
     spans = (boxes["main"][2] - boxes["main"][0], boxes["main"][3] - boxes["main"][1], boxes["+u"][2] - boxes["+u"][0])
     limits = f" {PLUS_MINUS}{millimeters(accuracy.thickness)}"
@@ -189,7 +189,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
             finish=accuracy.finish,
             edges=accuracy.edges,
         ),
-        views=tuple(shown),
+        views=tuple(drawn),
         picture=_picture(main, rig, made),
         sizes=(sizes[0], sizes[1], sizes[2]),
         tables=(_face_table(rig), *_relation_tables(rig, made, sides, datums, accuracy)),
@@ -307,7 +307,7 @@ def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigV
 
 
 def _name(
-    words: str, ring: Array, plate: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
+    label: str, ring: Array, plate: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
 ) -> FaceName:
     """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
     middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
@@ -322,7 +322,7 @@ def _name(
         room = np.linalg.norm((places[:, None] - dots) * [0.5, 1.0], axis=-1) - radii
         middle = places[int(np.argmax(np.round(room.min(axis=1), 6)))]
     x, y = middle
-    return FaceName(words, (float(x), float(y)), float(np.ptp(ring[:, 0])), controls, datum)
+    return FaceName(label, (float(x), float(y)), float(np.ptp(ring[:, 0])), controls, datum)
 
 
 def _flat(points: Array) -> Array:
@@ -434,19 +434,20 @@ def _relation_tables(
     if not made.block:
         return []
     names = tuple(
-        (letter, f"face {side.name}" if side.name in {each.name for each in rig.markers} else f"bare {side.name}",
+        (letter, f"face {side.name}" if side.name in {plate.name for plate in rig.markers} else f"bare {side.name}",
          _plane(side)) for letter, side in zip(LETTERS, datums, strict=False)
     )  # fmt: skip
     rows = []
     for side in sides:
         controls = _controls(side, datums, accuracy)
         angle = np.degrees(np.arccos(np.clip(side.normal @ datums[0].normal, -1, 1)))
-        words = [
-            f"{each.symbol} {each.zone}{' to ' + ', '.join(each.datums) if each.datums else ''}" for each in controls
+        frames = [
+            f"{control.symbol} {control.zone}{' to ' + ', '.join(control.datums) if control.datums else ''}"
+            for control in controls
         ]
-        first = words[0] + (f", [{round(float(angle), 3):g}\xb0]" if "angularity" in words[0] else "")
-        dots = "on its sheet, to A, B, C" if any(side.name == each.name for each in rig.markers) else "-"
-        rows.append((side.name, first, words[1] if len(words) > 1 else "datum", dots))
+        first = frames[0] + (f", [{round(float(angle), 3):g}\xb0]" if "angularity" in frames[0] else "")
+        dots = "on its sheet, to A, B, C" if any(side.name == plate.name for plate in rig.markers) else "-"
+        rows.append((side.name, first, frames[1] if len(frames) > 1 else "datum", dots))
     return [
         DrawingTable("Datums of the whole", ("datum", "feature", "rig frame, exact"), names, (0, 1, 2)),
         DrawingTable(
@@ -472,7 +473,7 @@ def _signed(value: float) -> str:
     return f"{'-' if value < 0 else '+'}{abs(value):.6g}"
 
 
-def _face_work(each: Plate, made: MadeBody, k: int, fabrication: Fabrication) -> Workpiece:
+def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -> Workpiece:
     """Describe one face of a body as if it were a plate, with the body seen from the side."""
     face, result = made.block[k], made.made[k]
     low = face.height - 2 * result.depth - 1
@@ -484,12 +485,12 @@ def _face_work(each: Plate, made: MadeBody, k: int, fabrication: Fabrication) ->
         result.marked,
     )
     outline = Polygon((tuple((x / 1e3, y / 1e3) for x, y in face.corners),))
-    marker = replace(each.marker, substrate=replace(each.marker.substrate, outline=outline))
+    marker = replace(plate.marker, substrate=replace(plate.marker.substrate, outline=outline))
     work = workpiece(marker, fabrication, replace(result, parts=(slab, *result.parts)))
     depth = f"({millimeters(face.height - low)})"
     sections = tuple(
         replace(section, title=f"{section.title}, upper part of the body",
-                upright=tuple(each for each in section.upright if each.words != depth))
+                upright=tuple(dimension for dimension in section.upright if dimension.words != depth))
         for section in work.sections
     )  # fmt: skip
     rotation = np.array(face.rotation)

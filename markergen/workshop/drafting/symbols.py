@@ -23,10 +23,10 @@ FRAMES_APART = 2.5
 """Distance between tolerance frames below each other, in cap heights."""
 
 
-def phrase(words: str, x: float, y: float, height: float, name: str = WORDS) -> list[Shape]:
+def phrase(label: str, x: float, y: float, height: float, name: str = WORDS) -> list[Shape]:
     """Line of words from (x, y) on; what stands in brackets is in a box instead, as theoretically exact."""
     shapes: list[Shape] = []
-    for part, exact in _parts(words):
+    for part, exact in _parts(label):
         pad = PAD * height if exact else 0.0
         word = lettering(part, x + pad, y, height, name=name)
         if part.strip():
@@ -38,22 +38,22 @@ def phrase(words: str, x: float, y: float, height: float, name: str = WORDS) -> 
     return shapes
 
 
-def phrase_width(words: str, height: float) -> float:
+def phrase_width(label: str, height: float) -> float:
     """Width of a line set by `phrase`."""
-    return sum(text_width(part, height) + (2.5 * PAD * height if exact else 0.0) for part, exact in _parts(words))
+    return sum(text_width(part, height) + (2.5 * PAD * height if exact else 0.0) for part, exact in _parts(label))
 
 
-def plain(words: str) -> str:
+def plain(label: str) -> str:
     """Words without the brackets around what is theoretically exact."""
-    return words.replace("[", "").replace("]", "")
+    return label.replace("[", "").replace("]", "")
 
 
-def _parts(words: str) -> list[tuple[str, bool]]:
-    found: list[tuple[str, bool]] = []
-    for piece in words.split("["):
+def _parts(label: str) -> list[tuple[str, bool]]:
+    parts: list[tuple[str, bool]] = []
+    for piece in label.split("["):
         exact, bracket, rest = piece.partition("]")
-        found += [(exact, True), (rest, False)] if bracket else [(piece, False)]
-    return [(part, exact) for part, exact in found if part]
+        parts += [(exact, True), (rest, False)] if bracket else [(piece, False)]
+    return [(part, exact) for part, exact in parts if part]
 
 
 def frame_width(control: Control, height: float) -> float:
@@ -72,9 +72,9 @@ def tolerance_frame(control: Control, x: float, y: float, height: float) -> list
     shapes.append(frame_lines((x, low, x + sum(widths), high), THIN))
     shapes += _characteristic(control.symbol, x + widths[0] / 2, (low + high) / 2, height)
     x += widths[0]
-    for words, width in zip((control.zone, *control.datums), widths[1:], strict=True):
+    for cell, width in zip((control.zone, *control.datums), widths[1:], strict=True):
         shapes.append(Line(((x, low), (x, high)), THIN))
-        shapes.append(lettering(words, x + width / 2, y, height, "center"))
+        shapes.append(lettering(cell, x + width / 2, y, height, "center"))
         x += width
     return shapes
 
@@ -144,8 +144,8 @@ def finish_symbol(x: float, y: float, height: float) -> list[Shape]:
 
 def _cells(control: Control, height: float) -> list[float]:
     """Widths of a frame's boxes: symbol, zone, and one for each datum."""
-    words = (control.zone, *control.datums)
-    return [1.15 * FRAME * height, *(max(text_width(each, height) + 2 * PAD * height, 1.8 * height) for each in words)]
+    cells = (control.zone, *control.datums)
+    return [1.15 * FRAME * height, *(max(text_width(cell, height) + 2 * PAD * height, 1.8 * height) for cell in cells)]
 
 
 def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shape]:

@@ -32,7 +32,7 @@ def block_height(frame: Frame, first: bool) -> float:
 
 def first_angle(paper: Paper) -> bool:
     """True for first-angle projection, used with ISO paper; third-angle goes with American paper."""
-    return paper.name.removesuffix("-landscape") not in {each.name for each in AMERICAN}
+    return paper.name.removesuffix("-landscape") not in {size.name for size in AMERICAN}
 
 
 def title_block(block: TitleBlock, frame: Frame, scale: str, number: int, pages: int, first: bool) -> list[Shape]:

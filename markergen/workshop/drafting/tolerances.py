@@ -89,13 +89,13 @@ class PlateHole:
 
 def holes_of(marker: Marker) -> tuple[PlateHole, ...]:
     """Round holes in the order of `markergen.model.openings.openings`, from ``H1`` on."""
-    found: list[tuple[float, float, float, float, str, str]] = [
+    rows: list[tuple[float, float, float, float, str, str]] = [
         (mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2, hole.use, hole.name)
         for hole in marker.substrate.holes
     ]
     round_ = (contour.as_circle for contour in _drawn(marker))
-    found += [(x + 0.0, y + 0.0, r, 0.0, "drawn", "") for x, y, r in filter(None, round_)]
-    return tuple(PlateHole(f"H{number}", *each) for number, each in enumerate(found, 1))
+    rows += [(x + 0.0, y + 0.0, r, 0.0, "drawn", "") for x, y, r in filter(None, round_)]
+    return tuple(PlateHole(f"H{number}", *row) for number, row in enumerate(rows, 1))
 
 
 def cutouts_of(marker: Marker) -> tuple[Contour, ...]:
@@ -104,8 +104,8 @@ def cutouts_of(marker: Marker) -> tuple[Contour, ...]:
 
 
 def _drawn(marker: Marker) -> list[Contour]:
-    found = drawn_holes(marker.boundary, marker.substrate.outline)
-    return [placed(contour, 1e3, digits=9) for contour in found]
+    contours = drawn_holes(marker.boundary, marker.substrate.outline)
+    return [placed(contour, 1e3, digits=9) for contour in contours]
 
 
 def datums_of(marker: Marker, made: Made) -> tuple[Datum, ...]:
@@ -144,7 +144,7 @@ def _axis(x: float, y: float) -> str:
 def _edges(outer: Contour) -> tuple[Datum, ...]:
     """A straight edge along x, the lower one if it is long enough, and one along y, the left one."""
     left, bottom, right, top = box(outer)
-    found = []
+    datums = []
     for letter, along, size, name in (("B", 0, right - left, "y"), ("C", 1, top - bottom, "x")):
         best: tuple[float, Datum] | None = None
         for a, b, bulge in outer.sides:
@@ -163,8 +163,8 @@ def _edges(outer: Contour) -> tuple[Datum, ...]:
             if best is None or rank > best[0]:
                 best = rank, Datum(letter, "edge", f"{which} edge", place, at, out)
         if best:
-            found.append(best[1])
-    return tuple(found) if len(found) == 2 else ()
+            datums.append(best[1])
+    return tuple(datums) if len(datums) == 2 else ()
 
 
 def letters(datums: Sequence[Datum]) -> tuple[str, ...]:
@@ -204,13 +204,13 @@ def zone_of_dots(made: Made) -> float:
 def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[Control, str]:
     """Tolerance of a hole with the letter of the datum that it is, if any."""
     zone = min(made.accuracy.position or LOCATING, LOCATING) if hole.use == "dowel" else hole.zone
-    own = next((datum for datum in datums if datum.kind == "hole" and datum.at == hole.place), None)
-    if own is None:
+    hole_datum = next((datum for datum in datums if datum.kind == "hole" and datum.at == hole.place), None)
+    if hole_datum is None:
         return located(zone, datums), ""
-    before = datums[: datums.index(own)]
+    before = datums[: datums.index(hole_datum)]
     if len(before) == 1:
-        return Control("perpendicularity", f"{DIAMETER}{millimeters(zone)}", letters(before)), own.letter
-    return Control("position", f"{DIAMETER}{millimeters(zone)}", letters(before)), own.letter
+        return Control("perpendicularity", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
+    return Control("position", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
 
 
 def datum_table(datums: Sequence[Datum]) -> DrawingTable:
@@ -263,18 +263,18 @@ def fit_table(marker: Marker, made: Made) -> list[DrawingTable]:
         rows += [(disc, fit.disc), (pocket, fit.pocket)]
     for hole in holes_of(marker):
         limits = hole.limits
-        words = "hole for a dowel pin" if hole.use == "dowel" else f"hole for screw {hole.name}"
-        if limits and (words, limits) not in rows:
-            rows.append((words, limits))
+        label = "hole for a dowel pin" if hole.use == "dowel" else f"hole for screw {hole.name}"
+        if limits and (label, limits) not in rows:
+            rows.append((label, limits))
     cells = tuple(
         (
             what,
-            f"{DIAMETER}{millimeters(each.diameter)} {each.name}",
-            each.deviations,
-            f"{each.least:.3f}",
-            f"{each.most:.3f}",
+            f"{DIAMETER}{millimeters(hole_fit.diameter)} {hole_fit.name}",
+            hole_fit.deviations,
+            f"{hole_fit.least:.3f}",
+            f"{hole_fit.most:.3f}",
         )
-        for what, each in rows
+        for what, hole_fit in rows
     )
     headings = ("feature", "diameter, class", "deviations", "smallest", "largest")
     return [DrawingTable("Fits and limits (ISO 286), mm", headings, cells, (0, 1))] if cells else []
@@ -285,7 +285,7 @@ def is_rectangle(outer: Contour) -> bool:
     left, bottom, right, top = box(outer)
     ends = [(a, b) for a, b, bulge in outer.sides if not bulge]
     square = all(abs(a[0] - b[0]) < SAME or abs(a[1] - b[1]) < SAME for a, b in ends)
-    corners = [each for each in outer.sides if each[2]]
+    corners = [side for side in outer.sides if side[2]]
     cut_off = (right - left) * (top - bottom) - area(outer)
     if not square or len(ends) != 4 or len(corners) not in (0, 4):
         return False

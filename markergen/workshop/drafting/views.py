@@ -158,7 +158,7 @@ def papers_of(options: SheetOptions) -> list[Paper]:
         return [paper] if fixed else [paper.turned, paper]
     papers = [PAPERS[name] for name in USUAL]
     if options.orientation:
-        papers = [each for each in papers if (each.width > each.height) == (options.orientation == "landscape")]
+        papers = [size for size in papers if (size.width > size.height) == (options.orientation == "landscape")]
     return papers
 
 
@@ -231,7 +231,7 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     for face in work.front:
         shapes += drawn(face, view)
     axes, numbers = _axes(work, view, style), _inner_numbers(work, view, style)
-    lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(each) for each in numbers[1]], style.scale)
+    lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(text) for text in numbers[1]], style.scale)
     outside = _outer_numbers(work, view, lines, numbers[0], style)
     sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
     shapes += [*lines, *numbers[1], *outside, *sizes]
@@ -279,7 +279,7 @@ def _hole_marks(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]
 def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[set[str], list[Shape]]:
     """Numbers that fit inside their dots, and their shapes."""
     shapes: list[Shape] = []
-    found = set()
+    names = set()
     for label in work.labels:
         x, y = view.at((label.x, label.y))
         room = view.scale * (label.inner_radius or label.radius)
@@ -287,10 +287,10 @@ def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[se
         # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= LEAST_NUMBER * style.scale:
-            found.add(label.words)
-            words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
-            shapes.append(words)
-    return found, shapes
+            names.add(label.words)
+            number = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
+            shapes.append(number)
+    return names, shapes
 
 
 def _outer_numbers(
@@ -365,8 +365,8 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     end = side.box(around(work.side))[2]
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)
-    words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
-    return [*shapes, words]
+    label = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
+    return [*shapes, label]
 
 
 def _ordered(a: float, b: float) -> tuple[float, float]:
@@ -454,7 +454,7 @@ def place_callouts(
     marks, lines : sequence
         Boxes of words, and lines on paper, that leaders should avoid.
     """
-    circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
+    circles = np.array([(*view.at((x, y)), view.scale * r) for callout in callouts for x, y, r in callout.places])
     room = _Room(
         view, column, 1.4 * style.words, style,
         np.concatenate([circles.reshape(-1, 3), _as_circles(marks)]),
@@ -463,7 +463,7 @@ def place_callouts(
     placed = _placed(callouts, room)
     while placed is None:
         # One below the other, in the order of what they point at, and smaller if there are too many.
-        total = sum(callout_height(each, style) for each in callouts) + room.gap * (len(callouts) - 1)
+        total = sum(callout_height(callout, style) for callout in callouts) + room.gap * (len(callouts) - 1)
         if total > column[3] - column[1]:
             style = Style(0.9 * style.scale)
         room = replace(room, gap=1.2 * style.words, style=style)
@@ -477,28 +477,28 @@ def place_callouts(
 
 def _placed(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts where their leaders are best; None if there is no room for one of them."""
-    orders = [sorted(callouts, key=lambda each: len(each.places))]
-    found: list[list[tuple[Callout, _Leader]]] = []
-    while len(found) < TRIES:
+    orders = [sorted(callouts, key=lambda callout: len(callout.places))]
+    attempts: list[list[tuple[Callout, _Leader]]] = []
+    while len(attempts) < TRIES:
         placed = _in_order(orders[-1], room)
         if placed is None:
             break
-        found.append(placed)
+        attempts.append(placed)
         if max((best.cost for _, best in placed), default=0.0) < HIT:
             break
         # What got the worst place chooses first the next time.
-        orders.append([callout for callout, _ in sorted(placed, key=lambda each: -each[1].cost)])
-    if found and max((best.cost for _, best in found[-1]), default=0.0) >= HIT:
+        orders.append([callout for callout, _ in sorted(placed, key=lambda pair: -pair[1].cost)])
+    if attempts and max((best.cost for _, best in attempts[-1]), default=0.0) >= HIT:
         column_order = _stacked(callouts, room)
-        found += [column_order] if column_order else []
-    return min(found, key=lambda each: sum(best.cost for _, best in each), default=None)
+        attempts += [column_order] if column_order else []
+    return min(attempts, key=lambda attempt: sum(best.cost for _, best in attempt), default=None)
 
 
 def _in_order(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts each at the best place that those before it leave; None if there is none."""
     column, style, gap = room.column, room.style, room.gap
     taken: list[tuple[float, float]] = []
-    found: list[tuple[Callout, _Leader]] = []
+    placed: list[tuple[Callout, _Leader]] = []
     for callout in callouts:
         height = callout_height(callout, style)
         tops = [
@@ -506,27 +506,27 @@ def _in_order(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "
             for top in np.arange(column[1] + height, column[3] + 1e-9, 2.0 * style.scale).tolist()
             if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
         ]
-        best = _best(callout, room, tops, [each.run for _, each in found])
+        best = _best(callout, room, tops, [leader.run for _, leader in placed])
         if best is None:
             return None
         taken.append((best.top - height, best.top))
-        found.append((callout, best))
-    return found
+        placed.append((callout, best))
+    return placed
 
 
 def _stacked(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts one below the other; None if they are too high together."""
     top = room.column[3]
-    found: list[tuple[Callout, _Leader]] = []
-    for callout in sorted(callouts, key=lambda each: -max(place[1] for place in each.places)):
+    placed: list[tuple[Callout, _Leader]] = []
+    for callout in sorted(callouts, key=lambda candidate: -max(place[1] for place in candidate.places)):
         height = callout_height(callout, room.style)
         if top - height < room.column[1]:
             return None
-        runs = [each.run for _, each in found]
+        runs = [leader.run for _, leader in placed]
         best = _best(callout, room, [top], runs) or _direct(callout, room, top)
-        found.append((callout, best))
+        placed.append((callout, best))
         top -= height + room.gap
-    return found
+    return placed
 
 
 def _direct(callout: Callout, room: _Room, top: float) -> "_Leader":
@@ -605,31 +605,31 @@ def _best(
             candidates.append((length, _Leader(length, run, top), (*at, radius)))
     best: _Leader | None = None
     # What a leader hits is only looked for if it may still be the best: the shortest come first.
-    for length, each, own in sorted(candidates, key=lambda candidate: candidate[0]):
+    for length, trial, circle in sorted(candidates, key=lambda candidate: candidate[0]):
         if best and length >= best.cost:
             break
-        cost = length + HIT * _along_axis(each.run, view) + CROSSED * _crossings(each.run, runs)
-        cost += HIT * _hits(each.run, room, own)
+        cost = length + HIT * _along_axis(trial.run, view) + CROSSED * _crossings(trial.run, runs)
+        cost += HIT * _hits(trial.run, room, circle)
         if best is None or cost < best.cost:
-            best = replace(each, cost=cost)
+            best = replace(trial, cost=cost)
     return best
 
 
-def _hits(run: tuple[Point, Point, Point], room: _Room, own: tuple[float, float, float]) -> int:
+def _hits(run: tuple[Point, Point, Point], room: _Room, circle: tuple[float, float, float]) -> int:
     """Number of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
-    others = room.circles[np.any(np.abs(room.circles - own) > 1e-6, axis=-1)]
-    near = np.zeros(len(others), dtype=bool)
+    others = room.circles[np.any(np.abs(room.circles - circle) > 1e-6, axis=-1)]
+    is_hit = np.zeros(len(others), dtype=bool)
     crossed = 0
     a, b = room.segments[:, 0], room.segments[:, 1]
     for first, last in ((run[0], run[1]), (run[1], run[2])):
         start, end = np.array(first), np.array(last)
         way = end - start
         share = np.clip((others[:, :2] - start) @ way / max(float(way @ way), 1e-12), 0, 1)
-        near |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
+        is_hit |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
         # Two segments cross where the ends of each are on both sides of the other.
         apart = _side(start, end, a) * _side(start, end, b) < 0
         crossed += int(np.sum(apart & (_side(a, b, start) * _side(a, b, end) < 0)))
-    return int(near.sum()) + crossed
+    return int(is_hit.sum()) + crossed
 
 
 def _side(a: Array, b: Array, point: Array) -> Array:

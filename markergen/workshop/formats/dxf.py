@@ -74,7 +74,7 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     meaning = PLATE if engraved else MARKER
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
-        *(f"Layer {name} has {words}." for name, words in meaning.items()),
+        *(f"Layer {name} has {meaning_words}." for name, meaning_words in meaning.items()),
         *(() if engraved else holes_beyond(marker)),
         *without_paper(options),
     )
@@ -157,8 +157,8 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     """Add the axes, each dot's number inside it, and the marker's name below the outline."""
     from ezdxf.enums import TextEntityAlignment
 
-    def write(words: str, x: float, y: float, height: float, align: Any) -> None:
-        space.add_text(words, height=height, dxfattribs={"layer": INFO}).set_placement((x, y), align=align)
+    def write(content: str, x: float, y: float, height: float, align: Any) -> None:
+        space.add_text(content, height=height, dxfattribs={"layer": INFO}).set_placement((x, y), align=align)
 
     (left, bottom), (right, _) = drawing.box.tolist()
     size = max(right - left, 1.0) / 50
@@ -166,11 +166,11 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     for name, tip, at in (("x", (arm, 0.0), (1.2 * arm, 0.0)), ("y", (0.0, arm), (0.0, 1.2 * arm))):
         space.add_line((0, 0), tip, dxfattribs={"layer": INFO})
         write(name, at[0], at[1], size, TextEntityAlignment.MIDDLE_CENTER)
-    for words, dot in drawing.labels:
-        height = NUMBER * dot.radius * min(1.0, 5 / len(words))
-        write(words, dot.x, dot.y, height, TextEntityAlignment.MIDDLE_CENTER)
-    words = f"{marker_name(marker)}, {len(marker)} dots, millimeters, made with markergen {markergen.__version__}"
-    write(words, left, bottom - 2 * size, size * min(1.0, 60 / len(words)), TextEntityAlignment.LEFT)
+    for number, dot in drawing.labels:
+        height = NUMBER * dot.radius * min(1.0, 5 / len(number))
+        write(number, dot.x, dot.y, height, TextEntityAlignment.MIDDLE_CENTER)
+    note = f"{marker_name(marker)}, {len(marker)} dots, millimeters, made with markergen {markergen.__version__}"
+    write(note, left, bottom - 2 * size, size * min(1.0, 60 / len(note)), TextEntityAlignment.LEFT)
 
 
 def _told(marker: Marker) -> list[tuple[str, Contour]]:

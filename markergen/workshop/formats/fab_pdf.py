@@ -63,7 +63,7 @@ def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tu
     parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]
     name = rig_name(rig)
     data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
-    pages = sum(each.count for each in parts)
+    pages = sum(sheets.count for sheets in parts)
     first = parts[0].front
     drawn = f"the first on {first.frame.paper}, drawn {scale_words(first.scale)}"
     return data, (f"The fabrication sheets have {pages} pages, {drawn}.",)
@@ -129,18 +129,18 @@ def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
     """Write drawings one after another into one PDF, with its title and subject."""
     buffer = BytesIO()
     canvas = bare_canvas(buffer, pagesize=page_size(parts[0].front.frame.paper), pageCompression=1, invariant=1)
-    for key, words in metadata(name, about).items():
-        getattr(canvas, f"set{key.capitalize()}")(words)
-    number, count = 0, sum(each.count for each in parts)
-    for each in parts:
-        frame = each.front.frame
-        size, scale = page_size(frame.paper), scale_words(each.front.scale)
-        for k, page in enumerate(((), *each.pages)):
+    for key, value in metadata(name, about).items():
+        getattr(canvas, f"set{key.capitalize()}")(value)
+    number, count = 0, sum(sheets.count for sheets in parts)
+    for sheets in parts:
+        frame = sheets.front.frame
+        size, scale = page_size(frame.paper), scale_words(sheets.front.scale)
+        for k, page in enumerate(((), *sheets.pages)):
             number += 1
             canvas.setPageSize(size)
             canvas.setTrimBox([0.0, 0.0, *size])
-            _draw(canvas, each.front.shapes if k == 0 else ())
-            _draw(canvas, title_block(each.block, frame, scale, number, count, k == 0))
+            _draw(canvas, sheets.front.shapes if k == 0 else ())
+            _draw(canvas, title_block(sheets.block, frame, scale, number, count, k == 0))
             for block, left, top in page:
                 y = top
                 for part, height, space in block.parts:
@@ -215,7 +215,7 @@ def _pages(blocks: Blocks, frame: Frame, density: float) -> tuple[list[_Page], f
 def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
     """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
     pieces = [_split(table, width, height, style) for table in work.tables]
-    dots, *tables = ([_measured(_table(piece, width, style), width) for piece in some] for some in pieces)
+    dots, *tables = ([_measured(_table(piece, width, style), width) for piece in group] for group in pieces)
     sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
     back = []
     if work.back:
@@ -224,15 +224,15 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style, columns:
         back.append(replace(_detail(back_view(work, wide, height, style), wide, style), span=span))
     key = _detail(key_view(work, width, style), width, style)
     notes = _notes(work.notes, width, height, style)
-    return [*dots, *sections, *(table for some in tables for table in some), *notes, key, *back]
+    return [*dots, *sections, *(table for group in tables for table in group), *notes, key, *back]
 
 
 def _measured(flowables: Sequence[Any], width: float) -> _Item:
     """Flowables as a block for a column of a width in mm."""
     return _Item(
         tuple(
-            (each, each.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, each.getSpaceAfter() / POINTS_PER_MM)
-            for each in flowables
+            (flowable, flowable.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, flowable.getSpaceAfter() / POINTS_PER_MM)
+            for flowable in flowables
         )
     )
 
@@ -320,7 +320,7 @@ def _notes(sentences: Sequence[str], width: float, height: float, style: Style) 
     if not sentences:
         return []
     kind, heading = (_paragraph_style(name, style) for name in ("note", "heading"))
-    notes = [Paragraph(_escaped(words), kind, bulletText=f"{number}.") for number, words in enumerate(sentences, 1)]
+    notes = [Paragraph(_escaped(note), kind, bulletText=f"{number}.") for number, note in enumerate(sentences, 1)]
     whole = _measured([Paragraph("Notes", heading), *notes], width)
     if whole.height <= height:
         return [whole]
@@ -337,12 +337,12 @@ def _draw(canvas: Any, shapes: Sequence[Shape]) -> None:
         if not isinstance(shape, Lettering):
             draw_shape(canvas, shape)
             continue
-        words = canvas.beginText()
-        words.setFont(_font(shape.face), *_points(font_size(shape.height, shape.face)))
-        words.setFillColor(pdf_color(shape.color))
-        words.setTextTransform(*((0, 1, -1, 0) if shape.upright else (1, 0, 0, 1)), *_points(*shape.start))
-        words.textOut(written(shape.words, shape.face))
-        canvas.drawText(words)
+        text_object = canvas.beginText()
+        text_object.setFont(_font(shape.face), *_points(font_size(shape.height, shape.face)))
+        text_object.setFillColor(pdf_color(shape.color))
+        text_object.setTextTransform(*((0, 1, -1, 0) if shape.upright else (1, 0, 0, 1)), *_points(*shape.start))
+        text_object.textOut(written(shape.words, shape.face))
+        canvas.drawText(text_object)
 
 
 def _paragraph_style(kind: str, style: Style) -> Any:
@@ -394,10 +394,10 @@ def _embed_fonts() -> None:
             pdfmetrics.registerFont(TTFont(_font(face), file))
 
 
-def _escaped(words: str) -> str:
+def _escaped(content: str) -> str:
     from xml.sax.saxutils import escape
 
-    return escape(written(words))
+    return escape(written(content))
 
 
 def _points(*lengths: float) -> tuple[float, ...]:

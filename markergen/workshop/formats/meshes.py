@@ -116,7 +116,7 @@ def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
     notes = [f"STL has no unit: it is in millimeters, in the {made.subject.frame} frame.", *made.notes]
     if len(by_material) > 1:
         beside = {
-            f"{options.stem}-{material}.stl": write_stl(some, made.name) for material, some in by_material.items()
+            f"{options.stem}-{material}.stl": write_stl(meshes, made.name) for material, meshes in by_material.items()
         }
         notes.append(f"Beside it, one file for each material to print together: {', '.join(beside)}.")
     if any(part.mesh.marked.any() for part in made.parts):

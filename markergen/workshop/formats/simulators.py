@@ -149,20 +149,20 @@ class Simulated:
     def of(cls, bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Self:
         """Make the body of a marker or a rig; raises as `meshed` does."""
         made = meshed(bodies, options, suffix)
-        shown = _shown(made.parts, made.name, options.stem)
+        visuals = _shown(made.parts, made.name, options.stem)
         mass, center, inertia = mass_of(made.parts)
         return cls(
             made.name,
             made.subject.frame,
-            shown,
+            visuals,
             tuple(_sites(made.subject)),
             mass,
             center,
             inertia,
-            tuple(_collisions(made, shown)),
+            tuple(_collisions(made, visuals)),
             any(part.mesh.marked.any() for part in made.parts),
             (
-                f"It shows {' and '.join(mesh.path for mesh in shown)} beside it, and weighs {mass * 1e3:.3g} g "
+                f"It shows {' and '.join(mesh.path for mesh in visuals)} beside it, and weighs {mass * 1e3:.3g} g "
                 f"({DENSITY:g} kg/m^3).",
                 *made.notes,
             ),
@@ -191,7 +191,7 @@ def _sites(body: Body) -> Iterator[Site]:
             yield Site(f"{prefix}dot-{point.id}", place, plate.rotation_matrix, point.feature.diameter)
 
 
-def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
+def _collisions(made: Meshed, visuals: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
     if made.subject.frame == "marker":
         low, high = _box([part.mesh for part in made.parts])
@@ -206,9 +206,9 @@ def _collisions(made: Meshed, shown: Sequence[Shown]) -> Iterator[Collision]:
         if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.made.block), rtol=1e-6):
             yield Collision("collision", "box", tuple(high - low), (low + high) / 2, np.eye(3))
             return
-        for each in shown:
-            if each.material == "light":
-                yield Collision(f"collision-{each.name}", "mesh", (), np.zeros(3), np.eye(3), each)
+        for visual in visuals:
+            if visual.material == "light":
+                yield Collision(f"collision-{visual.name}", "mesh", (), np.zeros(3), np.eye(3), visual)
         return
     for part in made.made.parts:
         piece = part.pieces[0]
@@ -240,7 +240,7 @@ def roll_pitch_yaw(rotation: Array) -> Array:
 
 def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ...]:
     """Meshes of all that is seen in one color, in m: what is engraved shows the other material."""
-    shown = []
+    visuals = []
     for material in MATERIALS:
         files: list[list[Array]] = []
         for part in parts:
@@ -253,8 +253,8 @@ def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ..
         for number, pieces in enumerate(files, start=1):
             called = material if number == 1 else f"{material}-{number}"
             stl = stl_of(np.concatenate(pieces), name, "m")
-            shown.append(Shown(called, material, f"meshes/{stem}-{called}.stl", stl))
-    return tuple(shown)
+            visuals.append(Shown(called, material, f"meshes/{stem}-{called}.stl", stl))
+    return tuple(visuals)
 
 
 def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:

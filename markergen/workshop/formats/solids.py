@@ -282,7 +282,7 @@ def normalize(text: str, name: str) -> str:
     numbers = {old: new for new, old in enumerate(order, start=1)}
     # Most entities come before all that move, and refer to none of these.
     still = {old for old, new in numbers.items() if old == new}
-    if not all(int(found) in still for old in still for found in REFERENCE.findall(entities[old])):
+    if not all(int(target) in still for old in still for target in REFERENCE.findall(entities[old])):
         still = set()
     links = count(1)
     lines = []

@@ -197,7 +197,7 @@ def prepare(
         around = [Footprint("the tag", tuple(ink.corners()), cutting.tag_gap) for ink in tag_ink(marker.tag)[:1]]
     rim = max((reach(dot) - dot.radius for dot in dots if dot.raised), default=0.0) + tool.wall
     poses = designed_poses(marker) if any(dot.raised for dot in dots) else None
-    flat = [each for each, dot in zip(prints, dots, strict=True) if not dot.raised]
+    flat = [footprint for footprint, dot in zip(prints, dots, strict=True) if not dot.raised]
     plate = plate_of(marker)
     pillars, notes = pillars_of(marker, dots, fabrication, tool, plate, [*flat, *around], rim, poses)
     feet = [Footprint(PILLAR + p.dot.name, ((p.dot.x, p.dot.y),), p.base) for p in pillars]
@@ -239,6 +239,6 @@ def marks(marker: Marker, dots: Sequence[SolidDot], cutting: Cutting) -> tuple[P
 
 def inlaid(marker: Marker, ground: Ground, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Primitive, ...]]:
     """All inlays, those of the dots first, and their pockets."""
-    each = [inlay(dot, cutting) for dot in ground.dots]
+    inlays = [inlay(dot, cutting) for dot in ground.dots]
     parts, pockets = tag_inlays(marker, cutting)
-    return (*(part for some, _ in each for part in some), *parts), (*(pocket for _, pocket in each), *pockets)
+    return (*(part for pieces, _ in inlays for part in pieces), *parts), (*(pocket for _, pocket in inlays), *pockets)

@@ -62,8 +62,8 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         if open_(dot):
             cut.append(cylinder(dot.x, dot.y, dot.radius, bottom, dot.z))
             continue
-        some, pocket = inlay(dot, cutting)
-        parts += some
+        inlay_parts, pocket = inlay(dot, cutting)
+        parts += inlay_parts
         cut.append(pocket)
     in_tag, tag_pockets = tag_inlays(marker, cutting)
     diameters = sorted({round(2 * dot.radius, 6) for dot in inlaid}, reverse=True)
@@ -76,7 +76,7 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         lines=_lines(marker, fabrication, cutting, fits, bool(parts or in_tag)),
         accuracy=Accuracy(
             position=POSITION,
-            play=max((each.play for each in fits.values()), default=gap if parts else 0.0),
+            play=max((fit.play for fit in fits.values()), default=gap if parts else 0.0),
             diameter=0.05,
             depth=0.03,
             thickness=0.1,
@@ -89,7 +89,7 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         if parts or in_tag
         else (),
         fits=(
-            *(("dot", each) for each in fits.values()),
+            *(("dot", fit) for fit in fits.values()),
             *(("core", core_fit(kind, bore)) for bore in sorted({2 * dot.inner for dot in inlaid if by_iso} - {0.0})),
         ),
         depth=-bottom if fabrication.through else depth,
@@ -113,8 +113,8 @@ def _notes(marker: Marker, fabrication: Fabrication, parts: list[Part]) -> tuple
     if not fabrication.through:
         return ()
     kept = [part.name for part in parts if part.material == "dark"] + ["the tag"] * (marker.tag is not None)
-    words = f" but for {' and '.join(kept)}, whose light insides would fall out" if kept else ""
-    return (f"Dots are holes through the plate{words}. Put something dark and matte behind it.",)
+    exceptions = f" but for {' and '.join(kept)}, whose light insides would fall out" if kept else ""
+    return (f"Dots are holes through the plate{exceptions}. Put something dark and matte behind it.",)
 
 
 def _lines(
@@ -130,7 +130,7 @@ def _lines(
     elif fits and fabrication.fit == "press":
         lines.append("Press fit P7/h6 (ISO 286): discs and pockets are drawn at their nominal size; chamfer the discs.")
     elif fits:
-        play = max(each.play for each in fits.values())
+        play = max(fit.play for fit in fits.values())
         lines.append(
             "Slip fit F8/h7 (ISO 286): discs are drawn at their nominal size, pockets with the least clearance; glue "
             f"the discs in, centered: they may lie off by up to {ceil(play * 1e3 - 1e-9) / 1e3:.3f} mm."

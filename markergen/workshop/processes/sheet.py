@@ -63,7 +63,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             depth=depth,
         )
     recess = _recesses(marker, tool, depth, gap)
-    around = " Punch its holes 1 mm larger all around." if any(each.holes for each in recess) else ""
+    around = " Punch its holes 1 mm larger all around." if any(prism.holes for prism in recess) else ""
     note = f"Print the marker as .pdf at true size, cut it out along the boundary, and glue it into the recess.{around}"
     return Made(
         cut=recess,
@@ -89,7 +89,7 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
     plate = plate_of(marker)
     face = plate.face.filled()
     lands = _lands(plate)
-    found = []
+    recesses = []
     for outer, shape in _pieces(marker, gap):
         (room,) = face.clearance([shape])
         if room < tool.wall - FLATTENING:
@@ -105,16 +105,16 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
             )
         inside = [(land, around) for land, around in lands if _lies_in(land, shape, tool.wall)]
         _check_lands([land for land, _ in inside], tool)
-        found.append(Prism(outer, tuple(around for _, around in inside), -depth, 0.0))
-    return tuple(found)
+        recesses.append(Prism(outer, tuple(around for _, around in inside), -depth, 0.0))
+    return tuple(recesses)
 
 
 def _lands(plate: SolidPlate) -> list[tuple[Footprint, Contour]]:
     """Lands around all holes of the plate, and their edges."""
-    found = []
-    for each in plate.hole_footprints:
-        land = Footprint(each.name, each.points, each.radius + LAND)
-        found.append((land, circle(land.radius, *land.points[0], hole=True)))
+    lands = []
+    for footprint in plate.hole_footprints:
+        land = Footprint(footprint.name, footprint.points, footprint.radius + LAND)
+        lands.append((land, circle(land.radius, *land.points[0], hole=True)))
     for contour in (hole for _, *holes in plate.outlines for hole in holes):
         if (whole := contour.as_circle) is not None:
             x, y, radius = whole
@@ -124,8 +124,8 @@ def _lands(plate: SolidPlate) -> list[tuple[Footprint, Contour]]:
             (ring,) = shape.offset(LAND, "miter").filled().oriented().rings
             corners = tuple(map(tuple, np.round(ring[::-1], 9).tolist()))
             land, edge = Footprint("a drawn hole", tuple(map(tuple, shape.rings[0].tolist())), LAND), Contour(corners)
-        found.append((land, edge))
-    return found
+        lands.append((land, edge))
+    return lands
 
 
 def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
@@ -146,11 +146,11 @@ def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
     between = gaps(lands, lands)
     if between.size and between.min() < tool.wall - ROUNDING:
         i, j = divmod(int(np.argmin(between)), len(lands))
-        least, found = 2 * LAND + tool.wall, 2 * LAND + float(between[i, j])
+        least, gap = 2 * LAND + tool.wall, 2 * LAND + float(between[i, j])
         raise InputError(
             f"at least {least:.6g} mm between holes in the recess for the sheet, {lands[i].name} and {lands[j].name}",
-            found_room(found),
-            f"move one by {up(least - found)}, or use --process fdm",
+            found_room(gap),
+            f"move one by {up(least - gap)}, or use --process fdm",
         )
 
 
