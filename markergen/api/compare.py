@@ -71,12 +71,12 @@ def compare(
     settled = settle(options, CompareKeywords)
     targets = Comparison.targets(save, json=json, plot=plot)
     targets.check(files_among(*contestants, settled["poses"]))
-    texts, given = _named(contestants)
+    texts, markers = _named(contestants)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
     results, cpu_s = run(
         texts, settled["views"], settled["seed"], settled["poses"], settled["print_sigma"],
-        workers=settled["workers"], progress=progress, given=given,
+        workers=settled["workers"], progress=progress, given=markers,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)
@@ -88,18 +88,20 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 def _named(contestants: Sequence[TargetLike]) -> tuple[list[str], dict[str, Marker | Rig]]:
     """Return the texts of all contestants, and the markers that come from no path, by their texts."""
-    objects = [each for each in contestants if _is_object(each)]
-    texts, given = [], dict[str, Marker | Rig]()
-    for each in contestants:
-        if _is_object(each):
-            text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
-            given[text] = load_marker_or_rig(each)
-        elif isinstance(each, str | PathLike):
-            text = str(each)
+    objects = [contestant for contestant in contestants if _is_object(contestant)]
+    texts, markers = [], dict[str, Marker | Rig]()
+    for contestant in contestants:
+        if _is_object(contestant):
+            text = "marker" if len(objects) == 1 else f"marker {len(markers) + 1}"
+            markers[text] = load_marker_or_rig(contestant)
+        elif isinstance(contestant, str | PathLike):
+            text = str(contestant)
         else:
-            raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {forms()}")
+            raise InputError(
+                "a marker, a path, or a text such as aruco:DICT_4X4_50", brief(contestant), f"known: {forms()}"
+            )
         texts.append(text)
-    return texts, given
+    return texts, markers
 
 
 def _is_object(contestant: object) -> bool:

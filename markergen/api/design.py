@@ -98,17 +98,17 @@ def design(
         check_figure(path)
     results = list(read_as("files", json, "json") or ())
     check_files([*targets, *request.traces, *request.coverages, *results], request.inputs)
-    others = {path: each for path in paths if (each := _present(path))}
+    others = {path: marker for path in paths if (marker := _present(path))}
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
-    spec, found = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
+    spec, result = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
     if request.choices.sheet.colors.inverted:
-        found = replace(found, marker=light_marker(found.marker))
-    for warning in found.warnings:
+        result = replace(result, marker=light_marker(result.marker))
+    for warning in result.warnings:
         log.warning("%s", warning)
     if request.ids:
-        found = replace(found, family=members(found.marker, spec_of(found.marker) or spec, request.ids))
+        result = replace(result, family=members(result.marker, spec_of(result.marker) or spec, request.ids))
     if results:
-        found.certify(progress)
+        result.certify(progress)
     if progress and (paths or request.traces or request.coverages or results):
         progress("writing", 0, 1)
     written = []
@@ -116,16 +116,16 @@ def design(
         # All files are checked again, and none is written unless all can be made.
         write = save_family if request.ids else save
         written = [
-            each._replace(notes=(*each.notes, f"It replaces another marker: {others[each.path]!r}."))
-            if each.path in others and others[each.path].spec_hash != found.marker.spec_hash
-            else each
-            for each in write(found.markers, paths, request.choices, request.inputs)
+            file._replace(notes=(*file.notes, f"It replaces another marker: {others[file.path]!r}."))
+            if file.path in others and others[file.path].spec_hash != result.marker.spec_hash
+            else file
+            for file in write(result.markers, paths, request.choices, request.inputs)
         ]
-    steps = {path: trace_bytes(found.trace, path.suffix, _label(spec)) for path in request.traces}
-    steps |= {path: figure_bytes(lambda: _coverage(found), path) for path in request.coverages}
-    found = replace(found, written=(*written, *map(Written, steps)))
-    write_all(steps | {path: found.to_json() for path in results})
-    return replace(found, written=(*found.written, *map(Written, results)))
+    steps = {path: trace_bytes(result.trace, path.suffix, _label(spec)) for path in request.traces}
+    steps |= {path: figure_bytes(lambda: _coverage(result), path) for path in request.coverages}
+    result = replace(result, written=(*written, *map(Written, steps)))
+    write_all(steps | {path: result.to_json() for path in results})
+    return replace(result, written=(*result.written, *map(Written, results)))
 
 
 design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
@@ -134,18 +134,18 @@ design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr
 def _present(path: Path) -> Marker | None:
     """Marker that is in a file to be written; refuses to replace one that was measured."""
     try:
-        found = Marker.load(path) if path.suffix == RECORD and path.is_file() else None
+        marker = Marker.load(path) if path.suffix == RECORD and path.is_file() else None
     except (InputError, OSError):  # Something else, which an output may replace.
         return None
-    if found and (found.places_measured or found.print_scale != (1.0, 1.0)):
+    if marker and (marker.places_measured or marker.print_scale != (1.0, 1.0)):
         raise InputError(f"a {path.name} that may be replaced", f"a print's measurements in {path}", "name another -o")
-    return found
+    return marker
 
 
-def _coverage(found: Design) -> "Figure":
+def _coverage(result: Design) -> "Figure":
     """What all poses of the spec see of the marker, those that were left out as well."""
     figure = new_figure((6.4, 3.6))
-    draw_coverage(coverage(found.marker, found.setting.camera, poses_from(found.spec.poses)), figure.add_subplot())
+    draw_coverage(coverage(result.marker, result.setting.camera, poses_from(result.spec.poses)), figure.add_subplot())
     return figure
 
 
@@ -198,9 +198,9 @@ def request_of(options: Mapping[str, Any]) -> Request:
     if "shape" in values:
         raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
     # Each of them defines the available room, so the one that is given replaces the template's.
-    for one, other in (("radius", "boundary"), ("boundary", "radius")):
-        if one in asked:
-            values.pop(other, None)
+    for option, alternative in (("radius", "boundary"), ("boundary", "radius")):
+        if option in asked:
+            values.pop(alternative, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
     fit = values.get("radius") == "fit"
     if fit and values.get("target"):
@@ -214,8 +214,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
 
     @cache
     def make(radius: int) -> Spec:
-        own = {**values, "radius": f"{radius}mm"} if fit else values
-        return spec_from_mapping(own, str(template or "the options"))
+        mapping = {**values, "radius": f"{radius}mm"} if fit else values
+        return spec_from_mapping(mapping, str(template or "the options"))
 
     limits = radius_limits(make, choices.sheet) if fit else None
     spec = make(limits[0] if limits else 0)

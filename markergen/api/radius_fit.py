@@ -50,20 +50,20 @@ def largest_that_fits(
     radius = high
     while low < high:
         spec = make(radius)
-        found = find(spec)
-        if fits(found.marker, sheet):
-            low, best = radius, (spec, found)
+        result = find(spec)
+        if fits(result.marker, sheet):
+            low, best = radius, (spec, result)
         else:
             high = radius - 1
         radius = (low + high + 1) // 2
-    spec, found = best or ((spec := make(low)), find(spec))
-    if found.marker.dot_diameter and not fits(found.marker, sheet):
+    spec, result = best or ((spec := make(low)), find(spec))
+    if result.marker.dot_diameter and not fits(result.marker, sheet):
         raise InputError(
             f"a marker that a page of {sheet.paper} holds",
             "holes beyond its disk",
             "use larger paper, or move the holes",
         )
-    return spec, found
+    return spec, result
 
 
 def _beyond(spec: Spec) -> float:

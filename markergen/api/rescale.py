@@ -53,10 +53,10 @@ class Rescaled(Result, Generic[T]):
 
     def to_json(self) -> bytes:
         """Return the scale of the print along x and y, of a rig's markers by name, with notes and files."""
-        made = self.marker
-        scale: Any = made.print_scale if isinstance(made, Marker) else None
-        if isinstance(made, Rig):
-            scale = {each.name: each.marker.print_scale for each in made.markers}
+        rescaled = self.marker
+        scale: Any = rescaled.print_scale if isinstance(rescaled, Marker) else None
+        if isinstance(rescaled, Rig):
+            scale = {mounted.name: mounted.marker.print_scale for mounted in rescaled.markers}
         return json_bytes(plain({"print_scale": scale, "notes": self.notes, "files": files_as_json(self.written)}))
 
     def __repr__(self) -> str:
@@ -122,24 +122,24 @@ def rescale(
     check_outputs(results, files_among(marker, asked["measured_points"]))
     before = load_marker_or_rig(marker)
     rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
-    found: Rescaled[Any]
+    rescaled: Rescaled[Any]
     if isinstance(before, Rig):
         if asked["measured_points"] is not None:
             raise InputError("rulers of a rig", "--measured-points", "measure its dots with markergen calibrate")
-        found = Rescaled(*rescale_rig(before, rulers, _others(asked["also"] or (), rulers), asked["force"]))
+        rescaled = Rescaled(*rescale_rig(before, rulers, _others(asked["also"] or (), rulers), asked["force"]))
     elif asked["also"]:
         raise InputError("rulers of one marker", "--also", "it is for the markers of a rig")
     elif asked["measured_points"] is None:
-        found = Rescaled(*by_rulers(before, rulers, asked["force"]))
+        rescaled = Rescaled(*by_rulers(before, rulers, asked["force"]))
         if before.rulers is None:
-            found.notes += _exchanged(before, rulers, asked["force"])
+            rescaled.notes += _exchanged(before, rulers, asked["force"])
     else:
-        found = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
-    found.written = tuple(Written(path, found.notes) for path in targets)
-    contents = {path: (rig_to_json if isinstance(before, Rig) else to_json)(found.marker) for path in targets}
-    write_all(contents | {path: found.to_json() for path in results})
-    found.written += tuple(map(Written, results))
-    return found
+        rescaled = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
+    rescaled.written = tuple(Written(path, rescaled.notes) for path in targets)
+    contents = {path: (rig_to_json if isinstance(before, Rig) else to_json)(rescaled.marker) for path in targets}
+    write_all(contents | {path: rescaled.to_json() for path in results})
+    rescaled.written += tuple(map(Written, results))
+    return rescaled
 
 
 def _exchanged(marker: Marker, rulers: Rulers, force: bool) -> tuple[str, ...]:
@@ -160,14 +160,14 @@ def _exchanged(marker: Marker, rulers: Rulers, force: bool) -> tuple[str, ...]:
 
 def _others(texts: Sequence[str], rulers: Rulers) -> dict[str, Rulers]:
     """Return rulers of single markers from texts such as ``+x=198.6mm,199.1mm``."""
-    found = dict[str, Rulers]()
+    by_name = dict[str, Rulers]()
     for text in texts:
         name, equals, lengths = text.rpartition("=")
-        measured = [parse_length(each, "also") for each in lengths.split(",")]
-        if not (name and equals and len(measured) <= 2) or name in found:
+        measured = [parse_length(length, "also") for length in lengths.split(",")]
+        if not (name and equals and len(measured) <= 2) or name in by_name:
             raise InputError("a marker once, with one or two lengths", brief(text), "write '+x=198.6mm,199.1mm'")
-        found[name] = Rulers(measured[0], measured[1] if measured[1:] else None, rulers.nominal_x, rulers.nominal_y)
-    return found
+        by_name[name] = Rulers(measured[0], measured[1] if measured[1:] else None, rulers.nominal_x, rulers.nominal_y)
+    return by_name
 
 
 rescale.__signature__ = signature_of(rescale, RescaleKeywords)  # type: ignore[attr-defined]

@@ -80,19 +80,19 @@ def rig(
     """
     check_progress(progress)
     request = request_of(shape, options)
-    asked, made, spec = request.asked, request.made, request.spec
+    asked, geometry, spec = request.asked, request.made, request.spec
     choices = choices_of(asked)
     paths = with_record(asked["output"], "rig") if asked.get("output") else []
     check_outputs(paths, choices, frame="rig")
     results = list(read_as("files", json, "json") or ())
     check_files([*paths, *results], request.inputs)
-    log.info("designing a rig of %d plates", len(made.faces))
-    found = design_rig(made, spec, request.tags, request.known, progress)
-    for warning in found.warnings:
+    log.info("designing a rig of %d plates", len(geometry.faces))
+    result = design_rig(geometry, spec, request.tags, request.known, progress)
+    for warning in result.warnings:
         log.warning("%s", warning)
-    found = replace(found, written=tuple(save(found.rig, paths, choices, request.inputs))) if paths else found
-    write_all({path: found.to_json() for path in results})
-    return replace(found, written=(*found.written, *map(Written, results)))
+    result = replace(result, written=tuple(save(result.rig, paths, choices, request.inputs))) if paths else result
+    write_all({path: result.to_json() for path in results})
+    return replace(result, written=(*result.written, *map(Written, results)))
 
 
 rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
@@ -122,27 +122,27 @@ def request_of(shape: str, options: Mapping[str, Any]) -> Request:
             remedy = f"use markergen design --template {template}, or name the shape as well"
             raise InputError("a template of a rig", f"{template}, of one plate", remedy)
         shape = shape or str(values["shape"])
-        own = {key: value for key, value in values.items() if key not in ("shape", "title")}
-        asked = given(own, RigKeywords) | asked
+        template_values = {key: value for key, value in values.items() if key not in ("shape", "title")}
+        asked = given(template_values, RigKeywords) | asked
     if not shape:
         remedy = "write cube, or --template with a name of markergen templates"
         raise InputError("a shape or a template", "neither", remedy)
     measures: dict[str, Any] = {name: asked[name] for name in (*MEASURES, "without") if name in asked}
-    known: dict[int, Marker] = {}
+    markers: dict[int, Marker] = {}
     if shape.lower().endswith(SUFFIXES):
         if measures:
             raise InputError("the measures of plates in their list", f"--{next(iter(measures))}", "leave it out")
-        made, known = read_plates(Path(shape))
+        geometry, markers = read_plates(Path(shape))
     else:
-        made = rig_shape(shape, **measures)
-    values = {"poses": made.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
+        geometry = rig_shape(shape, **measures)
+    values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
     spec = spec_from_mapping(values, "the options")
-    tags = _tags(asked, len(made.faces))
+    tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
-    listed = shape if known or made.text == "plates" else None
+    listed = shape if markers or geometry.text == "plates" else None
     return Request(
-        asked, made, known, spec, tags, files_among(template, listed, asked.get("camera"), asked.get("poses"))
+        asked, geometry, markers, spec, tags, files_among(template, listed, asked.get("camera"), asked.get("poses"))
     )
 
 

@@ -53,16 +53,16 @@ class Overview(SavableResult):
         """Return the table of all, and how to use one."""
         rows = [
             [
-                each.name,
-                each.title,
-                " x ".join(f"{1e3 * side:.4g}" for side in each.size),
-                str(each.dots or "auto"),
-                "x".join(map(str, each.camera)),
-                "{:.2g} to {:.2g}".format(*each.distances),
+                template.name,
+                template.title,
+                " x ".join(f"{1e3 * side:.4g}" for side in template.size),
+                str(template.dots or "auto"),
+                "x".join(map(str, template.camera)),
+                "{:.2g} to {:.2g}".format(*template.distances),
             ]
-            for each in self.templates
+            for template in self.templates
         ]
-        rigs = ", ".join(each.name for each in self.templates if each.command == "rig")
+        rigs = ", ".join(template.name for template in self.templates if template.command == "rig")
         return [
             Table("Templates", ["name", "for", "size mm", "dots", "camera px", "distance m"], rows),
             "Use: markergen design --template desk-a4 -o marker.pdf. Edit: markergen templates desk-a4 > my.toml",
@@ -71,7 +71,7 @@ class Overview(SavableResult):
 
     def to_json(self) -> bytes:
         """Return a list of tables with the attributes of `Template`."""
-        return json_bytes([asdict(each) for each in self.templates])
+        return json_bytes([asdict(template) for template in self.templates])
 
 
 def overview(json: object = None) -> Overview:
@@ -89,8 +89,8 @@ def overview(json: object = None) -> Overview:
     """
     targets = Overview.targets(json=json)
     targets.check([])
-    found = Overview(templates=tuple(map(_template, shipped_templates())))
-    return replace(found, written=tuple(found.write(targets)))
+    result = Overview(templates=tuple(map(_template, shipped_templates())))
+    return replace(result, written=tuple(result.write(targets)))
 
 
 def _template(name: str) -> Template:

@@ -93,11 +93,11 @@ def body_bounds(
     information, is_enough = [], []
     for k, plate in enumerate(body.plates):
         rotation, translation = plate.camera_pose(poses.rotation, poses.translation)
-        views, shown = PoseDistribution("", rotation, translation), seen[:, body.owner == k]
-        covered = Coverage(plate.marker.xyz, 2 * plate.marker.radii, views, shown)
+        views, in_view = PoseDistribution("", rotation, translation), seen[:, body.owner == k]
+        covered = Coverage(plate.marker.xyz, 2 * plate.marker.radii, views, in_view)
         by_plate = dot_information(covered, camera, image, print_sigma).sum(axis=1)
         information.append(moved_information(by_plate, -(poses.rotation @ plate.translation_vector)))
-        is_enough.append(enough(plate.marker.xyz, shown))
+        is_enough.append(enough(plate.marker.xyz, in_view))
 
     def errors(matrix: Array, is_served: Mask) -> Array:
         bounds = np.full((2, *is_served.shape), np.inf)

@@ -61,8 +61,8 @@ class Correspondences:
 
     def __post_init__(self) -> None:
         trials, *seen = self.image_points.shape
-        *own, n, axes = self.object_points.shape
-        if n < 4 or axes not in (2, 3) or seen != [n, 2] or own not in ([], [trials]):
+        *leading, n, axes = self.object_points.shape
+        if n < 4 or axes not in (2, 3) or seen != [n, 2] or leading not in ([], [trials]):
             raise InputError(
                 "object points (n, 2 or 3) or (T, n, 2 or 3) and image points (T, n, 2) with n >= 4",
                 f"{self.object_points.shape} and {self.image_points.shape}",

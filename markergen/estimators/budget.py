@@ -100,34 +100,34 @@ class ErrorSources:
         """
         n = len(points)
         blocks = np.broadcast_to(self.print_sigma**2 * np.eye(axes), (n, axes, axes)).copy()
-        known = np.flatnonzero(self._measured(n))
+        measured = np.flatnonzero(self._measured(n))
         if self.place_covariance is not None:
-            blocks[known, :2, :2] = self.place_covariance[known]
-        if self.joint_places is not None and len(known):
-            rows = np.arange(len(known))
-            joint = self.joint_places[known][:, :, known]
-            own = joint[rows, :, rows].copy()
-            grown = np.zeros((len(known), 3))
-            grown[:, : points.shape[1]] = points[known] - points[known].mean(axis=0)
+            blocks[measured, :2, :2] = self.place_covariance[measured]
+        if self.joint_places is not None and len(measured):
+            rows = np.arange(len(measured))
+            joint = self.joint_places[measured][:, :, measured]
+            diagonal = joint[rows, :, rows].copy()
+            grown = np.zeros((len(measured), 3))
+            grown[:, : points.shape[1]] = points[measured] - points[measured].mean(axis=0)
             grown /= max(float(np.linalg.norm(grown)), np.finfo(float).tiny)
             along = np.einsum("minj,nj->mi", joint, grown)
-            variances, growth = own.diagonal(axis1=1, axis2=2), float(np.sum(along * grown))
+            variances, growth = diagonal.diagonal(axis1=1, axis2=2), float(np.sum(along * grown))
             usual = (variances.sum() - growth) / max(np.count_nonzero(variances) - 1, 1)
             if growth > _DOMINANT * usual:
                 mixed = along[:, :, None] * grown[:, None]
-                own += (growth + usual) * grown[:, :, None] * grown[:, None] - mixed - mixed.swapaxes(1, 2)
-            blocks[known] = own[:, :axes, :axes]
+                diagonal += (growth + usual) * grown[:, :, None] * grown[:, None] - mixed - mixed.swapaxes(1, 2)
+            blocks[measured] = diagonal[:, :axes, :axes]
         return blocks
 
     def whole(self, n: int, axes: int) -> Array:
         """Joint covariance (axes n, axes n) in m^2 of the places of n points, some of them measured together."""
-        known, index = self._measured(n), np.arange(n)
+        measured, index = self._measured(n), np.arange(n)
         whole = np.zeros((n, axes, n, axes))
         whole[index, :, index, :] = self.print_sigma**2 * np.eye(axes)
         if self.place_covariance is not None:
-            whole[index[known], :2, index[known], :2] = self.place_covariance[known]
+            whole[index[measured], :2, index[measured], :2] = self.place_covariance[measured]
         if self.joint_places is not None:
-            whole[known] = 0.0
+            whole[measured] = 0.0
             whole += np.nan_to_num(self.joint_places[:, :axes, :, :axes])
         return whole.reshape(axes * n, axes * n)
 
@@ -147,9 +147,9 @@ class ErrorSources:
         return moved
 
 
-def _no_covariance(found: str) -> InputError:
+def _no_covariance(finding: str) -> InputError:
     return InputError(
-        "a covariance of the camera's parameters", found, "give the symmetric matrix that the calibration reports"
+        "a covariance of the camera's parameters", finding, "give the symmetric matrix that the calibration reports"
     )
 
 

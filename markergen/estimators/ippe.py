@@ -19,16 +19,16 @@ class Ippe(PoseEstimator):
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, two solutions each, the better first."""
-        found = solve_each(batch, "IPPE", solutions=2)
-        lost = np.isnan(found.translation[:, 0, 0])
+        poses = solve_each(batch, "IPPE", solutions=2)
+        lost = np.isnan(poses.translation[:, 0, 0])
         if not lost.any():
-            return found
+            return poses
         dlt = ESTIMATORS["dlt"]
         assert isinstance(dlt, HomographyEstimator)
         rotation, translation = decompose_homography(batch.once(dlt)[lost], batch.camera.matrix)
-        found.rotation[lost] = np.stack([rotation, mirrored_rotation(rotation, translation)], axis=1)
-        found.translation[lost] = translation[:, None]
-        return best_first(batch, found.rotation, found.translation)
+        poses.rotation[lost] = np.stack([rotation, mirrored_rotation(rotation, translation)], axis=1)
+        poses.translation[lost] = translation[:, None]
+        return best_first(batch, poses.rotation, poses.translation)
 
 
 IPPE = Ippe()

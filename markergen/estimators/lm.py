@@ -88,9 +88,9 @@ class Reprojection(LeastSquares):
         residual[behind] = np.inf
         return np.einsum("tk,tk->t", residual, residual), residual
 
-    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+    def jacobian(self, unknowns: Arrays, results: Arrays) -> Array:
         """See `LeastSquares.jacobian`."""
-        del found
+        del results
         rotation, translation = unknowns
         return self._distorted(turned_jacobian(turned(self.object_points, rotation), translation, self.camera.focal))
 
@@ -100,10 +100,10 @@ class Reprojection(LeastSquares):
 
     def converged(self, attempt: Attempt) -> Mask:
         """Mask of the converged trials, see `STEP`."""
-        turn, shift, distance = (
-            np.linalg.norm(each, axis=-1) for each in (attempt.step[:, :3], attempt.step[:, 3:], attempt.tried[1])
+        rotation, translation, distance = (
+            np.linalg.norm(vectors, axis=-1) for vectors in (attempt.step[:, :3], attempt.step[:, 3:], attempt.tried[1])
         )
-        size = np.maximum(turn, shift / distance)
+        size = np.maximum(rotation, translation / distance)
         # A nan step ends its trial as well.
         return ~np.asarray(size > STEP)
 

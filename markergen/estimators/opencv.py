@@ -27,8 +27,8 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
     flag: int = getattr(cv2, f"SOLVEPNP_{method}")
     solve: Any = cv2.solvePnP if solutions == 1 else cv2.solvePnPGeneric
     matrix = batch.camera.matrix
-    objects, images, turn = prepare(batch)
-    found = np.full((len(images), MOST_SOLUTIONS, 2, 3), np.nan)
+    objects, images, rotations = prepare(batch)
+    poses = np.full((len(images), MOST_SOLUTIONS, 2, 3), np.nan)
     for trial in np.flatnonzero(batch.solvable):
         try:
             count, vectors, translations, *_ = solve(objects[trial], images[trial], matrix, None, flags=flag)
@@ -37,13 +37,13 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
         if not count:
             continue
         if solutions == 1:
-            found[trial, 0] = vectors[:, 0], translations[:, 0]
+            poses[trial, 0] = vectors[:, 0], translations[:, 0]
             continue
         solutions = max(solutions, count)
         for k in range(count):
-            found[trial, k] = vectors[k][:, 0], translations[k][:, 0]
-    found = found[:, :solutions]
-    return best_first(batch, exponential(found[:, :, 0]) @ turn[:, None], found[:, :, 1])
+            poses[trial, k] = vectors[k][:, 0], translations[k][:, 0]
+    poses = poses[:, :solutions]
+    return best_first(batch, exponential(poses[:, :, 0]) @ rotations[:, None], poses[:, :, 1])
 
 
 def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
@@ -55,8 +55,8 @@ def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
     """
     images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
     away = batch.xyz @ AWAY
-    turn = turn_z(_procrustes_angle(away[..., :2], images))
-    return np.ascontiguousarray(away @ turn.swapaxes(-1, -2)), np.ascontiguousarray(images), turn @ AWAY
+    rotations = turn_z(_procrustes_angle(away[..., :2], images))
+    return np.ascontiguousarray(away @ rotations.swapaxes(-1, -2)), np.ascontiguousarray(images), rotations @ AWAY
 
 
 def best_first(batch: Correspondences, rotation: Array, translation: Array) -> PoseEstimates:

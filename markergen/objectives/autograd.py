@@ -40,24 +40,24 @@ class AutogradObjective(Objective):
 
     def information(self, points: Array) -> Array:
         """Fisher information M (B, P, 6, 6) of the pose (w, dt), w in rad and dt in m, for the noise of the setting."""
-        found: Array = _information(points, self._pose)
-        return found
+        information: Array = _information(points, self._pose)
+        return information
 
     def covariance(self, points: Array) -> Array:
         """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf for degenerate layouts."""
-        found: Array = _inverse(self.information(points))
-        return found
+        covariance: Array = _inverse(self.information(points))
+        return covariance
 
     def pixels(self, points: Array) -> Array:
         """Distorted image points (B, P, n, 2) in px; nan outside the domain of the lens model."""
-        found: Array = _pixels(points, self.setting)
-        return found
+        pixels: Array = _pixels(points, self.setting)
+        return pixels
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`."""
         with np.errstate(all="ignore"):
             try:
-                pullback, found = make_vjp(self.values, points)
+                pullback, values = make_vjp(self.values, points)
             except np.linalg.LinAlgError:
                 if len(points) > 1:
                     return self._one_by_one(points, softness)
@@ -72,7 +72,7 @@ class AutogradObjective(Objective):
                     return self._one_by_one(points, softness)[1](weights) if len(points) > 1 else np.zeros_like(points)
             return gradient
 
-        return np.where(np.isnan(found), np.inf, found), back
+        return np.where(np.isnan(values), np.inf, values), back
 
     def _one_by_one(self, points: Array, softness: float) -> tuple[Array, Pullback]:
         """Linearize each layout separately, so that a degenerate one does not affect the others."""

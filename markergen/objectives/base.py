@@ -288,8 +288,8 @@ class TraceObjective(Objective):
 
     def covariance(self, points: Array) -> Array:
         """C (B, P, k, k) for layouts (B, n, .) in m; inf for degenerate layouts."""
-        found = covariance(self._information(self._distorted(points)[0])[0])
-        return np.where(np.isnan(found), np.inf, found)
+        matrices = covariance(self._information(self._distorted(points)[0])[0])
+        return np.where(np.isnan(matrices), np.inf, matrices)
 
     def information(self, points: Array) -> tuple[Array, Pullback]:
         """M (B, P, k, k) of layouts (B, n, .) in m, and its pullback from a cotangent (B, P, k, k) to the points."""

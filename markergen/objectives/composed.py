@@ -31,12 +31,12 @@ class ComposedObjective(Objective):
         self, terms: Sequence[tuple[float, Objective]], bounds: Sequence[tuple[Objective, float]] = ()
     ) -> None:
         self.terms, self.bounds = tuple(terms), tuple(bounds)
-        parts = [*(each for _, each in self.terms), *(each for each, _ in self.bounds)]
+        parts = [*(objective for _, objective in self.terms), *(objective for objective, _ in self.bounds)]
         self.setting, self.aggregate, self.aggregated = parts[0].setting, parts[0].aggregate, AGGREGATES["mean"]
         self.unit = parts[0].unit if len(self.terms) == 1 else ""
-        self.planar_only = any(each.planar_only for each in parts)
-        self.default_restarts = max(each.default_restarts for _, each in self.terms)
-        self._smooth = not (self.bounds or any(each.nonsmooth for each in parts))
+        self.planar_only = any(objective.planar_only for objective in parts)
+        self.default_restarts = max(objective.default_restarts for _, objective in self.terms)
+        self._smooth = not (self.bounds or any(objective.nonsmooth for objective in parts))
 
     @property
     def nonsmooth(self) -> bool:
@@ -45,17 +45,17 @@ class ComposedObjective(Objective):
 
     def excess(self, points: Array) -> Array:
         """log(g_j / b_j) (J, B) of layouts (B, n, .) in m; 0 or less where a bound is kept."""
-        return np.array([np.log(each(points) / most) for each, most in self.bounds]).reshape(-1, len(points))
+        return np.array([np.log(objective(points) / most) for objective, most in self.bounds]).reshape(-1, len(points))
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; the values are (B, 1)."""
-        terms = [(weight, *each.reduced(points, softness)) for weight, each in self.terms]
-        bounds = [(most, *each.reduced(points, softness)) for each, most in self.bounds]
+        terms = [(weight, *objective.reduced(points, softness)) for weight, objective in self.terms]
+        bounds = [(most, *objective.reduced(points, softness)) for objective, most in self.bounds]
         total = np.sum([weight * value for weight, value, _ in terms], axis=0)
         hinges = [_hinge(np.log(value / most), softness) for most, value, _ in bounds]
         with np.errstate(over="ignore"):
             penalty = np.prod([np.ones(len(points)), *((1 + height) ** STEEPNESS for height, _ in hinges)], axis=0)
-            found = total * penalty
+            penalized = total * penalty
 
         def pullback(weights: Array) -> Array:
             gradient = np.zeros_like(points)
@@ -64,15 +64,15 @@ class ComposedObjective(Objective):
                     gradient += back(weights[:, 0] * weight * penalty)
                 for (_, value, back), (height, slope) in zip(bounds, hinges, strict=True):
                     if slope.any():
-                        gradient += back(weights[:, 0] * found * STEEPNESS * slope / ((1 + height) * value))
+                        gradient += back(weights[:, 0] * penalized * STEEPNESS * slope / ((1 + height) * value))
             return gradient
 
-        return found[:, None], pullback
+        return penalized[:, None], pullback
 
 
 def _hinge(x: Array, softness: float) -> tuple[Array, Array]:
     """max(0, x) and its derivative; with softness, its kink is a parabola."""
     if not softness:
         return np.maximum(x, 0.0), (x > 0).astype(float)
-    near = np.clip(x, 0.0, softness)
-    return near**2 / (2 * softness) + np.maximum(x - softness, 0.0), near / softness
+    clipped = np.clip(x, 0.0, softness)
+    return clipped**2 / (2 * softness) + np.maximum(x - softness, 0.0), clipped / softness

@@ -18,9 +18,9 @@ RANDOM_LAYOUTS = 25
 
 def columns() -> dict[str, Criterion]:
     """Criteria of all objectives by name, in printing order."""
-    found = {name: OBJECTIVES[name].criterion for name in OBJECTIVES}
-    known = {name: criterion for name, criterion in found.items() if criterion}
-    return dict(sorted(known.items(), key=lambda item: (item[1].place, item[1].key)))
+    by_name = {name: OBJECTIVES[name].criterion for name in OBJECTIVES}
+    defined = {name: criterion for name, criterion in by_name.items() if criterion}
+    return dict(sorted(defined.items(), key=lambda item: (item[1].place, item[1].key)))
 
 
 def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
@@ -32,15 +32,17 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
     have no homography, so its two keys are omitted.
     """
     points = without_height(points)
-    known = criteria_for(points, setting.sight is None)
-    found = {each.key: OBJECTIVES[name](setting)(points) for name, each in known.items() if not each.bound}
+    defined = criteria_for(points, setting.sight is None)
+    by_key = {
+        criterion.key: OBJECTIVES[name](setting)(points) for name, criterion in defined.items() if not criterion.bound
+    }
     covariance = PoseObjective(setting).covariance(points)
     aggregated = aggregate_of("rms", setting.poses.weight)
-    for each in known.values():
-        if each.bound:
+    for criterion in defined.values():
+        if criterion.bound:
             with np.errstate(invalid="ignore"):
-                found[each.key] = aggregated(each.bound(covariance, setting.poses), 0.0)[0]
-    return [{key: float(values[i]) for key, values in found.items()} for i in range(len(points))]
+                by_key[criterion.key] = aggregated(criterion.bound(covariance, setting.poses), 0.0)[0]
+    return [{key: float(values[i]) for key, values in by_key.items()} for i in range(len(points))]
 
 
 def without_height(points: Array) -> Array:
@@ -51,7 +53,7 @@ def without_height(points: Array) -> Array:
 def criteria_for(points: Array, whole: bool = True) -> dict[str, Criterion]:
     """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography, nor has what is not whole."""
     planar = whole and points.shape[-1] == 2
-    return {name: each for name, each in columns().items() if planar or not OBJECTIVES[name].planar_only}
+    return {name: criterion for name, criterion in columns().items() if planar or not OBJECTIVES[name].planar_only}
 
 
 def regular_polygon(n: int, radius: float) -> Array:

@@ -42,9 +42,9 @@ class HomographyObjective(TraceObjective):
 
     def _plane(self) -> Array:
         # M (I + D) maps the plane point r (x, y) to the image of r (x + D13, y + D23) to first order, for all x and y.
-        shift = np.zeros((8, 2))
-        shift[2, 0] = shift[5, 1] = 1 / self.setting.boundary.radius
-        return np.broadcast_to(shift, (len(self.setting.poses), 8, 2))
+        plane = np.zeros((8, 2))
+        plane[2, 0] = plane[5, 1] = 1 / self.setting.boundary.radius
+        return np.broadcast_to(plane, (len(self.setting.poses), 8, 2))
 
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         poses, camera = self.setting.poses, self.setting.camera

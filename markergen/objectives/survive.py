@@ -107,7 +107,7 @@ class HiddenDots:
 def hidden_dot_errors(points: Array, setting: Setting, lost: int) -> list[HiddenDots]:
     """Criteria of a layout (n, 2 or 3) with 0, 1, .. `lost` dots hidden, see `markergen.objectives.criteria`."""
     points = without_height(points)[None]
-    objectives = {each.key: OBJECTIVES[name](setting) for name, each in criteria_for(points).items()}
+    objectives = {criterion.key: OBJECTIVES[name](setting) for name, criterion in criteria_for(points).items()}
     result = []
     for hidden in range(lost + 1):
         sets = losses(points.shape[1], hidden)

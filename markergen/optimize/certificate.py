@@ -192,7 +192,7 @@ class _Fields:
 
     def _packed(self, places: Array) -> Array:
         """Information matrices (C, P T) of dots at places (C, 2), their entries on and above the diagonal."""
-        parts = [self.objective.information(some[:, None])[0] for some in np.array_split(places, len(places) // 16 + 1)]
+        parts = [self.objective.information(part[:, None])[0] for part in np.array_split(places, len(places) // 16 + 1)]
         i, j = self._upper
         return np.concatenate(parts)[..., i, j].reshape(len(places), -1)
 
@@ -273,8 +273,8 @@ class _Program:
         spread = [self._moments(self._design)]
         if len(region.walls) == 1:
             # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
-            turns = [turn_z(angle)[:2, :2] for angle in 2 * np.pi * np.arange(TURNS) / TURNS]
-            spread = [x.T @ y for x, y in (fields.basis(points @ turn) for turn in turns)]
+            rotations = [turn_z(angle)[:2, :2] for angle in 2 * np.pi * np.arange(TURNS) / TURNS]
+            spread = [x.T @ y for x, y in (fields.basis(points @ rotation) for rotation in rotations)]
         self.start = np.mean(spread, axis=0)
 
     @property
@@ -300,28 +300,30 @@ class _Program:
                 progress("lower bound", done, ROUNDS)
             cuts.append(fields.sensitivity(moments, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
             seen = np.array([self._at_places(cut) for cut in cuts])
-            found = self._linear_program(seen, caps, np.flatnonzero(column))
+            solution = self._linear_program(seen, caps, np.flatnonzero(column))
             work += (len(cuts) + len(caps)) * int(column.sum())
-            cut, priced = found.shares @ cuts, found.prices > 0
-            excess = found.shares @ seen - _cap(self.places, caps[priced], found.prices[priced], self.pitch, 0.0)[0]
+            cut, priced = solution.shares @ cuts, solution.prices > 0
+            excess = (
+                solution.shares @ seen - _cap(self.places, caps[priced], solution.prices[priced], self.pitch, 0.0)[0]
+            )
             least = float(excess[column].max())
-            bound = found.prices.sum() + self.n * max(float(excess.max()), 0.0)
+            bound = solution.prices.sum() + self.n * max(float(excess.max()), 0.0)
             before, more = best, np.zeros((0, 2))
             if bound - 1 < (best - 1) * NOTICEABLE:
                 tolerance = max(CLOSE / 4, (bound - 1) / 20) / self.n
-                highest, more = self._highest(cut, caps[priced], found.prices[priced], least, tolerance)
-                best = min(best, float(found.prices.sum() + self.n * (highest + 10 * fields.error(cut))))
+                highest, more = self._highest(cut, caps[priced], solution.prices[priced], least, tolerance)
+                best = min(best, float(solution.prices.sum() + self.n * (highest + 10 * fields.error(cut))))
             since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + 1
-            crowded = self._crowded(found.weights)
+            crowded = self._crowded(solution.weights)
             reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
             if best < reached + CLOSE or since == PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
                 break
-            used = found.weights > 0
-            load = _cap(caps, self.places[used], found.weights[used], self.pitch, 0.0)[0]
+            used = solution.weights > 0
+            load = _cap(caps, self.places[used], solution.weights[used], self.pitch, 0.0)[0]
             caps = np.concatenate([caps[load > SLACKEST], crowded])
             outside = np.where(column, -np.inf, excess)
             column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
-            target = self._moments(found.weights)
+            target = self._moments(solution.weights)
             moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
             column = np.append(column, np.ones(len(more), dtype=bool))
             self.places = np.concatenate([self.places, more])
@@ -343,7 +345,7 @@ class _Program:
         # At most n in total: where dots are jammed, places for exactly n would make the multipliers huge.
         rows = np.concatenate([-seen[:, column], cover, np.ones((1, len(column)))])
         epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps) + 1))
-        found = linprog(
+        result = linprog(
             np.append(np.zeros(len(column)), -1.0),
             csc_array(np.column_stack([rows, epigraph])),
             np.concatenate([np.zeros(len(seen)), np.ones(len(caps)), [self.n]]),
@@ -351,11 +353,11 @@ class _Program:
             # In round rooms the programs are degenerate, and the simplex method takes seven times as long.
             method="highs-ipm",
         )
-        if found.x is None:
+        if result.x is None:
             # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
             return _Solution(self._design, np.eye(len(seen))[0], np.zeros(len(caps)))
-        weights, prices = np.zeros(len(self.places)), np.maximum(-found.ineqlin.marginals, 0.0)
-        weights[column] = np.maximum(found.x[:-1], 0.0)
+        weights, prices = np.zeros(len(self.places)), np.maximum(-result.ineqlin.marginals, 0.0)
+        weights[column] = np.maximum(result.x[:-1], 0.0)
         shares = prices[: len(seen)]
         return _Solution(weights, shares / shares.sum(), prices[len(seen) : -1])
 
@@ -366,8 +368,8 @@ class _Program:
         used = np.flatnonzero(weights > 1e-9)
         held = self.places[used]
         i, j = np.triu_indices(len(held), 1)
-        near = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
-        centers = np.concatenate([(held[i[near]] + held[j[near]]) / 2, held, self.places])
+        is_close = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
+        centers = np.concatenate([(held[i[is_close]] + held[j[is_close]]) / 2, held, self.places])
         load = _cap(centers, held, weights[used], self.pitch, 0.0)[0]
         return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]
 
@@ -390,8 +392,10 @@ class _Program:
             x, y = ((places - fields.middle) / fields.half).T
             covered, slope, bend = _cap(places, caps, prices, self.pitch, float(np.hypot(*(half * fields.half))))
             # Faster than chebval2d, fivefold.
-            by_x, by_y = (chebyshev.chebvander(each, len(value) - 1) for each in (x, y))
-            seen = np.stack([np.einsum("cd,cd->c", by_x @ each, by_y) for each in value_and_slopes], axis=-1)
+            by_x, by_y = (chebyshev.chebvander(axis, len(value) - 1) for axis in (x, y))
+            seen = np.stack(
+                [np.einsum("cd,cd->c", by_x @ coefficients, by_y) for coefficients in value_and_slopes], axis=-1
+            )
             here, gradient = seen[:, 0] - covered, seen[:, 1:] - slope * fields.half
             curved = np.array([half[0] ** 2, half[0] * half[1], half[1] ** 2]) @ bends
             curved = curved + bend * np.sum((half * fields.half) ** 2)
@@ -417,11 +421,11 @@ class _Program:
             if not left.any() or level == LEVELS - 1 or 4 * left.sum() > MOST_BOXES:
                 break
             half = half / 2
-            shift = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * half * fields.half
-            centers = (centers[left, None] + shift).reshape(-1, 2)
-        found = np.concatenate(more)
-        chosen = _apart(found, np.concatenate(score), least, self.pitch / 20)
-        return max(best + tolerance, float(upper.max()), 0.0), found[chosen]
+            offsets = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * half * fields.half
+            centers = (centers[left, None] + offsets).reshape(-1, 2)
+        peaks = np.concatenate(more)
+        chosen = _apart(peaks, np.concatenate(score), least, self.pitch / 20)
+        return max(best + tolerance, float(upper.max()), 0.0), peaks[chosen]
 
 
 def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float) -> tuple[Array, Array, Array]:
@@ -442,7 +446,7 @@ def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float)
 
     return (
         total(prices[j] * (0.5 - along + along * np.abs(along) / 2)),
-        np.stack([total(steep * each) for each in (places[i] - caps[j]).T], axis=-1),
+        np.stack([total(steep * component) for component in (places[i] - caps[j]).T], axis=-1),
         total(prices[j] * ramp) / delta**2,
     )
 
@@ -487,5 +491,5 @@ def _candidates(region: FeasibleRegion) -> Array:
     x, y = (np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     grid = grid[boundary.depth(grid) >= region.inset]
-    found = np.concatenate([boundary.project(np.concatenate(edge), region.inset), grid])
-    return found[boundary.depth(found) >= region.inset - _SLACK]
+    candidates = np.concatenate([boundary.project(np.concatenate(edge), region.inset), grid])
+    return candidates[boundary.depth(candidates) >= region.inset - _SLACK]

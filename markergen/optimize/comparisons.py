@@ -36,7 +36,7 @@ def compare(
     Other layouts (n, 2 or 3) follow under their names, after the design.
     """
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
-    table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
+    table |= {name: criteria(layout[None], setting)[0] for name, layout in (others or {}).items()}
     if setting.sight:  # Others have dots of one size, which other poses see.
         return table
     for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
@@ -74,22 +74,22 @@ def reference(spec: Spec, region: FeasibleRegion, setting: Setting) -> Array | N
     """
     if not parse_goal(spec.objective).relative:
         return None
-    found = _polygon(region, spec.n, setting)
-    if not region.holds(found)[0]:
+    polygon = _polygon(region, spec.n, setting)
+    if not region.holds(polygon)[0]:
         raise InputError(
             f"room for a regular polygon of {spec.n} dots, which weights and {NGON} refer to",
             f"objective={spec.objective!r}",
             "give bounds as numbers, or use smaller dots",
         )
-    return found
+    return polygon
 
 
 def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
     """Best regular n-gon (1, n, 2) in m, infeasible if there is none."""
-    found = polygons(region, n)
-    held = found[region.holds(found)]
+    layouts = polygons(region, n)
+    held = layouts[region.holds(layouts)]
     if not len(held):
-        return found[:1]
+        return layouts[:1]
     if setting is None:
         worth = -np.linalg.norm(held[:, 0] - held.mean(axis=1), axis=-1)
     else:
@@ -108,7 +108,9 @@ def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: s
     noise : str
         Noise that the criteria are for, in words.
     """
-    but = " and ".join(f"{each.title}, {each.noiseless}" for each in columns().values() if each.noiseless)
+    but = " and ".join(
+        f"{criterion.title}, {criterion.noiseless}" for criterion in columns().values() if criterion.noiseless
+    )
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     return Table(
         f"What the layout allows, for {noise}",
@@ -136,9 +138,12 @@ def hidden_table(errors: Sequence[HiddenDots], noise: str) -> Table:
 
 
 def _header() -> list[str]:
-    return ["", *(each.title for each in columns().values())]
+    return ["", *(criterion.title for criterion in columns().values())]
 
 
 def _cells(row: Mapping[str, float]) -> list[str]:
     """Cells for the columns of criteria, some of which a relief lacks."""
-    return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]
+    return [
+        number(row[criterion.key] * criterion.factor, 4) if criterion.key in row else "-"
+        for criterion in columns().values()
+    ]

@@ -67,8 +67,8 @@ class Walls:
         signed = np.broadcast_to(np.asarray(signed), walls.shape)
         straight = walls < len(self.first)
         if straight.any():
-            found = self._to_chains(points[straight], walls[straight], signed[straight])
-            distance[straight], gradient[straight] = found
+            to_chains = self._to_chains(points[straight], walls[straight], signed[straight])
+            distance[straight], gradient[straight] = to_chains
         if not straight.all():
             x, y, radius, side = self.circles[walls[~straight] - len(self.first)].T
             offset = points[~straight] - np.stack([x, y], axis=-1)
@@ -131,18 +131,18 @@ def _chains(ring: Array) -> list[tuple[Array, bool, bool]]:
     """Vertices (k, 2) of each smooth piece of a closed polygon, and whether its first and last point outward."""
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
-    turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=-1))
-    sharp = np.abs(turn) > CORNER
+    angle = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=-1))
+    sharp = np.abs(angle) > CORNER
     # Start the first piece at a corner, if there is one.
-    shift = int(np.argmax(sharp))
-    ring, turn, sharp = np.roll(ring, -shift, axis=0), np.roll(turn, -shift), np.roll(sharp, -shift)
+    corner = int(np.argmax(sharp))
+    ring, angle, sharp = np.roll(ring, -corner, axis=0), np.roll(angle, -corner), np.roll(sharp, -corner)
     ends, bent = [0], 0.0
     for i in range(1, len(ring)):
-        bent += abs(turn[i])
+        bent += abs(angle[i])
         if sharp[i] or bent > BEND:
             ends.append(i)
             bent = 0.0
-    outward = sharp & (turn > 0)
+    outward = sharp & (angle > 0)
     return [
         (np.take(ring, np.arange(a, b + 1), axis=0, mode="wrap"), bool(outward[a]), bool(outward[b % len(ring)]))
         for a, b in zip(ends, [*ends[1:], len(ring)], strict=True)
@@ -212,12 +212,12 @@ def contacts(walls: Walls, points: Array, inset: float, to_wall: float, to_dot: 
         pairs.
     """
     n, count = len(points), len(walls)
-    each = np.repeat(points, count, axis=0), np.tile(np.arange(count), n)
-    distance = walls.distance(*each)[0].reshape(n, count)
-    near = distance <= to_wall
+    pairs = np.repeat(points, count, axis=0), np.tile(np.arange(count), n)
+    distance = walls.distance(*pairs)[0].reshape(n, count)
+    is_near = distance <= to_wall
     if count > MOST_WALLS:
-        near &= distance <= np.partition(distance, MOST_WALLS - 1, axis=1)[:, MOST_WALLS - 1 : MOST_WALLS]
-    dot, wall = np.nonzero(near)
+        is_near &= distance <= np.partition(distance, MOST_WALLS - 1, axis=1)[:, MOST_WALLS - 1 : MOST_WALLS]
+    dot, wall = np.nonzero(is_near)
     # Unsigned for a wall that faces away from the dot, or whose straight extension would wrongly exclude the dot.
     signed = walls.distance(points[dot], wall, True)[0] >= inset - 1e-9
     first, second = np.triu_indices(n, 1)

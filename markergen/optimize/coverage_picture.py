@@ -15,11 +15,11 @@ def draw_coverage(covered: Coverage, ax: "Axes") -> "Axes":
     """Draw each pose by its distance and tilt, colored by the number of dots in view; crosses are not served."""
     poses, served = covered.poses, covered.served
     distance, tilt = poses.distance, poses.polar_angle_deg
-    shown = ax.scatter(
+    scatter = ax.scatter(
         distance[served], tilt[served], c=covered.count[served], s=14, cmap=color_steps("viridis"), vmin=FEWEST
     )
     if served.any():
-        ax.figure.colorbar(shown, ax=ax, label="dots in view")
+        ax.figure.colorbar(scatter, ax=ax, label="dots in view")
     if not served.all():
         ax.scatter(
             distance[~served],

@@ -126,10 +126,10 @@ class Design(Result):
 
     def parts(self) -> list[str | Table]:
         """See `Result.parts`: summary, table of criteria with comparison layouts, time and memory."""
-        words, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
-        tables = [criteria_table(self.criteria, len(self.marker), words)]
+        noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
+        tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
-            tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), words))
+            tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), noise))
         return [self.summary, *filter(None, [self.outlook]), self._bound, *tables, _effort(self.seconds)]
 
     @property
@@ -167,7 +167,7 @@ class Design(Result):
         return json_bytes(plain(results))
 
     def __str__(self) -> str:
-        return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
+        return "\n".join([*(f"warning: {warning}" for warning in self.warnings), super().__str__()])
 
     def __repr__(self) -> str:
         return f"Design({self.marker!r}, {self.summary.splitlines()[1]})"
@@ -225,18 +225,19 @@ class Design(Result):
         if not (spec["aggregate"] or lost or len(goal.terms) > 1):
             return ""
         unit = OBJECTIVES[goal.lead].unit if len(goal.terms) == 1 else ""
-        words = f" {spec['aggregate']}" if spec["aggregate"] else ""
-        words += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
-        return f"{words} of {self.value:.4g}{f' {unit}' if unit else ''}"
+        phrase = f" {spec['aggregate']}" if spec["aggregate"] else ""
+        phrase += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
+        return f"{phrase} of {self.value:.4g}{f' {unit}' if unit else ''}"
 
     @property
     def _bound(self) -> str:
         """Lower bound in the unit of the table, and the certificate in words."""
-        column, found = OBJECTIVES[parse_goal(self.spec.objective).lead].criterion, self.certificate
-        if column is None or found.reason:
-            return found.sentence
+        column, certificate = OBJECTIVES[parse_goal(self.spec.objective).lead].criterion, self.certificate
+        if column is None or certificate.reason:
+            return certificate.sentence
         name, _, unit = column.title.rpartition(" ")
-        return f"lower bound of the {name} error {found.lower_bound * column.factor:.4g} {unit}: {found.sentence}"
+        bound = certificate.lower_bound * column.factor
+        return f"lower bound of the {name} error {bound:.4g} {unit}: {certificate.sentence}"
 
     @property
     def _labels(self) -> str:
@@ -251,30 +252,33 @@ class Design(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings that the user should read before using the marker."""
-        found = []
+        warnings = []
         if self.marker.provenance["spec"]["coordinates"] == "hartley":
-            found.append(
+            warnings.append(
                 "c(A) in Hartley's coordinates does not depend on size: the layout is degenerate, for study only"
             )
         across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses, mean=True)
         image = self.spec.image_noise
         least = max(point.feature.least_pixels for point in self.marker.control_points) * image.size_factor
         if not self.dots.diameter:
-            found.append("bare points (--dot 0) are for studies and cannot be printed or made")
+            warnings.append("bare points (--dot 0) are for studies and cannot be printed or made")
         elif across < least:
             ring = " for the key ring" if least > DOT_PIXELS * image.size_factor else ""
-            found.append(
+            warnings.append(
                 f"dots of {across:.1f} px are hardly detected, which takes {least:.2g} px{ring}: use fewer, more room, "
                 "or a better camera"
             )
         if self.setting.poses.doubt:
-            found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
+            warnings.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
         elif self.setting.poses.dropped > len(self.setting.poses):
-            found.append("most poses do not see the whole marker and are left out")
+            warnings.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
-            found.append(self.dots.warning)
-        found += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]
-        return (*found, *crowded(self.marker.xyz, self.dots.diameter, self.setting.camera, self.setting.poses, image))
+            warnings.append(self.dots.warning)
+        warnings += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]
+        return (
+            *warnings,
+            *crowded(self.marker.xyz, self.dots.diameter, self.setting.camera, self.setting.poses, image),
+        )
 
     def _idle_keep_outs(self) -> list[str]:
         """Warnings about keep-outs outside the boundary."""
@@ -293,32 +297,32 @@ class Design(Result):
         column = columns().get(parse_goal(self.spec.objective).lead)
         if not self.spec.points or column is None:
             return []
-        own, ngon = (self.criteria.get(name, {}).get(column.key, np.nan) for name in ("design", NGON))
-        if not own > ngon * (1 + WORSE):
+        error, ngon = (self.criteria.get(name, {}).get(column.key, np.nan) for name in ("design", NGON))
+        if not error > ngon * (1 + WORSE):
             return []
-        return [f"a regular polygon has {1 - ngon / own:.0%} less {column.title}; leave out --points to search"]
+        return [f"a regular polygon has {1 - ngon / error:.0%} less {column.title}; leave out --points to search"]
 
     def _weak_criteria(self) -> list[str]:
         """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""
-        own, found = self.criteria["design"], []
-        for name, each in columns().items():
-            if name in parse_goal(self.spec.objective).names or each.noiseless or each.key not in own:
+        errors, warnings = self.criteria["design"], []
+        for name, criterion in columns().items():
+            if name in parse_goal(self.spec.objective).names or criterion.noiseless or criterion.key not in errors:
                 continue
-            others = {layout: row[each.key] for layout, row in self.criteria.items() if each.key in row}
+            others = {layout: row[criterion.key] for layout, row in self.criteria.items() if criterion.key in row}
             best = min(others, key=lambda layout: others[layout])
-            if own[each.key] <= others[best] * (1 + WORSE):
+            if errors[criterion.key] <= others[best] * (1 + WORSE):
                 continue
-            error, least = (f"{value * each.factor:.3g}" for value in (own[each.key], others[best]))
+            error, least = (f"{value * criterion.factor:.3g}" for value in (errors[criterion.key], others[best]))
             # Nearly collinear dots determine a pose, but hardly the homography that estimators begin with.
             flat = OBJECTIVES[name].planar_only
-            better = own[each.key] > others.get(NGON, np.inf)
+            better = errors[criterion.key] > others.get(NGON, np.inf)
             bounded = f" or --objective '{self.spec.objective}, {name} <= {NGON}'" if better else ""
-            found.append(
-                f"the layout is weak for {'a ' * flat}{name}, off by {error} {each.title.rpartition(' ')[2]} "
+            warnings.append(
+                f"the layout is weak for {'a ' * flat}{name}, off by {error} {criterion.title.rpartition(' ')[2]} "
                 f"({LAYOUTS[best]}: {least}){', and estimators that begin with one may flip' * flat}; "
                 f"use --objective {name}{bounded}, or more dots"
             )
-        return found
+        return warnings
 
 
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
@@ -335,16 +339,16 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         homography, or no layout was found with the demanded label safety.
     """
     wanted: list[float] = []
-    found = _design(spec, progress, traced, watch, wanted)
-    gap = wanted[0] if wanted else _wanted_gap(found.marker.xyz, found.dots, found.setting, found.spec)
+    result = _design(spec, progress, traced, watch, wanted)
+    gap = wanted[0] if wanted else _wanted_gap(result.marker.xyz, result.dots, result.setting, result.spec)
     if not gap:
-        return found
+        return result
     try:
-        apart = _design(replace(found.spec, gap=gap), progress, traced, watch)
+        apart = _design(replace(result.spec, gap=gap), progress, traced, watch)
     except InputError as error:
         log.info("no gap of %s: %s", format_length(gap), error)
-        return _design(spec, progress, traced, watch) if wanted else found
-    return replace(apart, seconds=found.seconds + apart.seconds)
+        return _design(spec, progress, traced, watch) if wanted else result
+    return replace(apart, seconds=result.seconds + apart.seconds)
 
 
 def _wanted_gap(points: Array, dots: DotSize, setting: Setting, spec: Spec) -> float:
@@ -415,9 +419,9 @@ def _design(
     value = float(objective(points[None])[0])
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
-    found = Design(marker, setting, dots, table, spec, labels, value, perf_counter() - begin, trace)
-    log.info("designed %r in %.1f s", marker, found.seconds)
-    return found
+    result = Design(marker, setting, dots, table, spec, labels, value, perf_counter() - begin, trace)
+    log.info("designed %r in %.1f s", marker, result.seconds)
+    return result
 
 
 def upright(
@@ -436,7 +440,7 @@ def upright(
     values = np.where(region.holds(plane), objective(candidates), np.inf)
     most = float(objective(points[None])[0]) * (1 + UPRIGHT)
     best = (candidates[i] for i in np.argsort(values, kind="stable") if values[i] <= most)
-    return next((each for each in best if allowed is None or allowed(each)), points)
+    return next((candidate for candidate in best if allowed is None or allowed(candidate)), points)
 
 
 def _check_homography(row: Criteria, spec: Spec) -> None:
@@ -451,14 +455,14 @@ def _check_homography(row: Criteria, spec: Spec) -> None:
 
 def _effort(seconds: float) -> str:
     """Duration of the design and, where available, peak memory of the process, in words."""
-    words = f"found in {seconds:.1f} s"
+    duration = f"found in {seconds:.1f} s"
     try:
         import resource
     except ImportError:  # Windows
-        return words
+        return duration
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in kB, macOS in bytes.
-    return f"{words}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most"
+    return f"{duration}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most"
 
 
 def _safe(points: Array, spec: Spec, setting: Setting) -> bool:

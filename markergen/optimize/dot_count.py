@@ -123,13 +123,13 @@ def least_sizes(
     slopes = np.nan_to_num(image_slopes(image_jacobian(boundary.rim(RIM), camera, poses), poses))
     area = np.sqrt(np.abs(np.linalg.det(slopes)))
     narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
-    found = []
+    sizes = []
     for pixels, scale in ((RELIABLE_PIXELS * image.size_factor, area), (GAP_PIXELS * image.gap_factor, narrow)):
         worst = np.sort(scale.min(axis=1))[int((1 - share) * len(poses) + 1e-9)]
         if not worst:
             raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
-        found.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))
-    return found[0], found[1]
+        sizes.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))
+    return sizes[0], sizes[1]
 
 
 @dataclass(frozen=True)
@@ -159,15 +159,15 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
     """
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
     forecaster = Forecaster(spec, poses, sources_of(spec))
-    known = forecaster.by_count(progress)
-    least = forecaster.refined(min(known.values(), key=lambda each: each.value))
+    forecasts = forecaster.by_count(progress)
+    least = forecaster.refined(min(forecasts.values(), key=lambda forecast: forecast.value))
     # Forecasts are above what polishing finds, the more so the more freedom the dots have.
-    low, high = next(n for n, each in known.items() if each.value <= HOPEFUL * least.value), least.n
+    low, high = next(n for n, forecast in forecasts.items() if forecast.value <= HOPEFUL * least.value), least.n
     chosen = least
     while low < high:
         if progress:
             progress("refinement", least.n - high + low, least.n)
-        tried = forecaster.refined(known[(low + high) // 2])
+        tried = forecaster.refined(forecasts[(low + high) // 2])
         if tried.value <= NEAR_BEST * least.value and _safe(tried, Setting(spec.boundary, spec.camera, poses), spec):
             high, chosen = tried.n, tried
         else:
@@ -204,30 +204,30 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     """
 
     def degrees(points: Array, diameter: float) -> str:
-        found = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
-        return f"{np.sqrt(np.mean(found**2)):.3g} deg"
+        budget = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
+        return f"{np.sqrt(np.mean(budget**2)):.3g} deg"
 
     slopes = image_slopes(image_jacobian(points, setting.camera, setting.poses), setting.poses)
     spread = np.trace(dot_covariances(slopes, diameter, spec.image_noise), axis1=-2, axis2=-1)
-    said = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
-    said += "" if sources.camera_covariance is not None else " and an exact calibration"
-    said += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px per axis"
+    text = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
+    text += "" if sources.camera_covariance is not None else " and an exact calibration"
+    text += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px per axis"
     try:
         forecaster = at_a_glance(spec, setting.poses, sources)
-        known = forecaster.by_count(most=1)
+        forecasts = forecaster.by_count(most=1)
     except InputError:
-        return said
+        return text
     now = forecaster.value(points, diameter)
-    more = {n: each for n, each in known.items() if n > len(points) and each.value < now / WORTH}
+    more = {n: forecast for n, forecast in forecasts.items() if n > len(points) and forecast.value < now / WORTH}
     if not more:
-        return said
-    least = min(each.value for each in more.values())
-    best = next(each for each in more.values() if each.value <= NEAR_BEST * least)
-    half = next((each for each in more.values() if each.value <= now / 2), None)
+        return text
+    least = min(forecast.value for forecast in more.values())
+    best = next(forecast for forecast in more.values() if forecast.value <= NEAR_BEST * least)
+    half = next((forecast for forecast in more.values() if forecast.value <= now / 2), None)
     if half and half.n < best.n:
         size = format_length(half.diameter)
-        said += f"\nhalf the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}"
-    return f"{said}\nabout the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
+        text += f"\nhalf the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}"
+    return f"{text}\nabout the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
 
 
 def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "Forecaster":
@@ -248,9 +248,9 @@ def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
     from scipy.spatial.distance import pdist
 
     poses, first = setting.poses, np.triu_indices(forecast.n, 1)
-    near = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
+    nearest = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
     seen = spec.camera.project(forecast.points, poses.rotation, poses.translation)
-    gaps = seen[:, first[0][near]] - seen[:, first[1][near]]
+    gaps = seen[:, first[0][nearest]] - seen[:, first[1][nearest]]
     return float(np.linalg.norm(gaps, axis=-1).min()) / 2 >= SAFE_PX
 
 
@@ -286,11 +286,11 @@ class Forecaster:
         self.gap = spec.gap or gap
         self.most = max(n for n in range(5, MOST_POINTS + 1) if comb(n, spec.survive) <= MOST_LOSSES)
         if not issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective):
-            known = (name for name in OBJECTIVES if issubclass(OBJECTIVES[name], PoseCovarianceObjective))
+            names = (name for name in OBJECTIVES if issubclass(OBJECTIVES[name], PoseCovarianceObjective))
             raise InputError(
                 "an objective that is the error of a pose, for the number of dots",
                 f"objective={spec.objective!r}",
-                f"use --objective {either(known)}, or give --n",
+                f"use --objective {either(names)}, or give --n",
             )
 
     def diameters(self) -> Iterator[float]:
@@ -341,9 +341,11 @@ class Forecaster:
         table = exchange_table(objective, np.concatenate([forecast.points, places(region, forecast.n)]))
         layout = table.places[exchange(table, region.spacing, np.arange(forecast.n))]
         polished, _ = polish(objective, region, layout, QUICK)
-        found = [each for each in (layout, polished) if region.holds(each[None])[0]]
-        each = [replace(forecast, points=points, value=self.value(points, forecast.diameter)) for points in found]
-        return min([forecast, *each], key=lambda one: one.value)
+        layouts = [candidate for candidate in (layout, polished) if region.holds(candidate[None])[0]]
+        forecasts = [
+            replace(forecast, points=points, value=self.value(points, forecast.diameter)) for points in layouts
+        ]
+        return min([forecast, *forecasts], key=lambda candidate: candidate.value)
 
     def value(self, points: Array, diameter: float) -> float:
         """Objective with all sources of dots of one diameter in m at points (n, 2) in m."""
@@ -357,11 +359,11 @@ class Forecaster:
 
     def _objective(self, diameter: float) -> PoseCovarianceObjective:
         noise = DotNoise(diameter, self.spec.image_noise, self.sources.print_sigma)
-        found = OBJECTIVES[parse_goal(self.spec.objective).lead](
+        objective = OBJECTIVES[parse_goal(self.spec.objective).lead](
             replace(self.setting, noise=noise), self.spec.aggregate
         )
-        assert isinstance(found, PoseCovarianceObjective)
-        return found
+        assert isinstance(objective, PoseCovarianceObjective)
+        return objective
 
     def _order(self, sites: Array, diameter: float) -> NDArray[np.intp]:
         """Order (m,) in which dots are added at sites (C, 2) in m, each where it helps most."""
@@ -387,12 +389,12 @@ class Forecaster:
             normalized = perspective(to_camera(points, poses.rotation, poses.translation))
             together.append(camera.parameter_jacobian(normalized) @ (axes * np.sqrt(np.maximum(size, 0.0))))
         moved = np.concatenate(together, axis=-1)
-        found = covariance(np.cumsum(weighed @ jacobian, axis=1)[:, 3:])
+        pose_covariance = covariance(np.cumsum(weighed @ jacobian, axis=1)[:, 3:])
         # Four dots in one line determine no pose: their covariance is infinite.
         with np.errstate(invalid="ignore"):
-            shared = found @ np.cumsum(weighed @ moved, axis=1)[:, 3:]
+            shared = pose_covariance @ np.cumsum(weighed @ moved, axis=1)[:, 3:]
             variance = np.trace(
-                objective.weight[:, None] @ (found + shared @ shared.swapaxes(-1, -2)), axis1=-2, axis2=-1
+                objective.weight[:, None] @ (pose_covariance + shared @ shared.swapaxes(-1, -2)), axis1=-2, axis2=-1
             )
             values = np.sqrt(np.where(variance > 0, variance, np.inf)).T
             return np.nan_to_num(objective.aggregated(values, 0.0)[0], nan=np.inf)

@@ -193,10 +193,10 @@ def crowding(
 
     Between two dots of diameter d at a distance L, images s px apart leave a gap of s (1 - d / L).
     """
-    one, other = np.triu_indices(len(points), 1)
-    apart = np.linalg.norm(points[one] - points[other], axis=-1)
+    first, second = np.triu_indices(len(points), 1)
+    apart = np.linalg.norm(points[first] - points[second], axis=-1)
     pixels = camera.project(points, poses.rotation, poses.translation)
-    gaps = np.linalg.norm(pixels[:, one] - pixels[:, other], axis=-1) * (1 - diameter / apart)
+    gaps = np.linalg.norm(pixels[:, first] - pixels[:, second], axis=-1) * (1 - diameter / apart)
     least = np.nan_to_num(gaps).min(axis=1)
     narrow = float(np.sort(least)[int(CROWDED * len(poses))])
     blot, safe = (gap * image.gap_factor for gap in (BLOT_PX, SAFE_GAP_PX))
@@ -210,12 +210,12 @@ def crowded(
     points: Array, diameter: float, camera: Camera, poses: PoseDistribution, image: ImageNoise = USUAL_IMAGE
 ) -> list[str]:
     """Warnings about `crowding`."""
-    found = crowding(points, diameter, camera, poses, image)
-    if found is None:
+    finding = crowding(points, diameter, camera, poses, image)
+    if finding is None:
         return []
-    remedy = f"use --gap {1e3 * found.gap:g}mm" if found.gap < diameter else "use fewer or smaller dots"
-    said = f"dots look less than {found.least_px:.2g} px apart in {found.share:.0%} of the poses"
-    return [f"{said}, where images run together: {remedy}"]
+    remedy = f"use --gap {1e3 * finding.gap:g}mm" if finding.gap < diameter else "use fewer or smaller dots"
+    sentence = f"dots look less than {finding.least_px:.2g} px apart in {finding.share:.0%} of the poses"
+    return [f"{sentence}, where images run together: {remedy}"]
 
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
@@ -252,8 +252,8 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
     if least < room:
         scan = np.geomspace(least, room, SCANNED)
         best = int(np.argmin([predicted(float(diameter)) for diameter in scan]))
-        found = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
-        candidates.append(float(np.clip(round(found, 4), least, room)))
+        minimum = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
+        candidates.append(float(np.clip(round(minimum, 4), least, room)))
     # The search never reaches the ends of its interval, so they are evaluated separately.
     diameter = min(candidates, key=predicted)
     value = predicted(diameter)
@@ -282,8 +282,8 @@ class _Prediction:
             points, value = polish(objective, region, self._start(region), STEPS)
         else:
             rng, rough = np.random.default_rng(spec.seed), rough_of(spec, setting)
-            found = search(objective, region, spec.n, rng, RESTARTS, rough=rough)
-            points, value = found.points, found.value
+            optimum = search(objective, region, spec.n, rng, RESTARTS, rough=rough)
+            points, value = optimum.points, optimum.value
         self._found[diameter] = points, value
         return value
 
@@ -299,7 +299,7 @@ class _Prediction:
 
     def _start(self, region: FeasibleRegion) -> Array:
         """Layout (n, 2) of the nearest diameter tried before, scaled with the available room."""
-        nearest = min(self._found, key=lambda known: abs(known - region.diameter))
+        nearest = min(self._found, key=lambda diameter: abs(diameter - region.diameter))
         before = FeasibleRegion(region.boundary, nearest, clearance_of(self._spec, nearest))
         scale = (region.boundary.radius - region.inset) / (region.boundary.radius - before.inset)
         start = region.project((self._found[nearest][0] * scale)[None])
@@ -318,13 +318,13 @@ def _minimum(predicted: Callable[[float], float], low: float, high: float) -> fl
     from scipy.optimize import minimize_scalar
 
     # The minimum is flat: an error of 1 % costs nothing, so 0.1 % is fine enough.
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda log_diameter: np.log(predicted(float(np.exp(log_diameter)))),
         bounds=(np.log(low), np.log(high)),
         method="bounded",
         options={"xatol": 1e-3},
     )
-    return float(np.exp(found.x))
+    return float(np.exp(minimum.x))
 
 
 def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: float) -> str:
@@ -352,7 +352,7 @@ def _warning(spec: Spec, predicted: _Prediction, diameter: float) -> str:
         return ""
     usual = ErrorSources.print_sigma
     image, total = predicted.by_diameter(0.0), predicted.by_diameter(usual)
-    better = min(total, key=lambda known: total[known])
+    better = min(total, key=lambda candidate: total[candidate])
     if total[diameter] - total[better] <= image[better] - image[diameter]:
         return ""
     return (

@@ -47,9 +47,9 @@ def places(region: FeasibleRegion, n: int) -> Array:
     lattice = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     lattice += (rim.min(axis=0) + rim.max(axis=0)) / 2
     # Lattice points within half a pitch of the edge would duplicate those on it.
-    found = np.concatenate([rim, lattice[boundary.depth(lattice) >= region.inset + pitch / 2]])
-    found = found[boundary.depth(found) >= region.inset - 1e-10]
-    return np.asarray(found[np.unique(np.round(found / (1e-3 * boundary.radius)), axis=0, return_index=True)[1]])
+    sites = np.concatenate([rim, lattice[boundary.depth(lattice) >= region.inset + pitch / 2]])
+    sites = sites[boundary.depth(sites) >= region.inset - 1e-10]
+    return np.asarray(sites[np.unique(np.round(sites / (1e-3 * boundary.radius)), axis=0, return_index=True)[1]])
 
 
 class ExchangeTable(ABC):
@@ -109,9 +109,9 @@ class TraceExchangeTable(ExchangeTable):
 
     def joined(self, more: Array) -> Self:
         """See `ExchangeTable`."""
-        table, told = super().joined(more), self._tell(more)
-        table._told = np.concatenate([told, self._told], axis=1)
-        table._products = np.concatenate([_products(told), self._products], axis=1)
+        table, information = super().joined(more), self._tell(more)
+        table._told = np.concatenate([information, self._told], axis=1)
+        table._products = np.concatenate([_products(information), self._products], axis=1)
         return table
 
     def _tell(self, places: Array) -> Array:
@@ -128,24 +128,24 @@ class TraceExchangeTable(ExchangeTable):
         i, j = self._upper
         both = np.stack([inverse[:, i, j], weighed[:, i, j]], axis=-1)[:, None]
         products = self._products if len(candidates) == len(self.places) else self._products[:, candidates]
-        found = products @ both
-        (s, x), (t, y), (u, z) = (np.moveaxis(found[:, :, i], -1, 0) for i in range(3))
+        entries = products @ both
+        (s, x), (t, y), (u, z) = (np.moveaxis(entries[:, :, i], -1, 0) for i in range(3))
         gain = ((1 + t) * x - 2 * u * z + (1 + s) * y) / ((1 + s) * (1 + t) - u * u)
         trace = np.einsum("pij,pij->p", self._objective.weight, inverse)[:, None] - gain
         return self._aggregate(np.sqrt(np.maximum(trace, 1e-300)).T, 0.0)[0]
 
 
-def _products(told: Array) -> Array:
+def _products(information: Array) -> Array:
     """Rows (P, C, 3, k (k+1)/2) whose products with the upper triangle of a symmetric X are the entries of R X R'.
 
     R, with R'R = I, consists of two scaled eigenvectors of I (P, C, k, k), whose other eigenvalues are zero.
     """
-    size, vectors = np.linalg.eigh(told)
+    size, vectors = np.linalg.eigh(information)
     rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
     a, b = rows[..., 0], rows[..., 1]
-    i, j = np.triu_indices(told.shape[-1])
+    i, j = np.triu_indices(information.shape[-1])
     pairs = ((a, a), (b, b), (a, b))
-    mixed = [one[..., i] * other[..., j] + one[..., j] * other[..., i] for one, other in pairs]
+    mixed = [left[..., i] * right[..., j] + left[..., j] * right[..., i] for left, right in pairs]
     return np.asarray(np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0))
 
 
@@ -175,9 +175,9 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
     """
     layout, close = layout.copy(), too_close(table.apart, spacing)
     # The exchange ends once every dot in succession has failed to find a better place.
-    still = turn = 0
-    while still < len(layout) and turn < min(SWEEPS * len(layout), TURNS):
-        i = turn % len(layout)
+    still = step = 0
+    while still < len(layout) and step < min(SWEEPS * len(layout), TURNS):
+        i = step % len(layout)
         rest = np.delete(layout, i)
         free = np.flatnonzero(~close[rest].any(axis=0) | (np.arange(len(close)) == layout[i]))
         values = table.values(rest, free)
@@ -186,7 +186,7 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
         if moved:
             layout[i] = free[best]
         still = 0 if moved else still + 1
-        turn += 1
+        step += 1
     return layout
 
 

@@ -34,21 +34,21 @@ def size_given(spec: Spec, poses: PoseDistribution) -> DotSize:
     asked = spec.dot if isinstance(spec.dot, float) else None
     wanted = wanted_diameter(spec.camera, poses, spec.image_noise) if asked is None else asked
     diameter = wanted if asked is not None else max(STEP, min(wanted, _largest(spec)))
-    said = "as asked" if asked is not None else "for the camera" if diameter == wanted else "the largest that fits"
-    words = f"{format_length(diameter)}, {said}, {pixels_in_words(diameter, spec, poses)}"
-    return DotSize(diameter, clearance_of(spec, diameter), words)
+    reason = "as asked" if asked is not None else "for the camera" if diameter == wanted else "the largest that fits"
+    description = f"{format_length(diameter)}, {reason}, {pixels_in_words(diameter, spec, poses)}"
+    return DotSize(diameter, clearance_of(spec, diameter), description)
 
 
 def _largest(spec: Spec) -> float:
     """Largest diameter in m, a whole tenth of a mm, that the spec's points leave room for; 0 or less if none."""
     points = np.array(spec.points)[:, :2]
-    near = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(len(points), 1)].min()
+    closest = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(len(points), 1)].min()
     depth = room_of(spec).depth(points[None]).min()
     if spec.clearance is None:
-        most = min(near / (1 + CLEARANCE), depth / (0.5 + CLEARANCE))
+        most = min(closest / (1 + CLEARANCE), depth / (0.5 + CLEARANCE))
     else:
-        most = min(near - spec.clearance, 2 * (depth - spec.clearance))
-    return float(np.floor(min(most, near - spec.gap) / STEP + 1e-6) * STEP)
+        most = min(closest - spec.clearance, 2 * (depth - spec.clearance))
+    return float(np.floor(min(most, closest - spec.gap) / STEP + 1e-6) * STEP)
 
 
 def faults(points: Array, region: FeasibleRegion) -> list[Fault]:
@@ -56,17 +56,17 @@ def faults(points: Array, region: FeasibleRegion) -> list[Fault]:
     plane = points[:, :2]
     room = region.boundary
     whole = room.boundary if isinstance(room, Without) else room
-    outside, beyond = (region.inset - each.depth(plane[None])[0] for each in (room, whole))
-    found = []
+    outside, beyond = (region.inset - area.depth(plane[None])[0] for area in (room, whole))
+    breaches = []
     for dot in np.flatnonzero(outside > TOLERANCE).tolist():
         at_edge = beyond[dot] == outside[dot]
         where = "the edge of the room, or beyond it" if at_edge else "a region without dots, or in it"
-        found.append(Fault((dot,), f"dot {dot} is {format_length(outside[dot])} too near to {where}"))
+        breaches.append(Fault((dot,), f"dot {dot} is {format_length(outside[dot])} too near to {where}"))
     short = region.spacing - np.linalg.norm(plane[:, None] - plane, axis=-1)
-    for one, other in np.argwhere(np.triu(short > TOLERANCE, 1)).tolist():
-        words = f"dots {one} and {other} are {format_length(short[one, other])} too near to each other"
-        found.append(Fault((one, other), words))
-    return found
+    for first, second in np.argwhere(np.triu(short > TOLERANCE, 1)).tolist():
+        sentence = f"dots {first} and {second} are {format_length(short[first, second])} too near to each other"
+        breaches.append(Fault((first, second), sentence))
+    return breaches
 
 
 def refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: Setting) -> None:
@@ -77,20 +77,20 @@ def refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: Se
     InputError
         Naming the first fault.
     """
-    if found := faults(points, region):
-        more = f", and {len(found) - 1} more" * (len(found) > 1)
+    if breaches := faults(points, region):
+        more = f", and {len(breaches) - 1} more" * (len(breaches) > 1)
         dots = f"dots of {format_length(region.diameter)} with {format_length(region.clearance)} clearance"
         raise InputError(
             f"points with room for {dots}",
-            f"{found[0].words}{more}",
+            f"{breaches[0].words}{more}",
             "move them, or give a smaller --dot",
         )
     if spec.relief:
         worst = relief_breach(points, spec.relief, region.diameter, region.clearance, eyes_of(setting.poses))
         if worst > TOLERANCE:
-            said = f"one that is {format_length(worst)} too high, too low, or in the way of another"
+            breach = f"one that is {format_length(worst)} too high, too low, or in the way of another"
             raise InputError(
-                f"points of a relief of {format_length(spec.relief)}", said, "move it, or allow more --relief"
+                f"points of a relief of {format_length(spec.relief)}", breach, "move it, or allow more --relief"
             )
     if spec.asymmetric:
         safety = layout_safety(points, setting, keyed=False).least

@@ -172,8 +172,8 @@ def asymmetric_search(
     if record:
         record("shaken", np.tile(free.points, (len(shaken), 1, 1)), shaken)
     starts = np.concatenate([shaken, region.sample(restarts or RANDOM, n, rng)])
-    found = [_Candidate(free.points, free.value, layout_safety(free.points, objective.setting, keyed=False))]
-    if found[0].safety.least < px:
+    candidates = [_Candidate(free.points, free.value, layout_safety(free.points, objective.setting, keyed=False))]
+    if candidates[0].safety.least < px:
         looked = representative(objective.setting.poses, LOOKED)
         followed = representative(objective.setting.poses, FOLLOWED)
         layouts, bar = list[_Layout](), np.inf
@@ -183,14 +183,14 @@ def asymmetric_search(
             layouts.append(_cut(start, px, _Cuts(objective, region, record, looked, followed), bar))
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
                 bar = min(bar, layouts[-1].value)
-        layouts = [each for each in layouts if region.holds(each.points[None])[0]]
+        layouts = [layout for layout in layouts if region.holds(layout.points[None])[0]]
         # Layouts that lack little are finished with the others.
-        layouts.sort(key=lambda each: (max(HOPELESS * px - each.px, 0.0), each.value))
-        for done, each in enumerate(layouts[:FINALISTS], start=1):
-            found += _finished(each, px)
+        layouts.sort(key=lambda layout: (max(HOPELESS * px - layout.px, 0.0), layout.value))
+        for done, layout in enumerate(layouts[:FINALISTS], start=1):
+            candidates += _finished(layout, px)
             if progress:
                 progress("asymmetric", len(starts) + done, len(starts) + FINALISTS)
-    best = min(found, key=lambda each: each.rank(px))
+    best = min(candidates, key=lambda candidate: candidate.rank(px))
     return AsymmetricOptimum(best.points, best.value, best.safety, px, free)
 
 
@@ -236,18 +236,18 @@ class _Cuts:
     def add(self, points: Array, px: float) -> float:
         """Search for rivals of points (n, 2), keep those nearer than `NEAR` times px, and return the safety."""
         scene = self.scene(points)
-        found = find_rivals(scene, self.looked)
+        rivals = find_rivals(scene, self.looked)
         if self.rivals is not None:
-            found = found.joined(scene.refit(self.rivals))
-        labelings = np.unique(found.take(self._chosen(found, np.inf, 1)).labeling, axis=0)
+            rivals = rivals.joined(scene.refit(self.rivals))
+        labelings = np.unique(rivals.take(self._chosen(rivals, np.inf, 1)).labeling, axis=0)
         poses = self.followed
-        found = found.joined(scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(poses, len(labelings))))
-        self.keep(found, px)
-        return float(found.px.min())
+        rivals = rivals.joined(scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(poses, len(labelings))))
+        self.keep(rivals, px)
+        return float(rivals.px.min())
 
-    def keep(self, found: Rivals, px: float) -> None:
-        """Add the rivals in `found` that are nearer than `NEAR` times px to the constraints."""
-        new = found.take(self._chosen(found, NEAR * px, CUT_POSES))
+    def keep(self, rivals: Rivals, px: float) -> None:
+        """Add those of the rivals that are nearer than `NEAR` times px to the constraints."""
+        new = rivals.take(self._chosen(rivals, NEAR * px, CUT_POSES))
         self.rivals = new if self.rivals is None else _without_repeats(self.rivals.joined(new))
 
     def scene(self, points: Array) -> SeenLayout:
@@ -275,7 +275,7 @@ class _Cuts:
         nearest = np.sort(first)
         per_dot = rivals.take(order[nearest]).best_per_dot(CUTS_PER_DOT)
         labelings = np.unique(np.concatenate([group.ravel()[nearest[:CUTS]], group.ravel()[nearest[per_dot]]]))
-        chosen = np.concatenate([order[group.ravel() == one][:poses] for one in labelings])
+        chosen = np.concatenate([order[group.ravel() == labeling][:poses] for labeling in labelings])
         return chosen[rivals.px[chosen] < limit]
 
 
@@ -330,18 +330,18 @@ def _cut(start: Array, px: float, cuts: _Cuts, bar: float) -> _Layout:
 
 def _finished(layout: _Layout, px: float) -> list["_Candidate"]:
     """Examine a layout from all poses, and cut it by the rivals found there."""
-    points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
+    points, cuts, candidates = layout.points, layout.cuts, list[_Candidate]()
     objective, region = cuts.objective, cuts.region
     for finish in range(FINISHES + 1):
         rivals = worst_rivals(cuts.scene(points))
         safety = safety_of(cuts.scene(points), rivals=rivals)
         if region.holds(points[None])[0]:
-            found.append(_Candidate(points, float(objective(points[None])[0]), safety))
+            candidates.append(_Candidate(points, float(objective(points[None])[0]), safety))
         if safety.least >= px or finish == FINISHES or layout.px < HOPELESS * px:
             break
         cuts.keep(rivals, px)
         points = _polish(points, px * (1 + SLACK), cuts)
-    return found
+    return candidates
 
 
 def _polish(start: Array, px: float, cuts: _Cuts) -> Array:
@@ -355,14 +355,14 @@ def _polish(start: Array, px: float, cuts: _Cuts) -> Array:
     reach = np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * scale
     clear = Clearances(region, start, reach, scale)
     softness = SOFTNESS if objective.nonsmooth else 0.0
-    known: dict[bytes, tuple[Array, Array]] = {}
+    computed: dict[bytes, tuple[Array, Array]] = {}
 
     def safety(x: Array) -> tuple[Array, Array]:
         key = x[:-1].tobytes()
-        if key not in known:
-            known.clear()
-            known[key] = cuts.safety(x[:-1].reshape(n, 2) * scale)
-        return known[key]
+        if key not in computed:
+            computed.clear()
+            computed[key] = cuts.safety(x[:-1].reshape(n, 2) * scale)
+        return computed[key]
 
     def cost(x: Array) -> tuple[float, Array]:
         value, gradient = objective.value_and_gradient(x[:-1].reshape(1, n, 2) * scale, softness)

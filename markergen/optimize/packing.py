@@ -97,7 +97,7 @@ def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: fl
     n, scale = (len(x) - 1) // 2, region.boundary.radius
     points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach
     gap, most_gap = offset + tenth * d, offset + tenth * most
-    near = contacts(
+    touching = contacts(
         region.walls,
         points,
         min((d / 2 + gap) * scale, float(region.boundary.depth(points).min())),
@@ -108,15 +108,15 @@ def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: fl
     def slack(x: Array) -> Array:
         points, d = x[:-1].reshape(n, 2), x[-1]
         gap = offset + tenth * d
-        distance = np.linalg.norm(near.apart(points), axis=-1)
-        return np.concatenate([near.room(points * scale) / scale - d / 2 - gap, distance - d - gap])
+        distance = np.linalg.norm(touching.apart(points), axis=-1)
+        return np.concatenate([touching.room(points * scale) / scale - d / 2 - gap, distance - d - gap])
 
     def slack_jacobian(x: Array) -> Array:
         points = x[:-1].reshape(n, 2)
-        apart = near.apart(points)
+        apart = touching.apart(points)
         unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-12)
-        by_points = np.concatenate([near.room_jacobian(points * scale), near.apart_jacobian(points, unit)])
-        walls, pairs = len(near.dot), len(near.first)
+        by_points = np.concatenate([touching.room_jacobian(points * scale), touching.apart_jacobian(points, unit)])
+        walls, pairs = len(touching.dot), len(touching.first)
         by_diameter = np.concatenate([np.full(walls, -0.5 - tenth), np.full(pairs, -1.0 - tenth)])
         return np.concatenate([by_points.reshape(walls + pairs, -1), by_diameter[:, None]], axis=1)
 
@@ -148,8 +148,8 @@ def lattice(boundary: Boundary, diameter: float, clearance: float, gap: float = 
     sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     shifts = np.stack(np.meshgrid(np.arange(4) / 4, np.arange(4) / 4), axis=-1).reshape(-1, 1, 2) * pitch
     # A disk is invariant under rotation.
-    turns = [turn_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
-    placed = np.concatenate([(sites + shifts) @ turn for turn in turns])
+    rotations = [turn_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
+    placed = np.concatenate([(sites + shifts) @ rotation for rotation in rotations])
     # A billionth of the pitch is a tolerance for rounding in dots that touch the outline.
     inset = diameter / 2 + clearance - 1e-9 * pitch
     # The circumscribed circle excludes most sites quickly.
@@ -165,9 +165,9 @@ def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None) -> tup
     points = np.zeros((n, 2))
     for _ in range(30):
         middle = (low + high) / 2
-        found = lattice(boundary, middle, middle / 10 if clearance is None else clearance)
-        if len(found) >= n:
-            low, points = middle, found[:n]
+        sites = lattice(boundary, middle, middle / 10 if clearance is None else clearance)
+        if len(sites) >= n:
+            low, points = middle, sites[:n]
         else:
             high = middle
     return points, low

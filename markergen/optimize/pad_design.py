@@ -86,10 +86,10 @@ class PadDesign(Design):
         ]
         start = 0
         for scale, safe in zip(self.scales, self.safety, strict=True):
-            near, far = scale.poses.distance.min(), scale.poses.distance.max()
+            nearest, farthest = scale.poses.distance.min(), scale.poses.distance.max()
             lines.append(
                 f"{len(scale.points)} dots of {format_length(scale.diameter)} in a {scale.spec.boundary}, the whole in "
-                f"view from {near:.3g} to {far:.3g} m; dot {start} is their key ring; {safe.sentence}"
+                f"view from {nearest:.3g} to {farthest:.3g} m; dot {start} is their key ring; {safe.sentence}"
             )
             start += len(scale.points)
         return "\n".join(lines)
@@ -142,7 +142,7 @@ def distance_table(
         body.append([
             f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
             f"{least} to {most}" if least < most else str(least),
-            *(percent(each / row["poses"]) for each in row["serving"]), *more,
+            *(percent(count / row["poses"]) for count in row["serving"]), *more,
         ])  # fmt: skip
     return Table(
         "What each distance is served by",
@@ -155,10 +155,10 @@ def distance_table(
 
 def _covariance(covered: Coverage, spec: Spec) -> Array:
     """Least covariance (P, 6, 6) of the pose from the dots in view; inf where they do not serve."""
-    found = np.full((len(covered.poses), 6, 6), np.inf)
+    covariances = np.full((len(covered.poses), 6, 6), np.inf)
     total = dot_information(covered, spec.camera, spec.image_noise, spec.print_sigma).sum(axis=1)
-    found[covered.served] = covariance(total[covered.served])
-    return found
+    covariances[covered.served] = covariance(total[covered.served])
+    return covariances
 
 
 def design_pad(spec: Spec, progress: Progress | None = None) -> PadDesign:
@@ -186,9 +186,9 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> PadDesign:
     check(points, spec.boundary, spec.blocked, diameters, clearance)
     safety: list[LabelSafety] = []
     for scale in scales:
-        start = sum(len(each.ids) for each in safety)
-        found = layout_safety(scale.points, scale.setting, keyed=True)
-        safety.append(replace(found, ids=tuple(range(start, start + len(scale.points)))))
+        start = sum(len(labels.ids) for labels in safety)
+        label_safety = layout_safety(scale.points, scale.setting, keyed=True)
+        safety.append(replace(label_safety, ids=tuple(range(start, start + len(scale.points)))))
     _check_figures(scales)
     covered = coverage(marker, spec.camera, poses)
     errors = values_of(covered, spec)
@@ -196,12 +196,12 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> PadDesign:
     value = aggregated(errors[served], spec, poses.taken(served, 0))
     setting = Setting(spec.boundary, spec.camera, poses.taken(served, len(poses) - len(served)))
     noise = DotNoise(scales[0].diameter, spec.image_noise, spec.print_sigma)
-    said = str(noise).replace(f" of {format_length(scales[0].diameter)} dots", "")
+    noise_text = str(noise).replace(f" of {format_length(scales[0].diameter)} dots", "")
     sizes = ", ".join(f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales)
-    dots = DotSize(scales[0].diameter, clearance, said)
+    dots = DotSize(scales[0].diameter, clearance, noise_text)
     row = _criteria(covered, spec)
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)
-    marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {said}", {"design": row}))
+    marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {noise_text}", {"design": row}))
     return PadDesign(
         marker, setting, dots, {"design": row}, spec, None, value, perf_counter() - begin,
         scales=scales, safety=tuple(safety), covered=covered, errors=errors,
@@ -213,7 +213,7 @@ def _criteria(covered: Coverage, spec: Spec) -> Criteria:
     served = np.flatnonzero(covered.served)
     pose, poses = _covariance(covered, spec)[served], covered.poses.taken(served, 0)
     total = aggregate_of("rms", poses.weight)
-    bounds = {each.key: each.bound for each in columns().values() if each.bound}
+    bounds = {criterion.key: criterion.bound for criterion in columns().values() if criterion.bound}
     return {key: float(total(bound(pose[None], poses), 0.0)[0][0]) for key, bound in bounds.items()}
 
 
@@ -225,7 +225,7 @@ def _check_figures(scales: tuple[Scale, ...]) -> None:
     RuntimeError
         If a layout is nearly an affine image of dots of another one, key ring on key ring.
     """
-    for one in scales:
-        for other in scales:
-            if one is not other and likeness(one.points, other.points) < ALIKE:
-                raise RuntimeError(f"constellations of {one.diameter} and {other.diameter} m are alike")
+    for first in scales:
+        for second in scales:
+            if first is not second and likeness(first.points, second.points) < ALIKE:
+                raise RuntimeError(f"constellations of {first.diameter} and {second.diameter} m are alike")

@@ -106,8 +106,8 @@ class Clearances:
         # Distances between dots change by at most twice this.
         diagonal = np.sqrt(2) * reach
         to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
-        near = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
-        self._near = near if moving is None else near.of(moving)
+        within_reach = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
+        self._near = within_reach if moving is None else within_reach.of(moving)
         self._inset, self._scale, self._unit = region.inset, region.boundary.radius, unit
         self._radius = self._scale / unit
         self._least = (region.spacing / self._scale) ** 2

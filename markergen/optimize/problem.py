@@ -120,11 +120,11 @@ def objective_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Obj
 
 def _part(spec: Spec, setting: Setting, name: str, aggregate: str) -> Objective:
     """One criterion of a spec's objective, after the worst loss of dots if the spec asks for it."""
-    kinds = [OBJECTIVES[each] for each in parse_goal(spec.objective).names]
+    kinds = [OBJECTIVES[term] for term in parse_goal(spec.objective).names]
     # Of several criteria, only those that depend on the coordinates need to know them.
-    known = any(spec.coordinates in kind.coordinates for kind in kinds)
-    own = not known or spec.coordinates in OBJECTIVES[name].coordinates
-    objective = OBJECTIVES[name](setting, aggregate, spec.coordinates if own else "unit")
+    any_takes = any(spec.coordinates in kind.coordinates for kind in kinds)
+    takes_coordinates = not any_takes or spec.coordinates in OBJECTIVES[name].coordinates
+    objective = OBJECTIVES[name](setting, aggregate, spec.coordinates if takes_coordinates else "unit")
     return SurvivalObjective(objective, spec.survive) if spec.survive else objective
 
 
@@ -267,8 +267,8 @@ def breach(
     dots = list(zip(points.tolist(), np.broadcast_to(diameter, len(points)).tolist(), strict=True))
     pairs = combinations(dots, 2)
     worst = max(((d + e) / 2 + clearance - dist(p[:2], q[:2]) for (p, d), (q, e) in pairs), default=0.0)
-    for (x, y, *_), own in dots:
-        inset = own / 2 + clearance
+    for (x, y, *_), size in dots:
+        inset = size / 2 + clearance
         worst = max(worst, inset - _depth(x, y, boundary), *(inset + _depth(x, y, keep_out) for keep_out in keep_outs))
     return worst
 

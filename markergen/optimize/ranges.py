@@ -129,7 +129,7 @@ def nested(spec: Spec, poses: PoseDistribution, progress: Progress | None = None
     InputError
         If the objective is not the error of a pose, or no dots fit that all poses see.
     """
-    found: list[tuple[tuple[Scale, ...], Array, float]] = []
+    candidates: list[tuple[tuple[Scale, ...], Array, float]] = []
     reasons = []
     for count in range(1, MOST_SCALES + 1):
         if progress:
@@ -141,19 +141,19 @@ def nested(spec: Spec, poses: PoseDistribution, progress: Progress | None = None
             continue
         if all(a.diameter >= APART * b.diameter for a, b in pairwise(scales)):
             seen = seen_by(scales, spec.camera, poses)
-            found.append((scales, _by_distance(spec, seen), float(np.mean(seen.served))))
-    if not found:
+            candidates.append((scales, _by_distance(spec, seen), float(np.mean(seen.served))))
+    if not candidates:
         raise reasons[0]
     if progress:
         progress("scales", MOST_SCALES, MOST_SCALES)
-    least, most = np.min([values for _, values, _ in found], axis=0), max(share for *_, share in found)
-    worth = [(np.max(values / least), share) for _, values, share in found]
+    least, most = np.min([values for _, values, _ in candidates], axis=0), max(share for *_, share in candidates)
+    worth = [(np.max(values / least), share) for _, values, share in candidates]
     chosen = next(
         (i for i, (worst, share) in enumerate(worth) if worst <= NEAR_BEST and share >= most - ALL_BUT),
-        max(range(len(found)), key=lambda i: (worth[i][1], -worth[i][0])),
+        max(range(len(candidates)), key=lambda i: (worth[i][1], -worth[i][0])),
     )
     rng = np.random.default_rng(spec.seed)
-    scales = tuple(_searched(scale, rng, progress) for scale in found[chosen][0])
+    scales = tuple(_searched(scale, rng, progress) for scale in candidates[chosen][0])
     return _together(scales, spec, poses, progress)
 
 
@@ -205,13 +205,13 @@ def _forecasts(spec: Spec, poses: PoseDistribution, count: int) -> tuple[Scale, 
             raise InputError(f"poses that see a {room} whole", "none", "use a smaller marker, or poses farther away")
         band = poses.taken(np.flatnonzero(whole & serving), 0)
         inner = (rooms[k + 1],) if k + 1 < len(rooms) else ()
-        own = replace(spec, boundary=room, keep_outs=(*spec.keep_outs, *inner))
-        counts = [n for n in range(DOTS - k, FEWEST_DOTS - 1, -1) if n not in [len(each.points) for each in scales]]
+        scale_spec = replace(spec, boundary=room, keep_outs=(*spec.keep_outs, *inner))
+        counts = [n for n in range(DOTS - k, FEWEST_DOTS - 1, -1) if n not in [len(scale.points) for scale in scales]]
         if not counts:
             raise InputError(f"different numbers of dots in {count} sizes", "none left", "use fewer sizes")
-        forecast = _forecast(own, band, counts, scales[-1].diameter / APART if scales else inf)
-        own = replace(own, n=forecast.n, dot=forecast.diameter, gap=forecast.gap)
-        scales.append(Scale(own, band, forecast.points))
+        forecast = _forecast(scale_spec, band, counts, scales[-1].diameter / APART if scales else inf)
+        scale_spec = replace(scale_spec, n=forecast.n, dot=forecast.diameter, gap=forecast.gap)
+        scales.append(Scale(scale_spec, band, forecast.points))
         if (~whole).any():
             serving = poses.distance <= OVERLAP * poses.distance[~whole].max()
     return tuple(scales)
@@ -229,12 +229,12 @@ def _forecast(spec: Spec, poses: PoseDistribution, counts: Sequence[int], larges
             continue
         steps = int(1 + log(largest / forecaster.least) / log(STEP)) if largest < inf else None
         try:
-            known = forecaster.by_count(most=steps)
+            forecasts = forecaster.by_count(most=steps)
         except InputError:
             continue
         for count in counts:
-            if count in known:
-                return known[count]
+            if count in forecasts:
+                return forecasts[count]
     raise InputError(
         f"room for {min(counts)} dots of {format_length(forecaster.least)}", str(forecaster.room), "use a larger marker"
     )
@@ -242,19 +242,19 @@ def _forecast(spec: Spec, poses: PoseDistribution, counts: Sequence[int], larges
 
 def _by_distance(spec: Spec, seen: Coverage) -> Array:
     """Root of the mean square of the objective in each range of distance, over the poses that are served there."""
-    values, found = values_of(seen, spec), []
+    values, means = values_of(seen, spec), []
     for _, _, mask in seen.bands():
         served = values[mask][np.isfinite(values[mask])]
-        found.append(np.sqrt(np.mean(served**2)) if len(served) else np.inf)
-    return np.array(found)
+        means.append(np.sqrt(np.mean(served**2)) if len(served) else np.inf)
+    return np.array(means)
 
 
 def _searched(scale: Scale, rng: np.random.Generator, progress: Progress | None) -> Scale:
     """The scale with the best layout found for the poses that it serves."""
     spec, setting = scale.spec, scale.setting
     objective, rough = objective_of(spec, setting), rough_of(spec, setting)
-    own = search(objective, scale.region, spec.n, rng, spec.restarts, progress, rough)
-    return replace(scale, points=own.points)
+    optimum = search(objective, scale.region, spec.n, rng, spec.restarts, progress, rough)
+    return replace(scale, points=optimum.points)
 
 
 def _together(
@@ -262,10 +262,10 @@ def _together(
 ) -> tuple[Scale, ...]:
     """Polish all scales together, so that the geometric mean of the objective over all served poses is least."""
     value = _whole_value(scales, spec, poses)
-    for turn in range(TURNS * len(scales)):
+    for step in range(TURNS * len(scales)):
         if progress:
-            progress("together", turn, TURNS * len(scales))
-        moved = _turn(scales, turn % len(scales), spec, poses)
+            progress("together", step, TURNS * len(scales))
+        moved = _turn(scales, step % len(scales), spec, poses)
         better = _whole_value(moved, spec, poses)
         if better < value:
             scales, value = moved, better
@@ -290,12 +290,12 @@ def aggregated(values: Array, spec: Spec, poses: PoseDistribution) -> float:
 def _turn(scales: tuple[Scale, ...], k: int, spec: Spec, poses: PoseDistribution) -> tuple[Scale, ...]:
     """Polish the dots of scale k, while the others that each pose sees add their information."""
     seen = seen_by(scales, spec.camera, poses)
-    own = np.concatenate([np.full(len(scale.points), i) for i, scale in enumerate(scales)]) == k
-    used = np.flatnonzero(seen.served & seen.seen[:, own].any(axis=1))
+    in_scale = np.concatenate([np.full(len(scale.points), i) for i, scale in enumerate(scales)]) == k
+    used = np.flatnonzero(seen.served & seen.seen[:, in_scale].any(axis=1))
     kept = Coverage(seen.points, seen.diameters, poses.taken(used, 0), seen.seen[used])
-    known = dot_information(kept, spec.camera, spec.image_noise, spec.print_sigma)[:, ~own].sum(axis=1)
+    information = dot_information(kept, spec.camera, spec.image_noise, spec.print_sigma)[:, ~in_scale].sum(axis=1)
     noise = DotNoise(scales[k].diameter, spec.image_noise, spec.print_sigma)
-    setting = Setting(spec.boundary, spec.camera, kept.poses, noise, Sight(kept.seen[:, own], known))
+    setting = Setting(spec.boundary, spec.camera, kept.poses, noise, Sight(kept.seen[:, in_scale], information))
     objective = objective_of(replace(spec, aggregate=spec.aggregate or "logmean"), setting)
     points, _ = polish(objective, scales[k].region, scales[k].points)
     return (*scales[:k], replace(scales[k], points=points), *scales[k + 1 :])

@@ -70,9 +70,9 @@ def _rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
     for inner in range(1, n // 2 + 1):
         for ratio in RATIOS[: 1 if inner == 1 else None]:
             outside, within = regular_polygon(n - inner, radius), regular_polygon(inner, max(ratio, 0.01) * radius)
-            for shift in (0.0, np.pi / (n - inner)):
-                for turn in _turns(TURNS):
-                    yield center + np.concatenate([outside, within @ _turns(np.array([shift]))[0]]) @ turn
+            for offset in (0.0, np.pi / (n - inner)):
+                for rotation in _turns(TURNS):
+                    yield center + np.concatenate([outside, within @ _turns(np.array([offset]))[0]]) @ rotation
 
 
 def _full_rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
@@ -82,15 +82,15 @@ def _full_rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
         return
     center = _centers(region)[-1]
     for missing, step in product(MISSING, STEPS):
-        for turn in (0.0, 0.5):
-            found, size, left = list[Array](), radius, n
+        for fraction in (0.0, 0.5):
+            rings, size, left = list[Array](), radius, n
             while left and size > 0:
                 count = min(left, max(1, _most_around(size, spacing) - missing))
-                turned = _turns(np.array([turn * len(found) * 2 * np.pi / count]))[0]
-                found.append(regular_polygon(count, size) @ turned)
+                turned = _turns(np.array([fraction * len(rings) * 2 * np.pi / count]))[0]
+                rings.append(regular_polygon(count, size) @ turned)
                 size, left = size - step * spacing, left - count
             if not left:
-                yield center + np.concatenate(found)
+                yield center + np.concatenate(rings)
 
 
 def _most_around(radius: float, spacing: float) -> int:
@@ -107,9 +107,9 @@ def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:
     reach = int(np.ceil(np.sqrt(8 * n))) + 2
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     for sites in (np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1), np.stack([i, j], axis=-1)):
-        for shift in (np.zeros(2), np.array([0.5, 0.0]), (sites[i + j == 1][:1] + [[1.0, 0.0]])[0] / 3):
-            for turn in _turns(TURNS):
-                placed = boundary.center + (sites + shift) @ turn * pitches
+        for origin in (np.zeros(2), np.array([0.5, 0.0]), (sites[i + j == 1][:1] + [[1.0, 0.0]])[0] / 3):
+            for rotation in _turns(TURNS):
+                placed = boundary.center + (sites + origin) @ rotation * pitches
                 held = boundary.depth(placed.reshape(-1, 2)).reshape(placed.shape[:2]) >= region.inset
                 for k in np.flatnonzero(held.sum(axis=1) >= n)[:PITCHES]:
                     inside = placed[k, held[k]]

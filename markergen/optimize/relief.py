@@ -148,18 +148,18 @@ class ReliefRoom:
         if not self.wall_radius:
             return 0.0
         dot, pillar = self._neighbors(points, higher=True)
-        return max((-float(found.gap.min()) for _, found in self._passages(points, dot, pillar)), default=0.0)
+        return max((-float(sight.gap.min()) for _, sight in self._passages(points, dot, pillar)), default=0.0)
 
     def tightest(self, points: Array, up_to: float, count: int) -> "Sights":
         """Lines of sight with a gap of at most `up_to` m: the `count` smallest for each dot and pillar."""
         dot, pillar = self._neighbors(points)
         kept: list[Index] = [np.zeros((0, 3), dtype=np.int64)]
-        for chunk, found in self._passages(points, dot, pillar):
-            poses = np.argsort(found.gap, axis=-1, kind="stable")[:, :count]
+        for chunk, sight in self._passages(points, dot, pillar):
+            poses = np.argsort(sight.gap, axis=-1, kind="stable")[:, :count]
             rows = np.repeat(np.arange(len(chunk)), poses.shape[1])
-            near = found.gap[rows, poses.ravel()] <= up_to
-            taken = chunk[rows[near]]
-            kept.append(np.stack([dot[taken], pillar[taken], poses.ravel()[near]], axis=-1))
+            is_near = sight.gap[rows, poses.ravel()] <= up_to
+            taken = chunk[rows[is_near]]
+            kept.append(np.stack([dot[taken], pillar[taken], poses.ravel()[is_near]], axis=-1))
         return Sights(self, np.concatenate(kept))
 
     def _neighbors(self, points: Array, higher: bool = False) -> tuple[Index, Index]:
@@ -167,11 +167,11 @@ class ReliefRoom:
         if not self.wall_radius:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         gaps = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=-1)
-        near = gaps <= self.shadow + self.region.diameter / 2 + self.wall_radius
-        near &= ~np.eye(len(points), dtype=bool)
+        is_near = gaps <= self.shadow + self.region.diameter / 2 + self.wall_radius
+        is_near &= ~np.eye(len(points), dtype=bool)
         if higher:
-            near &= points[None, :, 2] > points[:, None, 2]
-        dot, pillar = np.nonzero(near)
+            is_near &= points[None, :, 2] > points[:, None, 2]
+        dot, pillar = np.nonzero(is_near)
         return dot, pillar
 
     def _passages(self, points: Array, dot: Index, pillar: Index) -> list[tuple[Index, Passage]]:
@@ -219,13 +219,13 @@ class Sights:
         it does not.
         """
         dot, pillar, eye = self.triples.T
-        found = self._passage(points)
-        share = found.share[:, None]
+        sight = self._passage(points)
+        share = sight.share[:, None]
         way = self.room.eyes[eye, :2] - points[dot, :2]
         away = points[pillar, :2] - points[dot, :2] - share * way
         away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), np.finfo(float).tiny)
         climb = self.room.eyes[eye, 2] - points[dot, 2]
-        by_share = np.where(found.topped, self.room.region.diameter / 2 - np.sum(away * way, axis=-1), 0.0)
+        by_share = np.where(sight.topped, self.room.region.diameter / 2 - np.sum(away * way, axis=-1), 0.0)
         jacobian = np.zeros((len(self), *points.shape))
         rows = np.arange(len(self))
         jacobian[rows, pillar, :2] = away
@@ -268,16 +268,16 @@ def search_relief(
     """
     n = len(flat)
     starts = starts or max(2, STARTS * AS_MANY_UP_TO // max(n, AS_MANY_UP_TO))
-    found = []
+    candidates = []
     for done in range(starts):
         if progress:
             progress("relief", done, starts)
         plane = room.region.sample(1, n, rng)[0] if done % 2 else flat
         up = rng.integers(0, 2, n) if done else _every_second(flat)
         start = np.column_stack([plane, room.height * up])
-        found.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
+        candidates.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
     best = _flat(objective, flat)
-    kept = best_of(found, KEPT if n <= ALL_PAIRS_UP_TO else 1)
+    kept = best_of(candidates, KEPT if n <= ALL_PAIRS_UP_TO else 1)
     for done, (points, _) in enumerate(kept):
         if progress:
             progress("polish", done, len(kept))
@@ -410,13 +410,13 @@ def relief_breach(points: Array, relief: float, diameter: float, clearance: floa
         # Rays beside the cylinder; the others pass above or below.
         reached = (high[2] - low[2]) / (eyes[:, 2] - low[2])
         way = np.linalg.norm(eyes[:, :2] - low[:2], axis=-1)
-        near = reached * way + diameter + clearance >= dist(low[:2], high[:2])
-        if high[2] <= low[2] or not near.any():
+        is_near = reached * way + diameter + clearance >= dist(low[:2], high[:2])
+        if high[2] <= low[2] or not is_near.any():
             continue
         start = low[:2] + rim - high[:2]
-        toward = eyes[near, None, :2] - high[:2] - start
+        toward = eyes[is_near, None, :2] - high[:2] - start
         nearest = -np.sum(start * toward, axis=-1) / np.maximum(np.sum(toward**2, axis=-1), np.finfo(float).tiny)
-        share = np.clip(nearest, 0.0, reached[near, None])
+        share = np.clip(nearest, 0.0, reached[is_near, None])
         passing = np.linalg.norm(start + share[..., None] * toward, axis=-1)
         worst = max(worst, diameter / 2 + clearance - float(passing.min()))
     return worst

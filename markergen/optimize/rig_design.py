@@ -110,13 +110,18 @@ class RigDesign(Result):
         results = {
             "shape": stored["shape"],
             "objective": stored["objective"],
-            "plates": [{"name": each.name, "dots": len(each.marker)} for each in self.rig.markers],
+            "plates": [{"name": mounted.name, "dots": len(mounted.marker)} for mounted in self.rig.markers],
             "poses": {"name": self.poses.name, "count": len(self.poses), "blind": self._blind},
             "in_view": {"plates": self.in_view[0].mean(), "dots": self.in_view[1].mean()},
             "noise": stored["noise"],
             "expected": {
-                key: {"rotation_deg": {"median": turn, "rms": turns}, "translation_m": {"median": shift, "rms": shifts}}
-                for key, (turn, turns, shift, shifts) in zip(("joint", "single"), self._expected, strict=True)
+                key: {
+                    "rotation_deg": {"median": rotation, "rms": rotations},
+                    "translation_m": {"median": translation, "rms": translations},
+                }
+                for key, (rotation, rotations, translation, translations) in zip(
+                    ("joint", "single"), self._expected, strict=True
+                )
             },
             "label_safety_px": self.safety,
             "warnings": self.warnings,
@@ -130,7 +135,7 @@ class RigDesign(Result):
         stored = self.rig.provenance
         plates, dots = self.in_view.mean(axis=1)
         blind = f"; {self._blind} see no four dots of a plate" if self._blind else ""
-        names = ", ".join(each.name for each in self.rig.markers)
+        names = ", ".join(mounted.name for mounted in self.rig.markers)
         joint = "of the joint pose" if stored["joint"] else "of each plate alone"
         return (
             f"{stored['shape']}: {len(self.rig.markers)} plates ({names}) with {len(self.rig)} dots\n"
@@ -162,7 +167,7 @@ class RigDesign(Result):
         return Table(f"Expected error for {self.rig.provenance['noise']}", header, rows)
 
     def __str__(self) -> str:
-        return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
+        return "\n".join([*(f"warning: {warning}" for warning in self.warnings), super().__str__()])
 
     def __repr__(self) -> str:
         return f"RigDesign({self.rig!r})"
@@ -210,7 +215,7 @@ def design_rig(
         marker = given.get(k) or _dressed(layouts, k)
         markers.append(face.mounted(marker))
     sentence, safety = _told_apart(layouts, tags)
-    words = layouts.setting(0).noise_words
+    noise = layouts.setting(0).noise_words
     stored: dict[str, Any] = {
         "shape": shape.text,
         "measures": shape.measures,
@@ -221,7 +226,7 @@ def design_rig(
         "camera": spec.camera.as_dict(),
         "poses": spec.poses if isinstance(spec.poses, str) else spec.poses.as_dict(),
         "versions": {"markergen": __version__, "numpy": np.__version__},
-        "noise": words,
+        "noise": noise,
         "told_apart": sentence,
     }
     rig = Rig(tuple(markers), provenance=stored)
@@ -231,20 +236,20 @@ def design_rig(
     warnings = []
     if safety < APART_PX:
         warnings.append(f"{sentence}; use --tag, fewer dots, more room or smaller --dot")
-    found = RigDesign(
+    result = RigDesign(
         rig,
         poses,
         joint,
         single,
         np.stack([plates_in_view, seen.sum(axis=1)]),
-        "; ".join(dict.fromkeys(each.reason for k, each in enumerate(dots) if k not in given)),
+        "; ".join(dict.fromkeys(size.reason for k, size in enumerate(dots) if k not in given)),
         sentence,
         safety,
         tuple(warnings),
         perf_counter() - begin,
     )
-    log.info("designed %r in %.1f s", found.rig, found.seconds)
-    return found
+    log.info("designed %r in %.1f s", result.rig, result.seconds)
+    return result
 
 
 def _sized(
@@ -253,33 +258,33 @@ def _sized(
     tags: Sequence[str],
     plates: Sequence[Seen],
     count: int,
-    given: Mapping[int, Marker],
+    markers: Mapping[int, Marker],
     progress: Progress | None,
 ) -> tuple[list[Spec], list[DotSize]]:
     """Spec and dots of each plate; plates of the same boundary have dots of the same size."""
     best = best_views(plates, count)
-    own = []
+    specs = []
     for k, plate in enumerate(plates):
         kept = np.unique(np.linspace(0, len(plate.index) - 1, min(len(plate.index), MOST_STORED)).round().astype(int))
         recorded = RecordedPoses.from_distribution(plate.poses.taken(kept, 0), f"poses of {shape.faces[k].name}")
         tag = {"tag": tags[k], "tag_side": spec.tag_side} if tags else {}
-        own.append(replace(spec, boundary=shape.faces[k].boundary, poses=recorded, **tag))  # type: ignore[arg-type]
+        specs.append(replace(spec, boundary=shape.faces[k].boundary, poses=recorded, **tag))  # type: ignore[arg-type]
     needs: dict[Any, float] = {}
-    for each, plate, views in zip(own, plates, best, strict=True):
+    for plate_spec, plate, views in zip(specs, plates, best, strict=True):
         need = wanted_diameter(spec.camera, plate.poses.taken(views, 0), spec.image_noise)
-        needs[each.boundary] = max(needs.get(each.boundary, 0.0), need)
+        needs[plate_spec.boundary] = max(needs.get(plate_spec.boundary, 0.0), need)
     sizes: dict[Any, DotSize] = {}
-    for k, each in enumerate(own):
-        if k not in given and each.boundary not in sizes:
-            sizes[each.boundary] = _dots(each, needs[each.boundary], plates[k].poses, progress)
+    for k, plate_spec in enumerate(specs):
+        if k not in markers and plate_spec.boundary not in sizes:
+            sizes[plate_spec.boundary] = _dots(plate_spec, needs[plate_spec.boundary], plates[k].poses, progress)
     dots = []
-    for k, each in enumerate(own):
-        if k in given:
-            dots.append(DotSize(given[k].dot_diameter, given[k].clearance, ""))
+    for k, plate_spec in enumerate(specs):
+        if k in markers:
+            dots.append(DotSize(markers[k].dot_diameter, markers[k].clearance, ""))
         else:
-            dots.append(sizes[each.boundary])
-            own[k] = replace(each, dot=dots[-1].diameter, clearance=dots[-1].clearance)
-    return own, dots
+            dots.append(sizes[plate_spec.boundary])
+            specs[k] = replace(plate_spec, dot=dots[-1].diameter, clearance=dots[-1].clearance)
+    return specs, dots
 
 
 def _dots(spec: Spec, wanted: float, poses: PoseDistribution, progress: Progress | None) -> DotSize:
@@ -323,13 +328,13 @@ def _told_apart(layouts: RigLayouts, tags: Sequence[str]) -> tuple[str, float]:
     if len(names) == 1:
         return "there is one plate", np.inf
     safety = {(names[a], names[b]): layouts.safety(a, b) for a, b in permutations(range(len(names)), 2)}
-    (one, other), least = min(safety.items(), key=lambda item: item[1])
+    (first, second), least = min(safety.items(), key=lambda item: item[1])
     if not np.isfinite(least):
         return "the plates are told apart by their numbers of dots", least
     if least < ALIKE_PX:
-        return f"nothing tells {one} from {other}: their layouts are the same", least
+        return f"nothing tells {first} from {second}: their layouts are the same", least
     return (
         f"the plates are told apart by their layouts while dots move by less than {least:.2g} px RMS; "
-        f"then {one} fits as well as {other}",
+        f"then {first} fits as well as {second}",
         least,
     )

@@ -78,12 +78,12 @@ class Seen:
     @staticmethod
     def of(face: Face, boundary_points: Array, poses: PoseDistribution, spec: Spec) -> "Seen":
         """See the class."""
-        turn, shift = np.array(face.rotation), np.array(face.translation)
-        rotation, offset = poses.rotation @ turn, poses.rotation @ shift
-        own = PoseDistribution(poses.name, rotation, offset + poses.translation)
-        seen = visibility(boundary_points, own.rotation, own.translation, spec.camera) == SEEN
-        index = np.flatnonzero(seen & (own.cos_tilt >= FLATTEST))
-        return Seen(face, index, own.taken(index, len(poses) - len(index)), offset[index])
+        face_rotation, face_translation = np.array(face.rotation), np.array(face.translation)
+        rotation, offset = poses.rotation @ face_rotation, poses.rotation @ face_translation
+        views = PoseDistribution(poses.name, rotation, offset + poses.translation)
+        seen = visibility(boundary_points, views.rotation, views.translation, spec.camera) == SEEN
+        index = np.flatnonzero(seen & (views.cos_tilt >= FLATTEST))
+        return Seen(face, index, views.taken(index, len(poses) - len(index)), offset[index])
 
 
 def seen_plates(faces: Sequence[Face], poses: PoseDistribution, spec: Spec) -> list[Seen]:
@@ -94,15 +94,15 @@ def seen_plates(faces: Sequence[Face], poses: PoseDistribution, spec: Spec) -> l
     InputError
         If there is a plate that no pose sees.
     """
-    found = [Seen.of(face, silhouette(face.boundary), poses, spec) for face in faces]
-    for each in found:
-        if not len(each.index):
+    plates = [Seen.of(face, silhouette(face.boundary), poses, spec) for face in faces]
+    for plate in plates:
+        if not len(plate.index):
             raise InputError(
                 "a pose that sees each plate, whole and from its front",
-                f"none of {len(poses)} ({poses.name}) for {each.face.name}",
+                f"none of {len(poses)} ({poses.name}) for {plate.face.name}",
                 "use other --poses, farther away or from all around, or leave the plate out",
             )
-    return found
+    return plates
 
 
 def best_views(plates: Sequence[Seen], count: int) -> list[Indices]:
@@ -117,7 +117,7 @@ def best_views(plates: Sequence[Seen], count: int) -> list[Indices]:
     best = tilt >= tilt.max(axis=0) - 1e-9
     best &= (tilt >= STEEPEST) | ~(best & (tilt >= STEEPEST)).any(axis=1, keepdims=True)
     chosen = [np.flatnonzero(row[plate.index]) for row, plate in zip(best, plates, strict=True)]
-    return [each if len(each) else np.arange(len(plate.index)) for each, plate in zip(chosen, plates, strict=True)]
+    return [views if len(views) else np.arange(len(plate.index)) for views, plate in zip(chosen, plates, strict=True)]
 
 
 class RigLayouts:
@@ -150,16 +150,16 @@ class RigLayouts:
 
     def find(self, rng: np.random.Generator, progress: Progress | None = None) -> None:
         """Find the layouts, first of each plate alone, then together."""
-        known: dict[object, Array] = {}
+        by_shape: dict[object, Array] = {}
         for k, (plate, spec, dots) in enumerate(zip(self.plates, self.specs, self.dots, strict=True)):
             key = (plate.face.boundary, dots.diameter)
-            if k not in self.fixed and key not in known:
+            if k not in self.fixed and key not in by_shape:
                 setting, region = self.setting(k), self.region(k)
                 ngon = reference(spec, region, setting)
                 few = replace(setting, poses=setting.poses.taken(_few(len(plate.index)), 0))
                 objective, rough = objective_of(spec, setting, ngon), objective_of(spec, few, ngon)
-                known[key] = search(objective, region, spec.n, rng, spec.restarts, progress, rough).points
-            self.layouts.append(self.fixed[k] if k in self.fixed else known[key])
+                by_shape[key] = search(objective, region, spec.n, rng, spec.restarts, progress, rough).points
+            self.layouts.append(self.fixed[k] if k in self.fixed else by_shape[key])
         for sweep in range(SWEEPS):
             for k in range(len(self.plates)):
                 if k not in self.fixed:
@@ -186,12 +186,12 @@ class RigLayouts:
         objectives = objective_of(spec, setting, ngon), objective_of(spec, rough, ngon)
         best, most = self.layouts[k], -1.0
         for attempt in range(ATTEMPTS):
-            found = distinct_layout(*objectives, region, self.layouts[k], apart, distance * FARTHER**attempt, rng)
-            self.layouts[k], before = found, self.layouts[k]
+            layout = distinct_layout(*objectives, region, self.layouts[k], apart, distance * FARTHER**attempt, rng)
+            self.layouts[k], before = layout, self.layouts[k]
             safety = min((min(self.safety(k, j), self.safety(j, k)) for j in others), default=np.inf)
             self.layouts[k] = before
             if safety > most:
-                best, most = found, safety
+                best, most = layout, safety
             if safety >= APART_PX:
                 break
         self.layouts[k] = best
@@ -218,19 +218,19 @@ class RigLayouts:
         for other in range(len(self.plates)):
             if other != k:
                 rest += self.information(other)
-        known = moved_information(rest[plate.index], plate.offset)
-        turn, shift = np.array(plate.face.rotation), np.array(plate.face.translation)
-        carrier = Carrier((self._body - shift) @ turn, -shift @ turn)
+        information = moved_information(rest[plate.index], plate.offset)
+        rotation, translation = np.array(plate.face.rotation), np.array(plate.face.translation)
+        carrier = Carrier((self._body - translation) @ rotation, -translation @ rotation)
         seen = np.ones((len(plate.index), len(self.layouts[k])), dtype=bool)
-        return replace(self.setting(k), sight=Sight(seen, known), carrier=carrier)
+        return replace(self.setting(k), sight=Sight(seen, information), carrier=carrier)
 
     def information(self, k: int) -> Array:
         """Information (P, 6, 6) of a plate's dots on the rig's pose; 0 where it is not seen."""
-        found = np.zeros((self.count, 6, 6))
+        information = np.zeros((self.count, 6, 6))
         plate, objective = self.plates[k], PoseObjective(self.setting(k))
-        own = objective.information(self.layouts[k][None])[0][0]
-        found[plate.index] = moved_information(own, -plate.offset)
-        return found
+        plate_information = objective.information(self.layouts[k][None])[0][0]
+        information[plate.index] = moved_information(plate_information, -plate.offset)
+        return information
 
 
 def _few(count: int) -> Indices:
@@ -278,7 +278,7 @@ def distinct_layout(
     pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
     pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
     # The ring at each of the dots.
-    pool = np.concatenate([pool, [np.roll(start, turn, axis=0) for turn in range(1, n)]])
+    pool = np.concatenate([pool, [np.roll(start, places, axis=0) for places in range(1, n)]])
     best, rank = _ranked(pool, region, rough, apart, distance)
     sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
     for size in sizes:
@@ -290,10 +290,10 @@ def distinct_layout(
         both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
         order = np.lexsort(ranks.T[::-1])[:PARENTS]
         best, rank = both[order], ranks[order]
-    found = best[0]
-    polished, _ = polish(objective, region, found)
-    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(found[None])[0])
-    return polished if kept else found
+    layout = best[0]
+    polished, _ = polish(objective, region, layout)
+    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(layout[None])[0])
+    return polished if kept else layout
 
 
 def _ranked(
@@ -303,7 +303,7 @@ def _ranked(
     layouts = region.project(layouts)
     layouts = layouts[region.holds(layouts)]
     lack = np.maximum(distance - apart(layouts), 0.0)
-    near = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
-    rank = np.stack([lack[near], rough(layouts[near])], axis=-1)
+    nearest = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
+    rank = np.stack([lack[nearest], rough(layouts[nearest])], axis=-1)
     order = np.lexsort(rank.T[::-1])[:PARENTS]
-    return layouts[near[order]], rank[order]
+    return layouts[nearest[order]], rank[order]

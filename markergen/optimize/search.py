@@ -131,22 +131,24 @@ def search(
     """
     task = Stages(objective, rough or objective, region, n, progress or _silent, record)
     exchanged = len(region.walls) > 1 or n > ALL_PAIRS_UP_TO
-    found = task.exchanged(rng, restarts) if exchanged else task.descended(rng, restarts or objective.default_restarts)
+    optimum = (
+        task.exchanged(rng, restarts) if exchanged else task.descended(rng, restarts or objective.default_restarts)
+    )
     # Spawned, so that what callers draw afterwards does not depend on it.
     regular = task.from_regular(rng.spawn(1)[0], restarts)
-    if not found.value * (1 - GAIN) <= regular.value:
-        found = regular
-    hopping = len(region.walls) > 1 and n >= HOPPING and np.isfinite(found.value)
-    if hopping and not (enough and enough(found.points)):
+    if not optimum.value * (1 - GAIN) <= regular.value:
+        optimum = regular
+    hopping = len(region.walls) > 1 and n >= HOPPING and np.isfinite(optimum.value)
+    if hopping and not (enough and enough(optimum.points)):
         hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / n) ** 3))
-        found = task.hopped(found, min(hops, 3 * restarts or hops), rng.spawn(1)[0])
-    if not np.isfinite(found.value):
+        optimum = task.hopped(optimum, min(hops, 3 * restarts or hops), rng.spawn(1)[0])
+    if not np.isfinite(optimum.value):
         raise InputError(
             f"a {region.boundary} with room for {n} control points that are not in one line",
             f"dots of {format_length(region.diameter)} with {format_length(region.clearance)} clearance",
             "use a larger marker, a smaller --dot or a smaller --n",
         )
-    return found
+    return optimum
 
 
 def _silent(*_: object) -> None:
@@ -199,17 +201,19 @@ class Stages:
         if len(layouts) > count:
             likely = count + np.argsort(self.rough(layouts[count:]), kind="stable")[:LIKELY]
             layouts = layouts[np.concatenate([np.arange(count), likely])]
-        found = best_of(list(zip(layouts, self.objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR))
-        shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(found), self.n, 2))
+        candidates = best_of(
+            list(zip(layouts, self.objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR)
+        )
+        shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(candidates), self.n, 2))
         total = len(shakes) + KEPT
-        for done, (start, shake) in enumerate(zip([points for points, _ in found], shakes, strict=True)):
+        for done, (start, shake) in enumerate(zip([points for points, _ in candidates], shakes, strict=True)):
             self.tell("regular", done, total)
             # A symmetric layout may be a saddle point, which gradient steps do not leave.
             for begin in (start, self.moved(start, start + shake)):
                 points, _ = self.quick(begin)
                 if self.holds(points):
-                    found.append((points, float(self.objective(points[None])[0])))
-        ends = best_of(found)
+                    candidates.append((points, float(self.objective(points[None])[0])))
+        ends = best_of(candidates)
         for done, (points, _) in enumerate(tuple(ends), len(shakes)):
             self.tell("regular", done, total)
             ends.append(self.polished(points))
@@ -257,39 +261,39 @@ class Stages:
         if rough.nonsmooth:
             layouts = list(descend(rough, region, np.array(layouts), record=self.record).points)
         self.tell("exchange", starts, starts)
-        found = best_of([self.quick(layout) for layout in layouts], kept)
-        if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
-            found = [polish(rough, region, packed, record=self.record)]
+        candidates = best_of([self.quick(layout) for layout in layouts], kept)
+        if np.isinf(candidates[0][1]) and (packed := fitting(region, n)) is not None:
+            candidates = [polish(rough, region, packed, record=self.record)]
         if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
-            found = best_of([*found, *self.shaken(*found[0], shakes * starts, rng)], kept)
+            candidates = best_of([*candidates, *self.shaken(*candidates[0], shakes * starts, rng)], kept)
         judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
         rim = edge(region, FINE_EDGE)
-        total = 2 * len(found)
-        for done, (points, value) in enumerate(found):
+        total = 2 * len(candidates)
+        for done, (points, value) in enumerate(candidates):
             self.tell("polish", done, total)
-            found[done] = self.relocated(points, value, judge, rim)
-        found = best_of(found, kept)
+            candidates[done] = self.relocated(points, value, judge, rim)
+        candidates = best_of(candidates, kept)
         ends = []
-        for done, (points, _) in enumerate(found):
-            self.tell("polish", total - len(found) + done, total)
+        for done, (points, _) in enumerate(candidates):
+            self.tell("polish", total - len(candidates) + done, total)
             ends.append(self.polished(points))
         self.tell("polish", total, total)
         return Optimum(*min(ends, key=lambda end: end[1]))
 
     def shaken(self, points: Array, value: float, times: int, rng: np.random.Generator) -> list[Ranked]:
         """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
-        found = []
+        layouts = []
         for _ in range(times):
             shake = rng.normal(scale=SHAKE * self.region.spacing, size=points.shape)
             moved, better = self.quick(self.moved(points, points + shake))
             if better < value * (1 - GAIN):
                 points, value = moved, better
-                found.append((points, value))
-        return found
+                layouts.append((points, value))
+        return layouts
 
-    def hopped(self, found: Optimum, hops: int, rng: np.random.Generator) -> Optimum:
+    def hopped(self, optimum: Optimum, hops: int, rng: np.random.Generator) -> Optimum:
         """Return the best layout that perturbing and polishing the given one again and again leads to."""
-        region, points = self.region, found.points
+        region, points = self.region, optimum.points
         value = float(self.rough(points[None])[0])
         # Few poses rank layouts only nearly as all do: the best few are judged by all.
         ends = [(points, value)]
@@ -307,10 +311,10 @@ class Stages:
                     points, value = end, better
         for end, _ in best_of(ends, KEPT_OF_MANY):
             points, value = self.polished(end)
-            if value < found.value * (1 - GAIN) and self.holds(points):
-                found = Optimum(points, value)
+            if value < optimum.value * (1 - GAIN) and self.holds(points):
+                optimum = Optimum(points, value)
         self.tell("hops", hops, hops)
-        return found
+        return optimum
 
     def relocated(self, points: Array, value: float, judge: ExchangeTable, rim: Array) -> Ranked:
         """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""
@@ -324,14 +328,14 @@ class Stages:
 
 
 def _start(
-    table: ExchangeTable, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
+    table: ExchangeTable, spacing: float, n: int, attempt: int, spare: Index, rng: np.random.Generator
 ) -> tuple[Index, float]:
     """Initial layout (n,) of an exchange, random unless dots jam, and its spacing in m.
 
     Layouts of dozens of dots do not overlap: separating them would take most of the time, and jammed layouts are nearly
     lattices anyway.
     """
-    for share in (1.0, OVERLAP)[turn % 2 :] if n <= ALL_PAIRS_UP_TO else (1.0,):
+    for share in (1.0, OVERLAP)[attempt % 2 :] if n <= ALL_PAIRS_UP_TO else (1.0,):
         for _ in range(DRAWS):
             drawn = random_layout(table.apart, share * spacing, n, rng)
             if drawn is not None:
@@ -359,13 +363,13 @@ def _touching(points: Array, rim: Array, spacing: float) -> Array:
     return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
 
 
-def best_of(found: list[Ranked], count: int = KEPT) -> list[Ranked]:
+def best_of(candidates: list[Ranked], count: int = KEPT) -> list[Ranked]:
     """Select the best few distinct layouts, best first.
 
     Layouts of one value may well differ: few poses cannot tell which of them is best for all.
     """
     kept: list[Ranked] = []
-    for points, value in sorted(found, key=lambda pair: pair[1]):
+    for points, value in sorted(candidates, key=lambda pair: pair[1]):
         if not any(value <= other * (1 + DISTINCT) and _alike(points, layout) for layout, other in kept):
             kept.append((points, value))
             if len(kept) == count:
@@ -373,7 +377,7 @@ def best_of(found: list[Ranked], count: int = KEPT) -> list[Ranked]:
     return kept
 
 
-def _alike(one: Array, other: Array) -> bool:
+def _alike(first: Array, second: Array) -> bool:
     """Return whether two layouts (n, 2) are the same but for a motion, a reflection and the order of the dots."""
-    apart, beside = (np.sort(distances(points), axis=None) for points in (one, other))
+    apart, beside = (np.sort(distances(points), axis=None) for points in (first, second))
     return bool(np.abs(apart - beside).max() <= ALIKE * apart[-1] / 2)

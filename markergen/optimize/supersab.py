@@ -58,13 +58,13 @@ def descend(
     if record:
         record("descent", starts, points)
     value, gradient = _log_gradient(objective, points)
-    found, found_value = points.copy(), np.where(region.holds(points), value, np.inf)
+    layouts, values = points.copy(), np.where(region.holds(points), value, np.inf)
     # The first step moves the fastest coordinate of each layout by a twentieth of the radius.
     fastest = np.max(np.abs(gradient), axis=(1, 2), keepdims=True)
     step = np.broadcast_to(0.05 * scale / np.maximum(fastest, 1e-300), points.shape).copy()
     # From here on every array but `found` and `found_value` contains only the active layouts.
     alive = np.arange(len(points))
-    best, best_value, reference = points.copy(), found_value.copy(), found_value.copy()
+    best, best_value, reference = points.copy(), values.copy(), values.copy()
     taken = 0
     for taken in range(1, steps + 1):
         moved = region.project(points - np.clip(step * gradient, -LONGEST * scale, LONGEST * scale))
@@ -85,7 +85,7 @@ def descend(
         if taken % patience == 0:
             with np.errstate(invalid="ignore"):
                 improving = ~(best_value >= reference * (1 - tolerance))
-            found[alive], found_value[alive] = best, best_value
+            layouts[alive], values[alive] = best, best_value
             alive, reference = alive[improving], best_value[improving]
             points, gradient, step, best, best_value = (
                 array[improving] for array in (points, gradient, step, best, best_value)
@@ -94,8 +94,8 @@ def descend(
             progress(taken if len(alive) else steps, steps)
         if not len(alive):
             break
-    found[alive], found_value[alive] = best, best_value
-    return Descent(found, found_value, taken)
+    layouts[alive], values[alive] = best, best_value
+    return Descent(layouts, values, taken)
 
 
 def _log_gradient(objective: Objective, points: Array) -> tuple[Array, Array]:

@@ -91,7 +91,7 @@ def reach(spec: Spec, progress: Progress | None = None) -> Choice:
             return _choice(chosen, spec, target, error, shrinks)
         bound *= target.error / error
     # The least of all forecasts may be above the target, and what refining makes of it below.
-    best = _refined(min(_forecasts(whole, target).values(), key=lambda each: each.value), whole, target)
+    best = _refined(min(_forecasts(whole, target).values(), key=lambda forecast: forecast.value), whole, target)
     error = sampled_error(best, whole, target)
     if error > target.error:
         raise _unreachable(best, error, whole, target)
@@ -99,13 +99,13 @@ def reach(spec: Spec, progress: Progress | None = None) -> Choice:
 
 
 def _choice(chosen: Forecast, spec: Spec, target: Target, error: float, shrinks: bool) -> Choice:
-    found = replace(
+    chosen_spec = replace(
         _asked(spec, target), n=chosen.n, dot=chosen.diameter, gap=chosen.gap, target="", aggregate=spec.aggregate
     )
     reached = f"{target.words(error)} at {format_length(target.distance)}"
     rest = "the smallest disk and " if shrinks else ""
     reason = f"{format_length(chosen.diameter)}, {rest}the fewest that reach {target}: predicted {reached}"
-    return Choice(found, f"{reason}, with a print good to {format_length(spec.print_sigma)}{common(spec)}")
+    return Choice(chosen_spec, f"{reason}, with a print good to {format_length(spec.print_sigma)}{common(spec)}")
 
 
 def at_distance(poses: PoseDistribution, distance: float) -> PoseDistribution:
@@ -120,20 +120,20 @@ def sampled_error(chosen: Forecast, spec: Spec, target: Target) -> float:
     """RMS error of all sources at the target's distance: to first order, and sampled where that ends."""
     poses = _judged(spec, target)
     setting, sources = Setting(spec.boundary, spec.camera, poses), sources_of(spec)
-    found = marker_budget(chosen.points, chosen.diameter, setting, spec.image_noise, sources).total
-    deg = np.rad2deg(rotation_bound(found))
-    error = deg if target.angle else np.sqrt(np.trace(found[:, 3:, 3:], axis1=-2, axis2=-1))
-    unsure = (deg > LARGEST_DEG) | (flip_separation(poses.rotation, poses.translation, found) < FLIP_SIGMAS)
+    total = marker_budget(chosen.points, chosen.diameter, setting, spec.image_noise, sources).total
+    deg = np.rad2deg(rotation_bound(total))
+    error = deg if target.angle else np.sqrt(np.trace(total[:, 3:, 3:], axis1=-2, axis2=-1))
+    unsure = (deg > LARGEST_DEG) | (flip_separation(poses.rotation, poses.translation, total) < FLIP_SIGMAS)
     square, rng = error**2, np.random.default_rng(spec.seed)
     for pose in np.flatnonzero(unsure):
         trials = max(1, min(TRIALS, AT_MOST // int(unsure.sum())))
-        one = poses.taken(np.array([pose]), 0)
-        pixels = _noisy_images(chosen, replace(setting, poses=one), spec.image_noise, sources, trials, rng)
+        pose_alone = poses.taken(np.array([pose]), 0)
+        pixels = _noisy_images(chosen, replace(setting, poses=pose_alone), spec.image_noise, sources, trials, rng)
         rotation, translation = LM.solve(Correspondences.from_distorted(chosen.points, pixels, spec.camera)).best
         if target.angle:
-            off = np.rad2deg(angle_between(rotation, one.rotation))
+            off = np.rad2deg(angle_between(rotation, pose_alone.rotation))
         else:
-            off = np.linalg.norm(translation - one.translation, axis=-1)
+            off = np.linalg.norm(translation - pose_alone.translation, axis=-1)
         square[pose] = np.nanmean(off**2)
     return float(np.sqrt(square.mean()))
 
@@ -175,18 +175,18 @@ def _refined(forecast: Forecast, spec: Spec, target: Target) -> Forecast:
 
 def _forecasts(spec: Spec, target: Target, most: int | None = None) -> dict[int, Forecast]:
     """Forecasts by number of dots whose value is the target's error, to first order, in its unit."""
-    found = _forecaster(spec, target).by_count(most=most)
+    forecasts = _forecaster(spec, target).by_count(most=most)
     unit = 1.0 if target.angle else target.distance / 100
-    return {n: replace(each, value=each.value * unit) for n, each in found.items()}
+    return {n: replace(forecast, value=forecast.value * unit) for n, forecast in forecasts.items()}
 
 
 def _fewest(spec: Spec, target: Target, bound: float, most: int | None = None) -> Forecast | None:
     """Fewest dots whose error is at most `bound` to first order; None if there are none."""
     try:
-        known = _forecasts(spec, target, most)
+        forecasts = _forecasts(spec, target, most)
     except InputError:
         return None
-    return next((each for each in known.values() if each.value <= bound), None)
+    return next((forecast for forecast in forecasts.values() if forecast.value <= bound), None)
 
 
 def _smallest(spec: Spec, target: Target, bound: float, progress: Progress | None) -> tuple[Forecast | None, Spec]:
@@ -201,9 +201,9 @@ def _smallest(spec: Spec, target: Target, bound: float, progress: Progress | Non
         middle = (low + high) // 2
         smaller = replace(spec, boundary=Circle(middle / 1e3))
         # Larger dots than the least only help where the print hardly errs.
-        found = _fewest(smaller, target, bound, None if spec.print_sigma < SMALL_PRINT else 2)
-        if found:
-            best, high = (found, smaller), middle
+        forecast = _fewest(smaller, target, bound, None if spec.print_sigma < SMALL_PRINT else 2)
+        if forecast:
+            best, high = (forecast, smaller), middle
         else:
             low = middle
     return best

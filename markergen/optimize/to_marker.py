@@ -98,11 +98,11 @@ def members(marker: Marker, spec: Spec, ids: Sequence[int]) -> tuple[Marker, ...
     """
     if marker.tag is None:
         raise InputError("a tag to tell the markers of a family apart", "none", "add --tag aruco:DICT_4X4_50, say")
-    made = []
+    markers = []
     for number in ids:
         tag = replace(marker.tag, id=number)
-        own = replace(spec, tag=str(tag))
+        member_spec = replace(spec, tag=str(tag))
         stored = {**marker.provenance["spec"], "tag": str(tag)}
-        provenance = {**marker.provenance, "spec": stored, "spec_hash": own.hash}
-        made.append(replace(marker, tag=tag, provenance=provenance))
-    return tuple(made)
+        provenance = {**marker.provenance, "spec": stored, "spec_hash": member_spec.hash}
+        markers.append(replace(marker, tag=tag, provenance=provenance))
+    return tuple(markers)

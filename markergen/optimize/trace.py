@@ -188,13 +188,13 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
 
 def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Axes":
     """Plot objective, c(A) and predicted errors over the steps, each in units of its last value, and the stages."""
-    steps = [each.step for each in trace]
+    steps = [step.step for step in trace]
     last = trace[-1]
     series = (
-        (f"{objective}: {last.objective:.4g}", [each.objective for each in trace], "#1b1b1b", "-"),
-        (f"c(A): {last.condition:.4g}", [each.condition for each in trace], "#9a6a00", "--"),
-        (f"rotation: {last.rotation_deg:.4g} deg", [each.rotation_deg for each in trace], "#0b5fa5", "-"),
-        (f"translation: {last.translation_pct:.4g} %", [each.translation_pct for each in trace], "#b3361b", "-."),
+        (f"{objective}: {last.objective:.4g}", [step.objective for step in trace], "#1b1b1b", "-"),
+        (f"c(A): {last.condition:.4g}", [step.condition for step in trace], "#9a6a00", "--"),
+        (f"rotation: {last.rotation_deg:.4g} deg", [step.rotation_deg for step in trace], "#0b5fa5", "-"),
+        (f"translation: {last.translation_pct:.4g} %", [step.translation_pct for step in trace], "#b3361b", "-."),
     )
     for label, values, color, style in series:
         if np.isnan(values[-1]):  # A relief has no c(A).
@@ -205,8 +205,8 @@ def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Ax
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter("{x:g}")
-    for stage, group in groupby(trace[1:], key=lambda each: each.stage):
-        begin, *rest = (each.step for each in group)
+    for stage, group in groupby(trace[1:], key=lambda step: step.stage):
+        begin, *rest = (step.step for step in group)
         ax.axvline(begin - 0.5, color="#cccccc", lw=0.8, zorder=0)
         if len(rest) >= _LABELED * len(trace):
             ax.annotate(

@@ -73,8 +73,8 @@ class Option:
     @property
     def flag(self) -> str:
         """Long flag on the command line: ``--corner-radius``."""
-        words = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
-        return next(word for word in words if word.startswith("--"))
+        flags = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
+        return next(flag for flag in flags if flag.startswith("--"))
 
 
 @cache
@@ -86,8 +86,8 @@ def declared(table: type) -> Mapping[str, Option]:
     '--corner-radius'
     """
     hints = get_type_hints(table, include_extras=True)
-    found = [_named(name, hint) for name, hint in hints.items()]
-    return {each.name: each for each in sorted(found, key=lambda each: GROUPS.index(each.group))}
+    options = [_named(name, hint) for name, hint in hints.items()]
+    return {option.name: option for option in sorted(options, key=lambda option: GROUPS.index(option.group))}
 
 
 def _named(name: str, hint: Any) -> Option:
@@ -128,13 +128,17 @@ def signature_of(function: Any, table: type) -> Signature:
     """Return the signature of a function with its ``**options`` spelled out as declared in a table."""
     from inspect import signature
 
-    own = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-    own = [each.replace(annotation=_accepted(each.annotation)) for each in own]
+    parameters = [
+        parameter
+        for parameter in signature(function).parameters.values()
+        if parameter.kind is not Parameter.VAR_KEYWORD
+    ]
+    parameters = [parameter.replace(annotation=_accepted(parameter.annotation)) for parameter in parameters]
     options = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=declared(table)[name].default, annotation=_accepted(hint))
         for name, hint in get_type_hints(table, include_extras=True).items()
     ]
-    return Signature([*own, *options], return_annotation=signature(function).return_annotation)
+    return Signature([*parameters, *options], return_annotation=signature(function).return_annotation)
 
 
 def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
@@ -171,19 +175,19 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     markergen.errors.InputError: expected options of markergen.validate, found rnus=20 (no such option: did you mean \
 'runs'?); see help(markergen.validate)
     """
-    known = declared(table)
+    declarations = declared(table)
     settled: dict[str, Any] = {}
     findings = []
     for name, value in options.items():
-        if name not in known:
-            findings.append(f"{name}={brief(value)} (no such option: {_hint(name, known)})")
-    for name, option in known.items():
-        given = options.get(name)
-        value = option.default if given is None else _plain(given)
+        if name not in declarations:
+            findings.append(f"{name}={brief(value)} (no such option: {_hint(name, declarations)})")
+    for name, option in declarations.items():
+        asked = options.get(name)
+        value = option.default if asked is None else _plain(asked)
         try:
             settled[name] = None if value is None else KINDS[option.kind].read(value, name)
         except InputError as error:
-            findings.append(f"{name}={brief(given)} ({error.args[0]})")
+            findings.append(f"{name}={brief(asked)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
         raise InputError(f"options of {function}", ", ".join(findings), f"see help({function})")
@@ -228,14 +232,14 @@ def as_list(value: Any) -> list[Any]:
     (['marker.json'], ['a.json', 'b.json'])
     """
     # An open file is iterable, but its lines are not separate values.
-    one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
-    one = one or getattr(value, "ndim", 1) == 0  # A zero-dimensional array is a single number.
-    return list(value) if isinstance(value, Iterable) and not one else [value]
+    is_single = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
+    is_single = is_single or getattr(value, "ndim", 1) == 0  # A zero-dimensional array is a single number.
+    return list(value) if isinstance(value, Iterable) and not is_single else [value]
 
 
-def _hint(name: str, known: Mapping[str, Option]) -> str:
-    near = get_close_matches(name, known, n=1)
-    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+def _hint(name: str, names: Mapping[str, Option]) -> str:
+    matches = get_close_matches(name, names, n=1)
+    return f"did you mean {matches[0]!r}?" if matches else f"known: {', '.join(names)}"
 
 
 def _plain(value: Any) -> Any:

@@ -69,19 +69,21 @@ def self_distance(layouts: Array) -> Array:
     """D (B,) in m of layouts (B, n, 2) to themselves with disks exchanged; inf for more than `ENUMERATED` dots."""
     if layouts.shape[1] > ENUMERATED:
         return np.full(len(layouts), np.inf)
-    return _least(layouts, np.stack([_orthonormal(each) for each in layouts]), _labelings(layouts.shape[1], True)[1:])
+    return _least(
+        layouts, np.stack([_orthonormal(layout) for layout in layouts]), _labelings(layouts.shape[1], True)[1:]
+    )
 
 
 def _least(layouts: Array, basis: Array, labelings: Indices, partly: bool = False) -> Array:
     """Smallest D (B,) over labelings (S, n), given orthonormal coordinates (n, 2) or (B, n, 2) of the others' dots."""
     n = layouts.shape[1]
     size = max(1, AT_ONCE // (2 * labelings.size))
-    found = []
+    squares = []
     for start in range(0, len(layouts), size):
         part = slice(start, start + size)
-        own = basis if basis.ndim == 2 else basis[part]
-        found.append(_left(layouts[part], own[..., labelings, :], partly).min(axis=-1))
-    return np.sqrt(np.maximum(np.concatenate(found), 0) / (n - partly))
+        part_basis = basis if basis.ndim == 2 else basis[part]
+        squares.append(_left(layouts[part], part_basis[..., labelings, :], partly).min(axis=-1))
+    return np.sqrt(np.maximum(np.concatenate(squares), 0) / (n - partly))
 
 
 def _left(layouts: Array, coordinates: Array, partly: bool = False) -> Array:
@@ -120,12 +122,12 @@ def _nearest_distance(layouts: Array, other: Array) -> Array:
     angle = 2 * np.pi * np.arange(ANGLES_OF_MANY) / ANGLES_OF_MANY
     turns = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
     turned = _orthonormal(other) @ turns
-    found = []
+    distances = []
     for layout in layouts:
         gaps = np.sum((_orthonormal(layout)[None, :, None] - turned[:, None]) ** 2, axis=-1).min(axis=-1)
         spread = np.sqrt(np.mean((layout - layout.mean(axis=0)) ** 2))
-        found.append(spread * np.sqrt(gaps.sum(axis=-1).min() / 2))
-    return np.array(found)
+        distances.append(spread * np.sqrt(gaps.sum(axis=-1).min() / 2))
+    return np.array(distances)
 
 
 def _orthonormal(points: Array) -> Array:
@@ -139,7 +141,7 @@ def _orthonormal(points: Array) -> Array:
 @cache
 def _labelings(n: int, keyed: bool) -> Indices:
     """All labelings (S, n), or those that keep dot 0, the key ring; the identity is the first."""
-    every = ((0, *each) for each in permutations(range(1, n))) if keyed else permutations(range(n))
+    every = ((0, *order) for order in permutations(range(1, n))) if keyed else permutations(range(n))
     return np.array(list(every), dtype=np.intp)
 
 

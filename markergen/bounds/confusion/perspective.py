@@ -132,15 +132,15 @@ class LabelSafety:
 
     def in_words(self, dot: int) -> str:
         """The nearest rival labeling that moves a dot, such as "2 and 3 exchanged"; empty if there is none."""
-        found = []
+        phrases = []
         for cycle in self.cycles(dot):
             if len(cycle) == 2:
-                found.append(f"{cycle[0]} and {cycle[1]} exchanged")
+                phrases.append(f"{cycle[0]} and {cycle[1]} exchanged")
             elif len(cycle) <= LISTED:
-                found.append(f"each of {', '.join(map(str, (*cycle, cycle[0])))} taken for the next")
+                phrases.append(f"each of {', '.join(map(str, (*cycle, cycle[0])))} taken for the next")
             else:
-                found.append(f"{len(cycle)} dots taken for each other, {cycle[0]} for {cycle[1]} among them")
-        return " and ".join(found)
+                phrases.append(f"{len(cycle)} dots taken for each other, {cycle[0]} for {cycle[1]} among them")
+        return " and ".join(phrases)
 
     def cycles(self, dot: int) -> tuple[tuple[int, ...], ...]:
         """Cycles of the nearest rival labeling that moves a dot: (0, 1, 2) takes dot 0 for 1, 1 for 2, and 2 for 0."""
@@ -208,9 +208,9 @@ def _by_size(marker: Marker, setting: Setting) -> LabelSafety:
             continue
         kinds = np.array([marker.control_points[i].feature.kind == "ring" for i in scale], dtype=np.intp)
         poses = setting.poses.taken(whole, setting.poses.dropped)
-        own = safety_of(seen_layout(marker.xyz[scale], kinds, setting.camera, poses))
-        px[scale], at[scale] = own.px, whole[own.pose]
-        labels[np.ix_(scale, scale)] = scale[own.labels]
+        safety = safety_of(seen_layout(marker.xyz[scale], kinds, setting.camera, poses))
+        px[scale], at[scale] = safety.px, whole[safety.pose]
+        labels[np.ix_(scale, scale)] = scale[safety.labels]
     return LabelSafety(px, labels, at, setting.poses, tuple(point.id for point in marker.control_points))
 
 
@@ -230,10 +230,10 @@ def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | Non
     rivals = rivals.take(order)
     away = np.where(rivals.moved, rivals.px[:, None], np.inf)
     px = np.min(away, axis=0, initial=np.inf)
-    told = np.isfinite(px)
+    has_rival = np.isfinite(px)
     labels, pose = np.tile(scene.truth, (n, 1)), np.zeros(n, dtype=np.intp)
-    row = np.argmax(away[:, told] <= px[told] + SAME_PX, axis=0) if told.any() else []
-    labels[told], pose[told] = np.argsort(rivals.labeling[row], axis=-1), rivals.pose[row]
+    row = np.argmax(away[:, has_rival] <= px[has_rival] + SAME_PX, axis=0) if has_rival.any() else []
+    labels[has_rival], pose[has_rival] = np.argsort(rivals.labeling[row], axis=-1), rivals.pose[row]
     return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)))
 
 
@@ -241,19 +241,19 @@ def worst_rivals(scene: SeenLayout) -> Rivals:
     """Find the nearest rivals, including those that move each dot, over all poses."""
     n = len(scene.points)
     at = representative(scene.poses, REPRESENTATIVE_OF_MANY if n > MANY else REPRESENTATIVE)
-    found = find_rivals(scene, at)
-    found = _followed(scene, found, found.nearest_labelings(BROUGHT, BROUGHT_PER_DOT), at)
-    nearest = found.nearest_labelings(FOLLOWED, FOLLOWED_PER_DOT)
+    rivals = find_rivals(scene, at)
+    rivals = _followed(scene, rivals, rivals.nearest_labelings(BROUGHT, BROUGHT_PER_DOT), at)
+    nearest = rivals.nearest_labelings(FOLLOWED, FOLLOWED_PER_DOT)
     many = max(1, FITS // (n * max(1, len(nearest))))
-    return _followed(scene, found, nearest, representative(scene.poses, many))
+    return _followed(scene, rivals, nearest, representative(scene.poses, many))
 
 
 def _followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
     """Add to the rivals the labelings (K, n) fitted at those of the poses `at` that may be nearest."""
-    found = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
-    px = found.px.reshape(len(labeling), len(at))
-    near = px <= NEAR * px.min(axis=1, initial=np.inf, keepdims=True)
-    return rivals.joined(scene.refit(found.take(np.flatnonzero(near))))
+    fitted = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
+    px = fitted.px.reshape(len(labeling), len(at))
+    is_near = px <= NEAR * px.min(axis=1, initial=np.inf, keepdims=True)
+    return rivals.joined(scene.refit(fitted.take(np.flatnonzero(is_near))))
 
 
 def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
@@ -266,9 +266,9 @@ def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
     truth = Rivals(
         np.tile(scene.truth, (len(at), 1)), at, scene.poses.rotation[at], scene.poses.translation[at], np.zeros(len(at))
     )
-    for turn in range(ROUNDS):
+    for sweep in range(ROUNDS):
         nearest = pool.take(_nearest(pool, at, VARIED))
-        bases = truth.joined(nearest) if turn == 0 else nearest
+        bases = truth.joined(nearest) if sweep == 0 else nearest
         fresh = _not_in(*_exchanged(scene, bases, at), pool)
         if not len(fresh[0]):
             break
@@ -306,7 +306,7 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
     labelings, poses = [], []
     for pose in at:
         seen = _whitened(scene.rays[pose] * [1, -1])
-        found: dict[bytes, tuple[float, Indices]] = {}
+        by_labeling: dict[bytes, tuple[float, Indices]] = {}
         for angle in angles:
             turned = layout @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
             cost = np.sum((turned[:, None] - seen) ** 2, axis=-1) + strange
@@ -314,8 +314,10 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
             total = float(cost[scene.truth, labeling].sum())
             if total < 1e6 and (labeling != scene.truth).any():
                 key = labeling.tobytes()
-                found[key] = min(found.get(key, (np.inf, labeling)), (total, labeling), key=lambda each: each[0])
-        best = sorted(found.values(), key=lambda each: each[0])[:KEPT]
+                by_labeling[key] = min(
+                    by_labeling.get(key, (np.inf, labeling)), (total, labeling), key=lambda candidate: candidate[0]
+                )
+        best = sorted(by_labeling.values(), key=lambda candidate: candidate[0])[:KEPT]
         labelings += [labeling for _, labeling in best]
         poses += [pose] * len(best)
     return np.array(labelings, dtype=np.intp).reshape(-1, n), np.array(poses, dtype=np.intp)
@@ -337,7 +339,7 @@ def _reassigned(scene: SeenLayout, rivals: Rivals) -> Rivals:
     drawn = scene.camera.project(scene.points, rivals.rotation, rivals.translation)
     cost = np.sum((drawn[:, :, None] - scene.images[rivals.pose][:, None]) ** 2, axis=-1)
     strange = np.where(scene.kinds[:, None] != scene.kinds, 1e12, 0.0)
-    labeling = np.array([linear_sum_assignment(each + strange)[1] for each in cost], dtype=np.intp)
+    labeling = np.array([linear_sum_assignment(matrix + strange)[1] for matrix in cost], dtype=np.intp)
     return scene.fit(*_not_in(labeling.reshape(rivals.labeling.shape), rivals.pose, rivals), rough=True)
 
 
@@ -362,9 +364,9 @@ def _exchanged(scene: SeenLayout, bases: Rivals, at: Indices) -> tuple[Indices, 
         _, by_second = np.unique(second[pair], return_index=True)
         chosen = np.unique(np.concatenate([top, by_first, by_second]))
         labeling = bases.labeling[rows[base[chosen]]].copy()
-        one, other = first[pair[chosen]], second[pair[chosen]]
+        dot, partner = first[pair[chosen]], second[pair[chosen]]
         row = np.arange(len(chosen))
-        labeling[row, one], labeling[row, other] = labeling[row, other], labeling[row, one]
+        labeling[row, dot], labeling[row, partner] = labeling[row, partner], labeling[row, dot]
         labelings.append(labeling)
         poses.append(np.full(len(chosen), pose))
     return np.concatenate(labelings), np.concatenate(poses)
@@ -398,9 +400,9 @@ def _keys(labeling: Indices, pose: Indices) -> list[bytes]:
     return [row.tobytes() for row in np.concatenate([labeling, pose[:, None]], axis=1)]
 
 
-def _not_in(labeling: Indices, pose: Indices, known: Rivals) -> tuple[Indices, Indices]:
+def _not_in(labeling: Indices, pose: Indices, rivals: Rivals) -> tuple[Indices, Indices]:
     """Labelings (K, n) with their poses (K,), without duplicates, the true one, and known ones."""
-    seen = set(_keys(known.labeling, known.pose))
+    seen = set(_keys(rivals.labeling, rivals.pose))
     wrong = (labeling != np.arange(labeling.shape[1])).any(axis=-1)
     chosen = []
     for index, key in enumerate(_keys(labeling, pose)):

@@ -127,8 +127,8 @@ class SeenLayout:
         """Fit labelings (K, n) at poses (K,), from both poses whose affine map is nearest to the images."""
         size = max(1, _AT_ONCE // (2 * len(self.points)))
         parts = [slice(start, start + size) for start in range(0, max(1, len(labeling)), size)]
-        found = [self._fit(labeling[part], pose[part], rough) for part in parts]
-        return Rivals(*(np.concatenate([getattr(part, each.name) for part in found]) for each in fields(Rivals)))
+        fits = [self._fit(labeling[part], pose[part], rough) for part in parts]
+        return Rivals(*(np.concatenate([getattr(part, field.name) for part in fits]) for field in fields(Rivals)))
 
     def refit(self, rivals: Rivals) -> Rivals:
         """Fit rivals, which may come from another layout, starting from their current poses."""
@@ -150,8 +150,8 @@ class SeenLayout:
 
     def _fitted(self, labeling: Indices, pose: Indices, rotation: Array, translation: Array, rough: bool) -> Rivals:
         images = np.take_along_axis(self.images[pose], labeling[..., None], axis=1)
-        found = fit_poses(self.points, images, self.camera, rotation, translation, self.edge_on, rough)
-        return Rivals(labeling, pose, *found)
+        fitted = fit_poses(self.points, images, self.camera, rotation, translation, self.edge_on, rough)
+        return Rivals(labeling, pose, *fitted)
 
 
 def seen_layout(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> SeenLayout:
@@ -206,8 +206,8 @@ class RivalFit(LeastSquares):
             residual = np.concatenate([offset, tilt[:, None]], axis=-1)
             cost = np.sum(residual**2, axis=-1)
         # There is no image outside the domain of the lens model.
-        shown = (seen[..., 2] > 0).all(axis=-1) & (cosine > 0) & np.isfinite(cost)
-        return np.where(shown, cost, np.inf), residual, normalized
+        is_visible = (seen[..., 2] > 0).all(axis=-1) & (cosine > 0) & np.isfinite(cost)
+        return np.where(is_visible, cost, np.inf), residual, normalized
 
     def worth_a_step(self, cost: Array) -> Mask:
         """Mask of the problems that start in front of the camera and do not fit already."""
@@ -226,9 +226,9 @@ class RivalFit(LeastSquares):
         """See `LeastSquares.take`."""
         return replace(self, images=self.images[chosen])
 
-    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+    def jacobian(self, unknowns: Arrays, results: Arrays) -> Array:
         """Derivative (K, 2n + 1, 6) of the projections by the pose (w, dt)."""
-        (rotation, translation), (*_, normalized) = unknowns, found
+        (rotation, translation), (*_, normalized) = unknowns, results
         rows = self.image_rows(rotation, translation, normalized).reshape(len(rotation), 2 * len(self.points), 6)
         axis, distance = rotation[:, :, 2], np.linalg.norm(translation, axis=-1)[:, None]
         cosine = _cos_tilt(rotation, translation)[:, None]
@@ -273,8 +273,8 @@ def _starts(points: Array, rays: Array, edge_on: float) -> tuple[list[tuple[Arra
     for major in (0, 1):
         minor = 1 - major
         scale = np.maximum(values[:, major], 1e-12)
-        shown = np.where(back, 0.0, values[:, 1] / scale)
-        cosine = np.clip(shown, edge_on, 1.0)[:, None]
+        foreshortening = np.where(back, 0.0, values[:, 1] / scale)
+        cosine = np.clip(foreshortening, edge_on, 1.0)[:, None]
         across = left[..., minor] * np.where(back, -1.0, 1.0)[:, None]
         block = (
             left[..., major, None] * right[:, major, None, :] + (cosine * across)[..., None] * right[:, minor, None, :]
