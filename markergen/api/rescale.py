@@ -8,12 +8,12 @@ from markergen.api.arguments import as_path, files_among
 from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
+from markergen.model.body import Body
 from markergen.model.marker import Marker
-from markergen.model.marker_json import to_json
-from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_rig
+from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_plates
 from markergen.model.rescale import rescale as by_rulers
 from markergen.model.rig import Rig
-from markergen.model.rig_json import load_marker_or_rig, rig_to_json
+from markergen.model.rig_json import body_to_json, load_marker_or_rig
 from markergen.options import read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
 from markergen.options.kinds import File, MarkerLike, TargetLike
@@ -21,7 +21,7 @@ from markergen.presentation.results import Result, files_as_json, json_bytes, pl
 from markergen.read.measured import read_measured
 from markergen.units import format_length, parse_length
 
-T = TypeVar("T", Marker, Rig)
+T = TypeVar("T", bound=Body)
 
 
 class Rescaled(Result, Generic[T]):
@@ -53,10 +53,8 @@ class Rescaled(Result, Generic[T]):
 
     def to_json(self) -> bytes:
         """Return the scale of the print along x and y, of a rig's markers by name, with notes and files."""
-        rescaled = self.marker
-        scale: Any = rescaled.print_scale if isinstance(rescaled, Marker) else None
-        if isinstance(rescaled, Rig):
-            scale = {mounted.name: mounted.marker.print_scale for mounted in rescaled.markers}
+        scales = {plate.name: plate.marker.print_scale for plate in self.marker.plates}
+        scale = scales if self.marker.frame == "rig" else scales["marker"]
         return json_bytes(plain({"print_scale": scale, "notes": self.notes, "files": files_as_json(self.written)}))
 
     def __repr__(self) -> str:
@@ -120,13 +118,14 @@ def rescale(
     results, targets = list(read_as("files", json, "json") or ()), [target] if target else []
     check_outputs([*targets, *results])
     check_outputs(results, files_among(marker, asked["measured_points"]))
-    before = load_marker_or_rig(marker)
+    body: Body = load_marker_or_rig(marker)
+    before = body.plates[0].marker
     rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
     rescaled: Rescaled[Any]
-    if isinstance(before, Rig):
+    if body.frame == "rig":
         if asked["measured_points"] is not None:
             raise InputError("rulers of a rig", "--measured-points", "measure its dots with markergen calibrate")
-        rescaled = Rescaled(*rescale_rig(before, rulers, _others(asked["also"] or (), rulers), asked["force"]))
+        rescaled = Rescaled(*rescale_plates(body, rulers, _others(asked["also"] or (), rulers), asked["force"]))
     elif asked["also"]:
         raise InputError("rulers of one marker", "--also", "it is for the markers of a rig")
     elif asked["measured_points"] is None:
@@ -136,7 +135,7 @@ def rescale(
     else:
         rescaled = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
     rescaled.written = tuple(Written(path, rescaled.notes) for path in targets)
-    contents = {path: (rig_to_json if isinstance(before, Rig) else to_json)(rescaled.marker) for path in targets}
+    contents = {path: body_to_json(rescaled.marker) for path in targets}
     write_all(contents | {path: rescaled.to_json() for path in results})
     rescaled.written += tuple(map(Written, results))
     return rescaled

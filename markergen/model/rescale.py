@@ -10,8 +10,8 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.maths.rotation import rigid_motion
+from markergen.model.body import Body
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, check_supported
-from markergen.model.rig import Rig
 from markergen.units import format_length
 
 MOST_OFF = 0.05
@@ -172,10 +172,10 @@ def _reach(markers: Sequence[Marker]) -> list[str]:
     return [f"Dots are up to {_short(reach)} from where they were designed."]
 
 
-def rescale_rig(
-    rig: Rig, rulers: Rulers, others: Mapping[str, Rulers], force: bool = False
-) -> tuple[Rig, tuple[str, ...]]:
-    """Rescale the markers of a rig for a print whose rulers are off, each about its own origin; see `rescale`.
+def rescale_plates(
+    body: Body, rulers: Rulers, others: Mapping[str, Rulers], force: bool = False
+) -> tuple[Body, tuple[str, ...]]:
+    """Rescale the markers of a body for a print whose rulers are off, each about its own origin; see `rescale`.
 
     The plates stay where they are: their markers were printed at another size, not the body.
 
@@ -189,11 +189,11 @@ def rescale_rig(
     InputError
         As `rescale` does, or if a name is none of the rig's.
     """
-    names = [plate.name for plate in rig.markers]
+    names = [plate.name for plate in body.plates]
     unknown = [name for name in others if name not in names]
     if unknown:
         raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
-    rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in rig.markers}
+    rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in body.plates}
     names_of = dict[tuple[str, ...], list[str]]()
     for name, (_, sentences) in rescaled.items():
         names_of.setdefault(sentences, []).append(name)
@@ -201,8 +201,9 @@ def rescale_rig(
         " ".join(lines) if len(names_of) == 1 else f"{', '.join(which)}: {' '.join(lines)}"
         for lines, which in names_of.items()
     ]
-    changed = tuple(replace(plate, marker=rescaled[plate.name][0]) for plate in rig.markers)
-    return replace(rig, markers=changed), (*remarks, *_reach([plate.marker for plate in changed]))
+    changed = tuple(replace(plate, marker=rescaled[plate.name][0]) for plate in body.plates)
+    reach = _reach([plate.marker for plate in changed])
+    return body.with_plates(changed, body.relation_covariance), (*remarks, *reach)
 
 
 def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:
