@@ -47,7 +47,7 @@ def title_block(
 ) -> Drawn:
     """Title block at the foot of the sheet: small gray headings above their values, from margin to margin."""
     first = markers[0]
-    same = all(other.boundary == first.boundary and dot_sizes(other) == dot_sizes(first) for other in markers)
+    same = all(marker.boundary == first.boundary and dot_sizes(marker) == dot_sizes(first) for marker in markers)
     meaning = "size: diameter of the outline" if is_disk(first.boundary) else "size: width x height of the outline"
     name = marker_name(first).removeprefix("markergen-")
     if any(marker_name(marker) != marker_name(first) for marker in markers):

@@ -223,7 +223,7 @@ class SheetOptions:
 
 def both_ways(sizes: Sequence[Paper]) -> list[Paper]:
     """Each size in portrait and then in landscape orientation."""
-    return [oriented for size in sizes for oriented in (size, size.landscape)]
+    return [paper for size in sizes for paper in (size, size.landscape)]
 
 
 def find_paper(name: str, orientation: Orientation = "") -> Paper:
@@ -245,8 +245,8 @@ def find_paper(name: str, orientation: Orientation = "") -> Paper:
     size = _CUSTOM.fullmatch(wanted.removesuffix("-landscape"))
     if size:
         paper = _custom_from(name, size[1], size[2])
-        turn = (orientation or ending) and (paper.width > paper.height) != ((orientation or ending) == "landscape")
-        return paper.turned if turn and paper.width != paper.height else paper
+        is_turned = (orientation or ending) and (paper.width > paper.height) != ((orientation or ending) == "landscape")
+        return paper.turned if is_turned and paper.width != paper.height else paper
     if wanted in PAPERS:
         paper = PAPERS[wanted]
         return paper.landscape if orientation == "landscape" and not ending else paper

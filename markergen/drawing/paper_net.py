@@ -130,19 +130,19 @@ def unfold(rig: Marker | Rig) -> Net:
             for i, edge in enumerate(edges[k]):
                 if edge.meets is None or edge.meets[0] in places or (sides and not upright[edge.meets[0]]):
                     continue
-                other, j = edge.meets
-                mate = edges[other][j]
+                neighbor, j = edge.meets
+                mate = edges[neighbor][j]
                 # The other face's edge runs the other way.
-                places[other] = _matched(mate.start, mate.end, *places[k](np.array([edge.end, edge.start])))
-                folds |= {(k, i), (other, j)}
-                waiting.append(other)
+                places[neighbor] = _matched(mate.start, mate.end, *places[k](np.array([edge.end, edge.start])))
+                folds |= {(k, i), (neighbor, j)}
+                waiting.append(neighbor)
     if len(places) < len(edges):
         raise _no_net("faces in several pieces")
     ordered = tuple(places[k] for k in range(len(edges)))
     outlines = tuple(ordered[k](np.array([edge.start for edge in face_edges])) for k, face_edges in enumerate(edges))
     regions = [Region.polygon(outline) for outline in outlines]
     for k, region in enumerate(regions):
-        if any((region & other).area > TOUCHING for other in regions[k + 1 :]):
+        if any((region & later).area > TOUCHING for later in regions[k + 1 :]):
             raise _no_net("faces that overlap when unfolded")
     return Net(ordered, frozenset(folds), _flaps(edges, ordered, folds, regions), outlines, edges)
 
@@ -153,12 +153,12 @@ def _no_net(problem: str) -> InputError:
 
 def _matched(start: Sequence[float], end: Sequence[float], to_start: Array, to_end: Array) -> Placed:
     """Rigid motion of the plane that takes one segment to another of the same length."""
-    one, other = complex(*np.subtract(end, start)), complex(*(to_end - to_start))
-    ratio = other / one
-    turn = np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]) / abs(ratio)
+    source, target = complex(*np.subtract(end, start)), complex(*(to_end - to_start))
+    ratio = target / source
+    rotation = np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]) / abs(ratio)
     # Quarter turns exactly, so that faces of a cube stay upright.
-    turn = np.where(np.abs(turn - np.round(turn)) < 1e-9, np.round(turn), turn)
-    return Placed(turn, to_start - turn @ np.array(start))
+    rotation = np.where(np.abs(rotation - np.round(rotation)) < 1e-9, np.round(rotation), rotation)
+    return Placed(rotation, to_start - rotation @ np.array(start))
 
 
 def _flaps(
@@ -205,14 +205,17 @@ def net_sheet(rig: Marker | Rig, options: SheetOptions) -> Sheet:
     placement = next((place for frame in frames if (place := _place(net, frame, options))), None)
     if placement is None:
         raise _too_large(net, options)
-    frame, shift, corner = placement
-    layers = [moved_layers(face_layers, *shift) for face_layers in _drawn(net, rig, options.colors)]
+    frame, translation, corner = placement
+    layers = [moved_layers(face_layers, *translation) for face_layers in _drawn(net, rig, options.colors)]
     instructions, lengths = _instructions(rig, corner)
     names = len(net.flaps)
     return Sheet(
         frame.paper,
         scene_of([*layers, instructions]),
-        tuple((float(place.translation[0] + shift[0]), float(place.translation[1] + shift[1])) for place in net.places),
+        tuple(
+            (float(place.translation[0] + translation[0]), float(place.translation[1] + translation[1]))
+            for place in net.places
+        ),
         (lengths, 0),
         "Paper net of a rig",
         f"Net of {len(rig.plates)} faces with {names} flaps, at true size on {frame.paper}. Print at 100 %.",
@@ -234,9 +237,9 @@ def _place(net: Net, frame: Frame, options: SheetOptions) -> _Place | None:
     width, height = frame.paper.width - 2 * edge, frame.paper.height - 2 * edge
     if right - left > width or top - bottom > height:
         return None
-    shift = (edge + (width - right + left) / 2 - left, edge + (height - top + bottom) / 2 - bottom)
+    translation = (edge + (width - right + left) / 2 - left, edge + (height - top + bottom) / 2 - bottom)
     pieces = [*net.outlines, *(flap.corners for flap in net.flaps)]
-    boxes = [np.array([*(p.min(axis=0) + shift), *(p.max(axis=0) + shift)]) for p in pieces]
+    boxes = [np.array([*(p.min(axis=0) + translation), *(p.max(axis=0) + translation)]) for p in pieces]
     best: Box | None = None
     for y in sorted({float(box[1]) for box in boxes}):
         below = [box for box in boxes if box[1] < y - TOUCHING]
@@ -246,9 +249,9 @@ def _place(net: Net, frame: Frame, options: SheetOptions) -> _Place | None:
             size = (room[2] - room[0]) * (room[3] - room[1])
             best = room if best is None or size > (best[2] - best[0]) * (best[3] - best[1]) else best
     if best is None and height - (top - bottom) >= NOTE_HEIGHT + GAP and width >= NOTE_WIDTH:
-        shift = (shift[0], edge + height - top)
+        translation = (translation[0], edge + height - top)
         best = (edge, edge, edge + width, edge + height - (top - bottom) - GAP)
-    return (frame, shift, best) if best else None
+    return (frame, translation, best) if best else None
 
 
 def _too_large(net: Net, options: SheetOptions) -> InputError:
@@ -340,8 +343,8 @@ def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> 
     return []
 
 
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _dashes(ends: Array, name: str) -> list[Shape]:

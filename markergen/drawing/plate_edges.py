@@ -56,9 +56,9 @@ def plate_edges(body: Body) -> list[list[Edge]]:
             ends = places[k][[i, (i + 1) % len(outline)]]
             meets = next(
                 (
-                    (other, j)
-                    for other, spots in enumerate(places)
-                    if other != k
+                    (neighbor, j)
+                    for neighbor, spots in enumerate(places)
+                    if neighbor != k
                     for j in range(len(spots))
                     if np.abs(spots[[(j + 1) % len(spots), j]] - ends).max() <= SAME
                 ),

@@ -89,11 +89,11 @@ def draw_shape(canvas: Any, shape: Shape) -> None:
 
 def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
     """Cubic arcs through points of the circle, tangent there, with handles of length 4/3 tan(angle/4) radius."""
-    turn = 2 * pi / ARCS
-    handle = 4 / 3 * tan(turn / 4)
+    step = 2 * pi / ARCS
+    handle = 4 / 3 * tan(step / 4)
 
     def at(index: int, along: float) -> Point:
-        angle = index * turn
+        angle = index * step
         return (
             x + radius * (cos(angle) - along * sin(angle)),
             y + radius * (sin(angle) + along * cos(angle)),

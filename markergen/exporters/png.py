@@ -173,9 +173,9 @@ def _stroke(line: Line) -> list[Array]:
         before, after = np.concatenate([normals[:1], normals]), np.concatenate([normals, normals[-1:]])
     miter = 1 + np.sum(before * after, axis=1)  # twice the squared cosine of half the turning angle
     sharp = miter < 2 / MITER**2
-    shift = (before + after) / np.where(sharp, 1.0, miter)[:, None]
+    offset = (before + after) / np.where(sharp, 1.0, miter)[:, None]
     # A beveled corner has two points per side; the others are repeated, which adds no area.
-    shifts = np.stack([np.where(sharp[:, None], before, shift), np.where(sharp[:, None], after, shift)], axis=1)
+    shifts = np.stack([np.where(sharp[:, None], before, offset), np.where(sharp[:, None], after, offset)], axis=1)
     left, right = ((points[:, None] + side * line.width / 2 * shifts).reshape(-1, 2) for side in (1, -1))
     return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
 

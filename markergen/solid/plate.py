@@ -266,7 +266,7 @@ def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> 
     if not chamfer:
         return
     sides = outer.sides
-    sharp = [abs(turn) for k, turn in enumerate(turns_of(outer)) if sides[k - 1][2] or sides[k][2]]
+    sharp = [abs(angle) for k, angle in enumerate(turns_of(outer)) if sides[k - 1][2] or sides[k][2]]
     if max(sharp, default=0.0) * chamfer > TANGENT:
         raise InputError(
             "arcs tangent to their neighbors at both ends, for a chamfer",

@@ -311,11 +311,11 @@ def _check_inlays(block: Sequence[BlockFace], made: Sequence[Made]) -> None:
     reach = [[_extent(body) for body in (*plate_made.cut, *plate_made.marked)] for plate_made in made]
     for a, b in combinations(range(len(made)), 2):
         rooms = []
-        for index, other in ((a, b), (b, a)):
-            face = block[index]
-            points = [extent @ np.array(face.rotation).T + np.array(face.translation) for extent in reach[index]]
-            least = min((float(_depths(block[other], extent).min()) for extent in points), default=np.inf)
-            rooms.append(least - made[other].depth - made[other].face)
+        for cutting, facing in ((a, b), (b, a)):
+            face = block[cutting]
+            points = [extent @ np.array(face.rotation).T + np.array(face.translation) for extent in reach[cutting]]
+            least = min((float(_depths(block[facing], extent).min()) for extent in points), default=np.inf)
+            rooms.append(least - made[facing].depth - made[facing].face)
         if max(rooms) < 0:
             raise InputError(
                 f"inlays of {block[a].name} and {block[b].name} that do not meet",

@@ -294,22 +294,22 @@ def _chamfered(body: Prism) -> Any:
             sewing.Add(face)
     pairs = list(zip(body.outer.sides, edge.sides, strict=True))
     whole = body.outer.is_circle
-    for one, other in pairs[:1] if whole else pairs:
-        sewing.Add(_slant(one, other, rim, body.top, 2 * pi if whole else 4 * atan(abs(one[2]))))
+    for side, inner in pairs[:1] if whole else pairs:
+        sewing.Add(_slant(side, inner, rim, body.top, 2 * pi if whole else 4 * atan(abs(side[2]))))
     sewing.Perform()
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
     BRepLib.OrientClosedSolid_s(solid)
     return solid
 
 
-def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any:
+def _slant(side: Side, inner: Side, low: float, high: float, angle: float) -> Any:
     """Face of a chamfer between a side and its inward offset: a plane, or a cone for an arc."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakePolygon
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pln, gp_Pnt
 
-    (x, y), (u, v), bulge = one
-    (p, q), (r, s), _ = other
+    (x, y), (u, v), bulge = side
+    (p, q), (r, s), _ = inner
     if not bulge:
         corners = [gp_Pnt(x, y, low), gp_Pnt(u, v, low), gp_Pnt(r, s, high), gp_Pnt(p, q, high)]
         along, wide = gp_Dir(u - x, v - y, 0), high - low
@@ -317,7 +317,7 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
         normal = gp_Dir(along.Y() * wide, -along.X() * wide, wide)
         ring = BRepBuilderAPI_MakePolygon(*corners, True).Wire()
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
-    axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
+    axis = gp_Ax1(gp_Pnt(*center_of(side), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
     return explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]
 

@@ -119,8 +119,8 @@ def _faces(rims: Sequence[Rim]) -> Iterator[PlanarFace]:
     def sums(k: int) -> tuple[int, int]:
         if k not in inside:
             added, cut = sums(around[k])
-            turn = rims[k].turn
-            inside[k] = (added + turn, cut) if rims[k].added else (added, cut + turn)
+            winding = rims[k].turn
+            inside[k] = (added + winding, cut) if rims[k].added else (added, cut + winding)
         return inside[k]
 
     for k, rim in enumerate(rims):

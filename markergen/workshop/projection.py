@@ -128,7 +128,7 @@ def _top_view(body: Primitive, material: str, side: int, hollow: bool = False) -
 def _in_sight(profile: Sequence[Point], r: float, z: float, side: int, hollow: bool) -> bool:
     """Tell whether nothing of a body lies above a corner of its profile; for a hollow, below it."""
     sign = -side if hollow else side
-    return all(sign * (other - z) < SAME for radius, other in profile if abs(radius - r) < SAME)
+    return all(sign * (height - z) < SAME for radius, height in profile if abs(radius - r) < SAME)
 
 
 def _mirrored(face: ViewFace) -> ViewFace:

@@ -207,9 +207,9 @@ def _room(
     for i in range(len(feet)):
         rooms = [(edge[i] - tool.wall, EDGE)]
         rooms += [
-            ((gap - tool.wall) / 2, other.name) for gap, other in zip(between[i], feet, strict=True) if np.isfinite(gap)
+            ((gap - tool.wall) / 2, foot.name) for gap, foot in zip(between[i], feet, strict=True) if np.isfinite(gap)
         ]
-        rooms += [(gap - tool.wall, other.name) for gap, other in zip(aside[i], beside, strict=True)]
+        rooms += [(gap - tool.wall, footprint.name) for gap, footprint in zip(aside[i], beside, strict=True)]
         nearest.append(min(rooms))
     return [(float(room), name) for room, name in nearest]
 

@@ -139,7 +139,7 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     rings = [view.trace(contour) for contour in face.contours]
     # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
     filled = (
-        _directed(ring, sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0) for ring in rings
+        _directed(ring, sum(inside(ring[0], outer) for outer in rings if outer is not ring) % 2 == 0) for ring in rings
     )
     shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
     if hatched:
@@ -215,11 +215,11 @@ def center_circle(x: float, y: float, radius: float, style: Style) -> list[Shape
     """Chain line along a circle on paper."""
     dash = 5.0 * style.scale
     count = max(int(2 * pi * radius / (1.6 * dash)), 8)
-    turn = 2 * pi / count
+    step = 2 * pi / count
     shapes: list[Shape] = []
     for k in range(count):
         for start, end in ((0.0, 0.66), (0.79, 0.87)):
-            angles = [(k + start + (end - start) * i / 12) * turn for i in range(13)]
+            angles = [(k + start + (end - start) * i / 12) * step for i in range(13)]
             shapes.append(Line(tuple((x + radius * cos(a), y + radius * sin(a)) for a in angles), THIN, "", GRAY))
     return shapes
 

@@ -167,14 +167,14 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
         return [Line(((x + d - lean, y - h), (x + d + lean, y + h)), THIN) for d in (-0.4 * h, 0.4 * h)]
     if symbol == "angularity":
         return [Line(((x + 0.9 * h, y + 0.7 * h), (x - h, y - 0.8 * h), (x + h, y - 0.8 * h)), THIN)]
-    turns = [pi * k / 12 for k in range(13)]
-    arc = tuple((x + 1.1 * h * cos(turn), y - 0.5 * h + 1.1 * h * sin(turn)) for turn in turns)
+    angles = [pi * k / 12 for k in range(13)]
+    arc = tuple((x + 1.1 * h * cos(angle), y - 0.5 * h + 1.1 * h * sin(angle)) for angle in angles)
     return [Line((*arc, arc[0]), THIN)]
 
 
 def _circle(x: float, y: float, radius: float) -> Line:
-    turns = [2 * pi * k / 32 for k in range(32)]
-    ring = tuple((x + radius * cos(turn), y + radius * sin(turn)) for turn in turns)
+    angles = [2 * pi * k / 32 for k in range(32)]
+    ring = tuple((x + radius * cos(angle), y + radius * sin(angle)) for angle in angles)
     return Line((*ring, ring[0]), THIN)
 
 

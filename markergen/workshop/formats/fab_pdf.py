@@ -242,9 +242,9 @@ def _split(table: DrawingTable, width: float, height: float, style: Style) -> li
     whole = _measured(_table(table, width, style), width).height
     if whole <= height:
         return [table]
-    one = _measured(_table(replace(table, rows=table.rows[:1]), width, style), width).height
-    row = (whole - one) / (len(table.rows) - 1)
-    most = max(int((height - one) / row), 1)
+    first_row = _measured(_table(replace(table, rows=table.rows[:1]), width, style), width).height
+    row = (whole - first_row) / (len(table.rows) - 1)
+    most = max(int((height - first_row) / row), 1)
     count = ceil(len(table.rows) / most)
     size = ceil(len(table.rows) / count)
     return [
