@@ -8,7 +8,7 @@ from markergen.api.arguments import as_camera, files_among
 from markergen.defaults import VIEWS
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
-from markergen.model.rig import Rig, planned_print
+from markergen.model.rig import planned_print
 from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
@@ -97,7 +97,7 @@ def validate(
     targets = Validation.targets(save, pictures, json=json, report=report)
     optics = optics_from_text(settled["optics"] or "")
     judged = load_marker_or_rig(marker)
-    if isinstance(judged, Rig):
+    if judged.frame == "rig":
         for name, reason in NOT_FOR_RIGS.items():
             if settled[name] != usual[name]:
                 option = f"--{name.replace('_', '-')}"

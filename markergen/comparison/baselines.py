@@ -67,11 +67,11 @@ def line_up(
         for text in wanted
         if text in bodies or text.partition(":")[0] not in KINDS
     }
-    rigs = {text: body for text, body in loaded.items() if isinstance(body, Rig)}
+    rigs = {text: body for text, body in loaded.items() if body.frame == "rig"}
     if rigs:
         return _rig_line_up(wanted, rigs, poses)
     wanted = list(dict.fromkeys([*texts, *DEFAULTS])) if len(texts) == 1 else wanted
-    markers = {text: _visible(text, body) for text, body in loaded.items() if isinstance(body, Marker)}
+    markers = {text: _visible(text, body) for text, body in loaded.items() if body.frame == "marker"}
     first = next(iter(markers.values()), None)
     judged = setting_of(first, poses) if first else _default_setting(poses)
     radius = judged.boundary.radius

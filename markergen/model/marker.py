@@ -178,7 +178,7 @@ class Marker(Body):
         Plain JSON values from other programs, by name.
     """
 
-    frame: ClassVar[str] = "marker"
+    frame: ClassVar[Literal["marker"]] = "marker"
 
     control_points: tuple[ControlPoint, ...]
     boundary: Boundary

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Unpack
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ class Rig(Body):
         finite, symmetric and positive semidefinite.
     """
 
-    frame: ClassVar[str] = "rig"
+    frame: ClassVar[Literal["rig"]] = "rig"
 
     markers: tuple[Plate, ...]
     relation: Rows | None = field(default=None, repr=False)

@@ -164,7 +164,7 @@ def image_covariance(
     return plate_covariances(body, camera, poses, optics.edge_blur, contrast_to_noise)
 
 
-def counted_covariance(series: SyntheticViews[Marker], bare_px: float = 0.0) -> Array:
+def counted_covariance(series: SyntheticViews[Any], bare_px: float = 0.0) -> Array:
     """`image_covariance` (P, n, 2, 2) at every pose of a series; of dots that do not count, `UNSEEN_PX2`."""
     image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
     seen = partly_seen(series.marker, series.camera, series.poses)
@@ -216,7 +216,7 @@ def error_budget(
     that are at hand already need not be computed again.
     """
     body, poses = series.marker, series.poses
-    is_rig = isinstance(body, Rig)
+    is_rig = body.frame == "rig"
     counted = series.coverage.served if is_rig else np.ones(len(poses), dtype=bool)
     budget = budget or budget_of(series, bare_px)
 
@@ -228,12 +228,8 @@ def error_budget(
             "translation_pct": {name: rms(part[counted]) for name, part in pct.items()},
         }
 
-    if is_rig:
-        image = image_covariance(body, series.camera, poses, series.optics)
-        variance = np.trace(image, axis1=-2, axis2=-1)[series.coverage.seen & counted[:, None]]
-    else:
-        variance = np.trace(counted_covariance(series, bare_px), axis1=-2, axis2=-1)
-        variance = variance[variance < UNSEEN_PX2]
+    variance = np.trace(counted_covariance(series, bare_px)[counted], axis1=-2, axis2=-1)
+    variance = variance[variance < UNSEEN_PX2]
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "print_measured": any(plate.marker.places_measured for plate in body.plates),

@@ -33,7 +33,7 @@ def setting_of(
     InputError
         If the poses or the camera are unknown, or no pose sees the entire marker.
     """
-    if isinstance(body, Rig):
+    if body.frame == "rig":
         if poses is None:
             try:
                 poses = stated_poses(body.provenance.get("poses", ALL_AROUND))

@@ -74,7 +74,7 @@ def validate(
         check_supported(plate.marker, "to validate")
     series = series or SyntheticViews(body, setting.camera, setting.poses, 0, errors=ErrorSources())
     stage = _stages(progress)
-    if isinstance(body, Rig):
+    if body.frame == "rig":
         return _of_rig(series, noise_px, runs, seed, workers, stressed, stage)
     return _of_marker(body, setting, noise_px, runs, series, seed, workers, trials_for_all, stressed, stage)
 

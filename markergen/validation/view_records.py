@@ -12,6 +12,7 @@ from markergen.arrays import Array, Indices, Mask
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.rotation import logarithm
+from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
@@ -69,7 +70,7 @@ class Record:
     homography_px : float
         Root of HE, px; nan if there is no homography.
     plates : array (k,) of int
-        Plates of a rig that were found by themselves.
+        Plates that were found by themselves, once for each such constellation.
     plate_deg, plate_sigma_deg : arrays (k,)
         Rotation errors of their own poses, degrees, and the standard deviations that the detection claims for these,
         RMS over the directions.
@@ -113,35 +114,34 @@ class Record:
 
 def record(series: SyntheticViews[Any], view: View) -> Record:
     """Compare a view with the truth."""
-    empty, none = np.zeros(0), np.zeros(0, dtype=np.intp)
-    nothing = none, empty, empty, np.zeros(0, dtype=bool)
     if not view.detected:
+        empty, none = np.zeros(0), np.zeros(0, dtype=np.intp)
         return Record(
             view.index, view.pose, False, view.wrong, view.failure, none, np.zeros((0, 2)),
-            empty, empty, {}, np.full(6, np.nan), np.nan, np.nan, *nothing,
+            empty, empty, {}, np.full(6, np.nan), np.nan, np.nan, none, empty, empty, np.zeros(0, dtype=bool),
         )  # fmt: skip
     body, rotation, translation = series.marker, series.poses.rotation[view.pose], series.poses.translation[view.pose]
     here = PoseDistribution("here", rotation[None], translation[None])
     covariance = image_covariance(body, series.camera, here, series.optics)[0]
     bound = np.trace(covariance, axis1=-2, axis2=-1)
-    is_rig = isinstance(body, Rig)
+    pose_error, nees = _own_error(view, rotation, translation)
     return Record(
         view.index, view.pose, True, False, "", view.found, view.error, view.uncorrected_px, bound[view.found],
-        {} if is_rig else _pose_errors(series, view, rotation, translation),
-        *_own_error(view, rotation, translation),
-        np.nan if is_rig else _homography_px(series, view, rotation, translation),
-        *(_plates_alone(body, view, rotation, translation) if is_rig else nothing),
+        {} if body.frame == "rig" else _pose_errors(series, view, rotation, translation),
+        pose_error, nees,
+        _homography_px(series, view, rotation, translation),
+        *_plates_alone(body, view, rotation, translation),
     )  # fmt: skip
 
 
-def _plates_alone(rig: Rig, view: View, rotation: Array, translation: Array) -> tuple[Indices, Array, Array, Mask]:
+def _plates_alone(body: Body, view: View, rotation: Array, translation: Array) -> tuple[Indices, Array, Array, Mask]:
     """Plates with poses of their own, their errors and claimed standard deviations, and whether they are flipped."""
-    parts = [(rig.constellations[part.marker].plate, part.pose) for part in view.detection.parts if part.pose]
+    parts = [(body.constellations[part.marker].plate, part.pose) for part in view.detection.parts if part.pose]
     truths = [plate.camera_pose(rotation, translation) for plate, _ in parts]
     estimates = [pose for _, pose in parts]
     pairs = list(zip(estimates, truths, strict=True))
     return (
-        np.array([rig.plates.index(plate) for plate, _ in parts], dtype=np.intp),
+        np.array([body.plates.index(plate) for plate, _ in parts], dtype=np.intp),
         np.array([float(np.rad2deg(np.linalg.norm(logarithm(pose.rotation @ truth[0].T)))) for pose, truth in pairs]),
         np.array([float(pose.budget.rotation_deg["total"]) for pose in estimates]),
         np.array([flipped(pose.rotation[None], *truth)[0] for pose, truth in pairs], dtype=bool),
@@ -409,7 +409,7 @@ def _pose_errors(
     return errors
 
 
-def _homography_px(series: SyntheticViews[Marker], view: View, rotation: Array, translation: Array) -> float:
+def _homography_px(series: SyntheticViews[Any], view: View, rotation: Array, translation: Array) -> float:
     if view.detection.homography is None or len(series.marker.constellations) > 1:
         return np.nan
     grid = validation_grid(series.marker.boundary.radius)
