@@ -196,9 +196,9 @@ class RigLayouts:
                 break
         self.layouts[k] = best
 
-    def safety(self, k: int, other: int) -> float:
+    def safety(self, k: int, j: int) -> float:
         """Safety in px against taking a plate for another one, see `foreign_safety`."""
-        return foreign_safety(self.layouts[k], self.layouts[other], self.setting(k))
+        return foreign_safety(self.layouts[k], self.layouts[j], self.setting(k))
 
     def region(self, k: int) -> FeasibleRegion:
         """Region of a plate's dots."""
@@ -215,9 +215,9 @@ class RigLayouts:
         """Setting of a plate for the pose of the rig, to which all other plates in view contribute."""
         plate = self.plates[k]
         rest = np.zeros((self.count, 6, 6))
-        for other in range(len(self.plates)):
-            if other != k:
-                rest += self.information(other)
+        for j in range(len(self.plates)):
+            if j != k:
+                rest += self.information(j)
         information = moved_information(rest[plate.index], plate.offset)
         rotation, translation = np.array(plate.face.rotation), np.array(plate.face.translation)
         carrier = Carrier((self._body - translation) @ rotation, -translation @ rotation)
@@ -269,8 +269,8 @@ def distinct_layout(
     scale, n = region.boundary.radius, len(start)
 
     def apart(layouts: Array) -> Array:
-        every = [affine_distance(layouts, other) for other in others] + [self_distance(layouts)]
-        every += [PARTLY * partial_distance(layouts, other) for other in others]
+        every = [affine_distance(layouts, rival) for rival in others] + [self_distance(layouts)]
+        every += [PARTLY * partial_distance(layouts, rival) for rival in others]
         return np.min(every, axis=0)
 
     steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale

@@ -370,7 +370,7 @@ def best_of(candidates: list[Ranked], count: int = KEPT) -> list[Ranked]:
     """
     kept: list[Ranked] = []
     for points, value in sorted(candidates, key=lambda pair: pair[1]):
-        if not any(value <= other * (1 + DISTINCT) and _alike(points, layout) for layout, other in kept):
+        if not any(value <= kept_value * (1 + DISTINCT) and _alike(points, layout) for layout, kept_value in kept):
             kept.append((points, value))
             if len(kept) == count:
                 break
