@@ -55,7 +55,7 @@ class Patch:
             normal = areas[np.argmax(sizes)] / max(sizes.max(), np.finfo(float).tiny)
             normal = -normal if normal[2] < 0 else normal
             turned = (areas @ normal < 0) ^ (_nesting(outlines, sizes, normal) % 2 == 1)
-            outlines = [o[::-1] if turn else o for o, turn in zip(outlines, turned, strict=True)]
+            outlines = [o[::-1] if is_turned else o for o, is_turned in zip(outlines, turned, strict=True)]
         object.__setattr__(self, "outlines", tuple(outlines))
         object.__setattr__(self, "normal", normal)
 

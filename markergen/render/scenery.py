@@ -233,7 +233,7 @@ def hiding(
         point = marker.control_points[k]
         radius = 0.55 * point.feature.diameter
         gaps = marker.xyz[:, :2] - marker.xyz[k, :2]
-        reach = np.array([other.feature.diameter / 2 for other in marker.control_points]) + radius
+        reach = marker.radii + radius
         directions = 2 * np.pi * (np.arange(16) + rng.random()) / 16
         along = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
         ahead = np.maximum(gaps @ along.T, 0)
@@ -241,8 +241,8 @@ def hiding(
         free[k] = np.inf
         best = int(np.argmax(free.min(axis=0)))
         length = 2.5 * marker.boundary.radius if free[:, best].min() > 0 else 0.0
-        turn = directions[best] + np.linspace(np.pi / 2, 3 * np.pi / 2, 64)
-        end = np.stack([np.cos(turn), np.sin(turn)], axis=-1) * radius
+        angle = directions[best] + np.linspace(np.pi / 2, 3 * np.pi / 2, 64)
+        end = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius
         outline = marker.xyz[k, :2] + np.concatenate([end, length * along[best] - end])
         patch = Patch((np.column_stack([outline, np.full(len(outline), point.z)]),), 0.0)
         grey = float(rng.integers(40, 240))

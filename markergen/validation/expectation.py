@@ -182,8 +182,8 @@ def _flips(images: _Images, poses: Mask) -> tuple[Array, Array, Array]:
     """Probability of a flip, and the errors in degrees and mm of the mirrored pose that fits best."""
     rotation, translation = images.series.poses.rotation[poses], images.series.poses.translation[poses]
     start = mirrored_poses(images.points, rotation, translation)
-    other, place, chi2 = images.refined(poses, images.exact[poses], *start)
-    turned_deg = np.rad2deg(angle_between(other, rotation))
+    flipped, place, chi2 = images.refined(poses, images.exact[poses], *start)
+    turned_deg = np.rad2deg(angle_between(flipped, rotation))
     apart = turned_deg > DISTINCT * images.budget.rotation_deg["total"][poses]
     from scipy.special import ndtr
 

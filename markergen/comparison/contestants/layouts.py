@@ -79,8 +79,8 @@ def _layout(text: str, arena: Arena) -> DotMarker:
         region = FeasibleRegion(setting.boundary, diameter, clearance)
         layouts = comparison_layouts(region, n, arena.seed).get(kind)
         if layouts is not None:
-            made = build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance)
-            return DotMarker(name, light_marker(made) if first and first.light else made)
+            median = build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance)
+            return DotMarker(name, light_marker(median) if first and first.light else median)
     raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
 
 

@@ -67,8 +67,8 @@ class RigOfDots(RigContestant):
         """See `Contestant.render`."""
         parts = [moved[self.rig.owner == k] for k in range(len(self.rig.markers))]
         markers = zip(self.rig.markers, parts, strict=True)
-        made = replace(self.rig, markers=tuple(replace(m, marker=displaced(m.marker, part)) for m, part in markers))
-        return render_view(made, camera, *pose, optics, rng)
+        printed = replace(self.rig, markers=tuple(replace(m, marker=displaced(m.marker, part)) for m, part in markers))
+        return render_view(printed, camera, *pose, optics, rng)
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""

@@ -86,7 +86,9 @@ class RingGrid(Printed):
         """See `Printed.outlines`."""
         del scale_px
         rings = _drawn(self.columns, self.rows, self.share)[2]
-        return tuple(self.scale * outline + shift for shift, ring in zip(moved, rings, strict=True) for outline in ring)
+        return tuple(
+            self.scale * outline + offset for offset, ring in zip(moved, rings, strict=True) for outline in ring
+        )
 
     def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
         """See `Printed.find`."""

@@ -32,7 +32,7 @@ def pose_dome(
     poses: PoseDistribution,
     errors: Mapping[str, Array],
     source: str,
-    words: Sequence[str] = (),
+    descriptions: Sequence[str] = (),
 ) -> list[Plot]:
     """Draw the camera positions and the errors expected there: to turn, and as stills.
 
@@ -44,7 +44,7 @@ def pose_dome(
         RMS ``rotation`` in deg and ``translation`` in mm; not finite where nothing is known.
     source : str
         Sources of the errors, in words.
-    words : sequence of str
+    descriptions : sequence of str
         More about each pose.
     """  # fmt: skip
     around = 2 * np.pi * np.arange(24) / 24
@@ -68,7 +68,7 @@ def pose_dome(
     hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]
     every = -(-len(centers) // _MOST_TO_TURN)
     kept = np.union1d(np.arange(0, len(centers), every), hardest) if every > 1 else np.arange(len(centers))
-    made = [
+    figures = [
         dome(
             centers[kept],
             {name: values[kept] for name, values in errors.items()},
@@ -76,14 +76,14 @@ def pose_dome(
             dots,
             f"Each mark is a camera: {len(kept)} {f'of {len(poses)} ' if every > 1 else ''}poses, with {source}. Drag, "
             "or use the arrow keys, to turn; click a camera, or move the slider, to read its errors.",
-            [words[k] for k in kept.tolist()] if words else (),
+            [descriptions[k] for k in kept.tolist()] if descriptions else (),
         )
     ]
     for name, values in errors.items():
         finite = values[np.isfinite(values)]
         low, high = (number(float(end), 2) for end in (finite.min(initial=np.inf), finite.max(initial=-np.inf)))
         unit = UNITS[name]
-        made.append(
+        figures.append(
             plot(
                 partial(pose_sphere, faces, centers, values, f"RMS {name} error, {unit}"),
                 f"sphere-{name}",
@@ -93,7 +93,7 @@ def pose_dome(
                 "still",
             )
         )
-    return made
+    return figures
 
 
 def camera_centers(poses: PoseDistribution) -> Array:

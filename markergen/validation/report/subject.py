@@ -313,16 +313,16 @@ def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[[
 
 
 def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) -> Extent:
-    one = PoseDistribution("one", poses.rotation[[pose]], poses.translation[[pose]])
-    center = _axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, one)[..., 1]
-    thinnest = float(short_axes(marker, camera, one).min())
+    single_pose = PoseDistribution("one", poses.rotation[[pose]], poses.translation[[pose]])
+    center = _axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, single_pose)[..., 1]
+    thinnest = float(short_axes(marker, camera, single_pose).min())
     extent, scale = thinnest, 1.0
     # The extent is nearly proportional to the diameter, so that the iteration converges fast.
     for _ in range(4):
         if not extent:
             return Extent(pose, thinnest, float(center[0, 0]), np.inf)
         scale *= PIXELS / extent
-        extent = float(short_axes(marker, camera, one, scale).min())
+        extent = float(short_axes(marker, camera, single_pose, scale).min())
     diameter = float(np.ceil(scale * marker.dot_diameter * 1e4 - 1e-6) / 1e4)
     return Extent(pose, thinnest, float(center[0, 0]), diameter)
 
