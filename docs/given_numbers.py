@@ -44,7 +44,7 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (RIGS, DEFAULT, ["tilted by less than # deg", "(from # deg on, with a short axis of # px)"]),
-        (RIGS, MEANING, ["a dot more than # px off", "more than # degrees or # %"]),
+        (RIGS, MEANING, ["a dot more than # px off", "more than # degrees or # %", "its # % `interval`"]),
         (
             RIGS,
             SETTING,
@@ -62,6 +62,7 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
+        (README, STANDARD, ["by the CAD kernel alone (# MB)", "the same by cadquery (# GB)"]),
         (
             README,
             STANDARD,
@@ -197,6 +198,7 @@ GIVEN: Sequence[Given] = tuple(
         ),
         (FABRICATE, EXAMPLE, ["*of diameter* # mm", "by # degrees; `--foot`", "for a disc of # mm |"]),
         (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,"]),
+        (FABRICATE, STANDARD, ["`pip install 'markergen[step]'` | # MB", "`pip install 'markergen[solids]'` | # GB"]),
         ("docs/simulators.md", STANDARD, ["density of PLA (# kg"]),
         (
             PAPER,

@@ -70,7 +70,7 @@ def parsed_layout(value: object) -> Rows:
 
     Examples
     --------
-    >>> layout_of("0mm,50mm; -40mm,-30mm; 40mm,-30mm; 0,0.01")
+    >>> parsed_layout("0mm,50mm; -40mm,-30mm; 40mm,-30mm; 0,0.01")
     ((0.0, 0.05), (-0.04, -0.03), (0.04, -0.03), (0.0, 0.01))
     """
     if value is None or (isinstance(value, str | list | tuple) and not value):

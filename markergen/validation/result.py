@@ -58,8 +58,8 @@ class Validation(SavableResult):
     Of a rig, all plates in view are compared with the best of them alone:
 
     >>> marker = mg.design(n=5, boundary="rect:80mmx80mm", restarts=2).marker
-    >>> side = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    >>> faces = mg.Plate("+z", marker, np.eye(3), [0, 0, 0.04]), mg.Plate("+x", marker, side, [0.04, 0, 0])
+    >>> upright, side = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    >>> faces = mg.Plate("+z", marker, upright, [0, 0, 0.04]), mg.Plate("+x", marker, side, [0.04, 0, 0])
     >>> poses = "cone:tilt=40..50,azimuth=0,distance=0.3,count=10"
     >>> validation = mg.validate(mg.Rig(faces), poses=poses, runs=0, views=0)
     >>> both = validation.headline["by_plates"]["2"]

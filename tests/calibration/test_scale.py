@@ -8,7 +8,7 @@ import pytest
 
 import markergen as mg
 from benchmarks.calibration_sets import CAMERA
-from markergen.calibration import run
+from markergen.calibration.calibration import Known
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
@@ -30,7 +30,7 @@ def design(make_ngon):
 
 
 def known(*lengths):
-    return run.Known(CAMERA, errors=ScaleErrors(0.002, RULER), lengths=lengths)
+    return Known(CAMERA, errors=ScaleErrors(0.002, RULER), lengths=lengths)
 
 
 def length(design, measured=1.0):
