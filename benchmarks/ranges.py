@@ -23,7 +23,7 @@ import numpy as np
 
 import markergen as mg
 from markergen.arrays import Array
-from markergen.bounds.dots import dot_information
+from markergen.bounds.dot_covariances import dot_information
 from markergen.comparison.contestants.printed import lm_pose
 from markergen.comparison.contestants.pupil import PupilTag
 from markergen.comparison.contestants.pupil import Settings as PupilSettings

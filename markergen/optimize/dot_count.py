@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import MANY, layout_safety
-from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
+from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance

@@ -13,7 +13,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.bounds.confusion.affine import likeness
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
-from markergen.bounds.dots import dot_information
+from markergen.bounds.dot_covariances import dot_information
 from markergen.maths.information import covariance, rotation_bound, translation_bound
 from markergen.model.feature import Feature, key_ring
 from markergen.model.goal import parse_goal

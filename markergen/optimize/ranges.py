@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.bounds.dots import dot_information
+from markergen.bounds.dot_covariances import dot_information
 from markergen.errors import InputError
 from markergen.maths.information import covariance
 from markergen.model.boundary import Boundary, Circle

@@ -12,7 +12,7 @@ import numpy as np
 from markergen import __version__
 from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import layout_safety
-from markergen.bounds.dots import body_bounds
+from markergen.bounds.dot_covariances import body_bounds
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.marker import Marker

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
+from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
 from markergen.estimators.budget import ErrorSources

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.bounds.dots import dot_covariances, image_jacobian, image_slopes, marker_budget
+from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.comparison.baselines import line_up
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
-from markergen.bounds.dots import plate_covariances
+from markergen.bounds.dot_covariances import plate_covariances
 from markergen.detect.joining import spatial_errors
 from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.maths.information import (

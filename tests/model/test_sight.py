@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.bounds.dots import dot_ellipses
+from markergen.bounds.dot_covariances import dot_ellipses
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.constellation import scales_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import markergen as mg
-from markergen.bounds.dots import body_bounds
+from markergen.bounds.dot_covariances import body_bounds
 from markergen.errors import InputError
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import perspective, to_camera

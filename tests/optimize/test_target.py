@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from markergen.bounds.dots import marker_budget
+from markergen.bounds.dot_covariances import marker_budget
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA

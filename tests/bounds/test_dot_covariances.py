@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from markergen.bounds.dots import dot_ellipses, dot_information, marker_budget
+from markergen.bounds.dot_covariances import dot_ellipses, dot_information, marker_budget
 from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
