@@ -19,7 +19,6 @@ from markergen.errors import InputError, brief
 from markergen.exporters import catalog
 from markergen.exporters.png import pixels_per_meter
 from markergen.model.boundary import Boundary, Circle, Polygon
-from markergen.model.marker import Marker
 from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
@@ -163,11 +162,6 @@ def design_of(options: Any) -> Design:
 @lru_cache(maxsize=KEPT)
 def _designed(state: str) -> Design:
     return design(**json.loads(state))
-
-
-def marker_of_options(options: Any) -> Marker:
-    """Return the marker of a state with points (see `design_of`)."""
-    return design_of(options).marker
 
 
 def rig_of(shape: object, options: Any) -> tuple[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ from markergen.cli import main
 from markergen.errors import InputError
 from markergen.options.rig import RigKeywords
 from markergen.studio.look import _SEEN, clean, look, more, sketch
-from markergen.studio.state import declared_options, design_of, marker_of_options, plain_options, spec_of_options, words
+from markergen.studio.state import declared_options, design_of, plain_options, spec_of_options, words
 from markergen.validation.bounds import error_budget
 
 POINTS = "0mm,120mm; -110mm,-20mm; 10mm,-100mm; 90mm,30mm; 0mm,0mm"
@@ -119,7 +119,7 @@ def test_a_design_needs_points() -> None:
 def test_command_python_and_spec_make_the_marker_of_the_state(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     state = {**MOVED, "keep_out": ["circle:5mm@0,0.05"], "n": "", "tile": False}
-    found, marker = words(state), marker_of_options(state)
+    found, marker = words(state), design_of(state).marker
     assert tomllib.loads(found["spec"]) == plain_options(state)
     made: dict[str, Any] = {}
     exec(found["python"].replace("design.marker.save", "str"), made)
