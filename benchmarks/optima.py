@@ -25,8 +25,8 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import choose_dots
+from markergen.optimize.layouts import regular_layouts
 from markergen.optimize.problem import FeasibleRegion, breach, objective_of, room_of, rough_of
-from markergen.optimize.regular import regular_layouts
 from markergen.optimize.search import Optimum, search
 
 HEADINGS = "shape      n dot mm      best  best/n-gon  worst/best  <=0.1 %  <=0.5 %   breach m  CPU s each"

@@ -11,7 +11,7 @@ from scipy.optimize import Bounds, NonlinearConstraint, differential_evolution, 
 from markergen.arrays import Array
 from markergen.objectives import Objective, Setting
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.supersab import GROW, LONGEST, SHRINK
+from markergen.optimize.search import GROW, LONGEST, SHRINK
 
 Gradient = Callable[[Array], tuple[float, Array]]
 

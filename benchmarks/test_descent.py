@@ -15,7 +15,7 @@ from benchmarks.peers import autograd_condition, descend_one_by_one
 from markergen.arrays import Array
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.supersab import descend
+from markergen.optimize.search import descend
 
 STARTS, STEPS, GROUP = 200, 40, "descent of c(A), 200 starts x 40 steps, n = {}"
 

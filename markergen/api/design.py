@@ -23,7 +23,6 @@ from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.coverage_picture import draw_coverage
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.pad_design import design_pad
@@ -145,7 +144,7 @@ def _present(path: Path) -> Marker | None:
 def _coverage(result: Design) -> "Figure":
     """What all poses of the spec see of the marker, those that were left out as well."""
     figure = new_figure((6.4, 3.6))
-    draw_coverage(coverage(result.marker, result.setting.camera, poses_from(result.spec.poses)), figure.add_subplot())
+    coverage(result.marker, result.setting.camera, poses_from(result.spec.poses)).plot(figure.add_subplot())
     return figure
 
 

@@ -1,8 +1,9 @@
 """Sight: which dots of a body each pose shows, and which poses a marker serves."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,11 @@ from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution
+from markergen.presentation.tables import Table, percent
+from markergen.units import format_length
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MARGIN_PX = 3.0
 """Distance in px that the image of a dot keeps from the edge of the sensor to be detected."""
@@ -203,6 +209,32 @@ class Coverage:
             for low, high, mask in self.bands()
         ]
 
+    def plot(self, ax: "Axes") -> "Axes":
+        """Draw each pose by its distance and tilt, colored by the number of dots in view; crosses are not served."""
+        from markergen.presentation.plots import color_steps, log_axis
+
+        poses, served = self.poses, self.served
+        distance, tilt = poses.distance, poses.polar_angle_deg
+        scatter = ax.scatter(
+            distance[served], tilt[served], c=self.count[served], s=14, cmap=color_steps("viridis"), vmin=FEWEST
+        )
+        if served.any():
+            ax.figure.colorbar(scatter, ax=ax, label="dots in view")
+        if not served.all():
+            ax.scatter(
+                distance[~served],
+                tilt[~served],
+                marker="x",
+                s=18,
+                c="tab:red",
+                label=f"fewer than {FEWEST} dots of one size",
+            )
+            ax.legend(loc="upper left")
+        ax.set_xlabel("distance, m")
+        ax.set_ylabel("tilt, deg")
+        log_axis(ax, "x")
+        return ax
+
 
 def coverage(body: Body, camera: Camera, poses: PoseDistribution) -> Coverage:
     """What each pose sees of a body; dots are large enough from `Feature.least_pixels` on."""
@@ -230,3 +262,32 @@ def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) ->
 def partly_seen(body: Body, camera: Camera, poses: PoseDistribution) -> Mask | None:
     """Mask (P, n) of the dots that count; None if all do, as those of a marker with dots of one size."""
     return None if body.is_single else coverage(body, camera, poses).seen
+
+
+def distance_table(
+    rows: Sequence[Mapping[str, Any]], diameters: Sequence[float], titles: Sequence[str], cells: Sequence[Sequence[str]]
+) -> Table:
+    """Dots in view by distance, the share of the poses that four dots of each size serve, and more cells of each row.
+
+    Parameters
+    ----------
+    rows : sequence
+        Of `Coverage.rows`.
+    diameters : sequence of float
+        Of the sizes, m.
+    """
+    body = []
+    for row, more in zip(rows, cells, strict=True):
+        least, _, most = row["dots"]
+        body.append([
+            f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
+            f"{least} to {most}" if least < most else str(least),
+            *(percent(count / row["poses"]) for count in row["serving"]), *more,
+        ])  # fmt: skip
+    return Table(
+        "What each distance is served by",
+        ["distance m", "served", "dots", *map(format_length, diameters), *titles],
+        body,
+        "Dots in view: whole in the image and large enough. A pose is served by four or more of one size, whose share "
+        "of the poses stands under it. Errors are RMS.",
+    )

@@ -12,8 +12,8 @@ from markergen.objectives import Setting
 from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria
 from markergen.objectives.pose import PoseObjective
 from markergen.objectives.survive import HiddenDots
+from markergen.optimize.layouts import polygons
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.regular import polygons
 from markergen.presentation.tables import Table, number
 
 LAYOUTS = {

@@ -30,21 +30,22 @@ from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
-from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, pixels_across
-from markergen.optimize.given import refuse_faults, size_given
+from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, pixels_across, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.problem import (
+    TOLERANCE,
     FeasibleRegion,
     check,
     check_bounds,
     check_objective,
     check_parts,
+    faults,
     objective_of,
     room_of,
     rough_of,
 )
 from markergen.optimize.ranges import needs_scales
-from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
+from markergen.optimize.relief import ReliefRoom, check_relief, relief_breach, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
 from markergen.optimize.to_marker import dress, number
@@ -386,7 +387,7 @@ def _design(
     others: dict[str, Array] = {}
     if spec.points:
         points = np.array(spec.points)
-        refuse_faults(points, region, spec, setting)
+        _refuse_faults(points, region, spec, setting)
         optimum = Optimum(points, np.nan)
     elif spec.asymmetric:
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
@@ -422,6 +423,37 @@ def _design(
     result = Design(marker, setting, dots, table, spec, labels, value, perf_counter() - begin, trace)
     log.info("designed %r in %.1f s", marker, result.seconds)
     return result
+
+
+def _refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: Setting) -> None:
+    """Refuse a layout with faults, with pillars that hide dots from a pose, or with labels less safe than asked.
+
+    Raises
+    ------
+    InputError
+        Naming the first fault.
+    """
+    if breaches := faults(points, region):
+        more = f", and {len(breaches) - 1} more" * (len(breaches) > 1)
+        dots = f"dots of {format_length(region.diameter)} with {format_length(region.clearance)} clearance"
+        raise InputError(
+            f"points with room for {dots}",
+            f"{breaches[0].words}{more}",
+            "move them, or give a smaller --dot",
+        )
+    if spec.relief:
+        worst = relief_breach(points, spec.relief, region.diameter, region.clearance, eyes_of(setting.poses))
+        if worst > TOLERANCE:
+            breach = f"one that is {format_length(worst)} too high, too low, or in the way of another"
+            raise InputError(
+                f"points of a relief of {format_length(spec.relief)}", breach, "move it, or allow more --relief"
+            )
+    if spec.asymmetric:
+        safety = layout_safety(points, setting, keyed=False).least
+        if safety < spec.asymmetric:
+            raise InputError(
+                f"points with labels safe to {spec.asymmetric:g} px", f"{safety:.3g} px", "move them, or ask for less"
+            )
 
 
 def upright(

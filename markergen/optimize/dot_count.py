@@ -36,7 +36,7 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.dot_size import clearance_of
 from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
-from markergen.optimize.packing import lattice
+from markergen.optimize.layouts import lattice
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, fewer, room_of
 from markergen.options import Progress

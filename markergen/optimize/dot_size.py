@@ -20,7 +20,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
-from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, pack
+from markergen.optimize.layouts import count_that_fit, fitting, largest_diameter, pack
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of, rough_of
 from markergen.optimize.search import search
@@ -47,6 +47,9 @@ nearly all poses; a blur of 0.7 px is three quarters of that gap on either side.
 
 CLEARANCE = 0.1
 """Default clearance as a fraction of the diameter."""
+
+MEASURABLE = 1e-4
+"""Diameters in m are whole multiples of it: tenths of a millimeter can be measured on the sheet."""
 
 SCANNED = 8
 """Number of diameters tried before the best is refined: the error can have a local minimum where dots begin to
@@ -96,6 +99,28 @@ def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None =
     if size.diameter > 0 or size.clearance > 0:
         _refuse_what_does_not_fit(spec, size)
     return size
+
+
+def size_given(spec: Spec, poses: PoseDistribution) -> DotSize:
+    """Size the dots of a spec with points: as asked, or large enough for the camera as far as they fit."""
+    asked = spec.dot if isinstance(spec.dot, float) else None
+    wanted = wanted_diameter(spec.camera, poses, spec.image_noise) if asked is None else asked
+    diameter = wanted if asked is not None else max(MEASURABLE, min(wanted, _largest_at_points(spec)))
+    reason = "as asked" if asked is not None else "for the camera" if diameter == wanted else "the largest that fits"
+    description = f"{format_length(diameter)}, {reason}, {pixels_in_words(diameter, spec, poses)}"
+    return DotSize(diameter, clearance_of(spec, diameter), description)
+
+
+def _largest_at_points(spec: Spec) -> float:
+    """Largest diameter in m, a whole tenth of a mm, that the spec's points leave room for; 0 or less if none."""
+    points = np.array(spec.points)[:, :2]
+    closest = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(len(points), 1)].min()
+    depth = room_of(spec).depth(points[None]).min()
+    if spec.clearance is None:
+        most = min(closest / (1 + CLEARANCE), depth / (0.5 + CLEARANCE))
+    else:
+        most = min(closest - spec.clearance, 2 * (depth - spec.clearance))
+    return float(np.floor(min(most, closest - spec.gap) / MEASURABLE + 1e-6) * MEASURABLE)
 
 
 def wanted_pixels(image: ImageNoise) -> float:

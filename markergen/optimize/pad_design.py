@@ -2,11 +2,9 @@
 # tests: tests/api/test_design.py tests/validation/test_tables.py
 
 import logging
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +16,7 @@ from markergen.maths.information import covariance, rotation_bound, translation_
 from markergen.model.feature import Feature, key_ring
 from markergen.model.goal import parse_goal
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.sight import Coverage, coverage
+from markergen.model.sight import Coverage, coverage, distance_table
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.aggregates import aggregate_of
@@ -31,7 +29,7 @@ from markergen.optimize.problem import check
 from markergen.optimize.ranges import Scale, aggregated, nested, values_of
 from markergen.optimize.to_marker import number, provenance_of
 from markergen.options import Progress
-from markergen.presentation.tables import Table, percent
+from markergen.presentation.tables import Table
 from markergen.presentation.tables import number as written
 from markergen.read.poses import poses_from
 from markergen.units import format_length
@@ -122,35 +120,6 @@ def coverage_table(design: PadDesign) -> Table:
         cells.append([written(np.sqrt(np.mean(e[served] ** 2)) if served.any() else None, 3) for e in errors])
     sizes = [float(covered.diameters[scale[0]]) for scale in covered.scales]
     return distance_table(covered.rows(), sizes, ("least deg", "least %"), cells)
-
-
-def distance_table(
-    rows: Sequence[Mapping[str, Any]], diameters: Sequence[float], titles: Sequence[str], cells: Sequence[Sequence[str]]
-) -> Table:
-    """Dots in view by distance, the share of the poses that four dots of each size serve, and more cells of each row.
-
-    Parameters
-    ----------
-    rows : sequence
-        Of `markergen.model.sight.Coverage.rows`.
-    diameters : sequence of float
-        Of the sizes, m.
-    """
-    body = []
-    for row, more in zip(rows, cells, strict=True):
-        least, _, most = row["dots"]
-        body.append([
-            f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
-            f"{least} to {most}" if least < most else str(least),
-            *(percent(count / row["poses"]) for count in row["serving"]), *more,
-        ])  # fmt: skip
-    return Table(
-        "What each distance is served by",
-        ["distance m", "served", "dots", *map(format_length, diameters), *titles],
-        body,
-        "Dots in view: whole in the image and large enough. A pose is served by four or more of one size, whose share "
-        "of the poses stands under it. Errors are RMS.",
-    )
 
 
 def _covariance(covered: Coverage, spec: Spec) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.region import Region
-from markergen.model.boundary import Boundary, Circle, area_without
+from markergen.model.boundary import Boundary, Circle, Without, area_without
 from markergen.model.goal import NGON, parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -24,6 +24,7 @@ from markergen.objectives.base import either
 from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
+from markergen.units import format_length
 
 FEW_POSES = 48
 """Number of poses that represent all in an exchange; its results are evaluated for all poses afterwards."""
@@ -253,6 +254,32 @@ class FeasibleRegion:
         # Coincident points have no direction: separate them along x.
         direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
         return self.boundary.project(points + np.sum(push[..., None] * direction, axis=2), self.inset)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with some dots of a layout, in words."""
+
+    dots: tuple[int, ...]
+    words: str
+
+
+def faults(points: Array, region: FeasibleRegion) -> list[Fault]:
+    """Find the dots of a layout (n, 2 or 3) in m that are out of the region or too near to each other."""
+    plane = points[:, :2]
+    room = region.boundary
+    whole = room.boundary if isinstance(room, Without) else room
+    outside, beyond = (region.inset - area.depth(plane[None])[0] for area in (room, whole))
+    breaches = []
+    for dot in np.flatnonzero(outside > TOLERANCE).tolist():
+        at_edge = beyond[dot] == outside[dot]
+        where = "the edge of the room, or beyond it" if at_edge else "a region without dots, or in it"
+        breaches.append(Fault((dot,), f"dot {dot} is {format_length(outside[dot])} too near to {where}"))
+    short = region.spacing - np.linalg.norm(plane[:, None] - plane, axis=-1)
+    for first, second in np.argwhere(np.triu(short > TOLERANCE, 1)).tolist():
+        sentence = f"dots {first} and {second} are {format_length(short[first, second])} too near to each other"
+        breaches.append(Fault((first, second), sentence))
+    return breaches
 
 
 def breach(

@@ -22,9 +22,8 @@ from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
 from markergen.optimize.design import Design
 from markergen.optimize.dot_count import at_a_glance, sources_of
-from markergen.optimize.dot_size import choose_dots
-from markergen.optimize.given import Fault, faults, size_given
-from markergen.optimize.problem import FeasibleRegion, objective_of, room_of
+from markergen.optimize.dot_size import choose_dots, size_given
+from markergen.optimize.problem import Fault, FeasibleRegion, faults, objective_of, room_of
 from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from markergen.model.sight import distance_table
 from markergen.optimize.comparisons import LAYOUTS
-from markergen.optimize.pad_design import distance_table
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS, mean_nees_interval
 from markergen.validation.view_records import DETECTOR

@@ -14,7 +14,7 @@ from markergen.model.sight import Coverage
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
-from markergen.optimize.regular import regular_polygon
+from markergen.optimize.layouts import regular_polygon
 
 FACING = np.diag([1.0, -1.0, -1.0])
 

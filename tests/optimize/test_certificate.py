@@ -16,7 +16,7 @@ from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize import certificate
 from markergen.optimize.certificate import certify
 from markergen.optimize.design import design
-from markergen.optimize.packing import lattice
+from markergen.optimize.layouts import lattice
 from markergen.optimize.problem import FeasibleRegion, fewer
 from markergen.optimize.search import search
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import markergen as mg
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.optimize.given import faults, size_given
-from markergen.optimize.problem import FeasibleRegion, breach
+from markergen.optimize.dot_size import size_given
+from markergen.optimize.problem import FeasibleRegion, breach, faults
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 

@@ -10,8 +10,7 @@ from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, fewer
-from markergen.optimize.search import search
-from markergen.optimize.supersab import descend
+from markergen.optimize.search import descend, search
 from markergen.read.poses import poses_from
 
 BARE = FeasibleRegion(Circle(0.15))

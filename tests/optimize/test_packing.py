@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.model.boundary import Circle
-from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, lattice, pack
+from markergen.optimize.layouts import count_that_fit, fitting, largest_diameter, lattice, pack
 from markergen.optimize.problem import FeasibleRegion
 
 # Densest packings of n equal disks in a unit disk (Graham et al. 1998; proved for these n but 12): radius of a disk.

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from markergen.model.boundary import Circle
+from markergen.optimize.layouts import polygons, regular_layouts
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.regular import polygons, regular_layouts
 
 
 @pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (7, 30))])

@@ -11,7 +11,7 @@ from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.constraints import MOST_WALLS, contacts
 from markergen.optimize.dot_size import choose_dots
-from markergen.optimize.packing import largest_diameter
+from markergen.optimize.layouts import largest_diameter
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, breach, fewer, objective_of, rough_of
 from markergen.optimize.search import Stages, search

@@ -14,8 +14,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.optimize.problem import fewer
 from markergen.optimize.relief import ReliefRoom, search_relief
-from markergen.optimize.search import search
-from markergen.optimize.supersab import descend
+from markergen.optimize.search import descend, search
 from markergen.optimize.trace import Recorder
 from markergen.studies.cells import Cell, Result
 from markergen_paper.measurements import (

@@ -9,7 +9,6 @@ from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
 from markergen.model.sight import coverage
 from markergen.optimize.comparisons import LAYOUTS
-from markergen.optimize.coverage_picture import draw_coverage
 from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import plot
@@ -79,7 +78,7 @@ def answer(subject: Subject) -> Section:
         section.tables.append(tables.coverage_table(subject.results))
         section.plots.append(
             plot(
-                partial(draw_coverage, covered),
+                covered.plot,
                 "coverage",
                 f"Dots in view over distance and tilt: {covered.count.min()} to {covered.count.max()}.",
                 "Dots that each pose sees whole and large enough.",

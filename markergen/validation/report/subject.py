@@ -16,7 +16,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
-from markergen.optimize.packing import largest_diameter
+from markergen.optimize.layouts import largest_diameter
 from markergen.presentation import tables
 from markergen.units import format_length
 from markergen.validation.bounds import pose_bounds
