@@ -7,11 +7,14 @@ The weighted squares of the distances between measured and predicted ellipse cen
 with the exact center of a disk's image. Poses are eliminated view by view (Schur complement), so the system to be
 solved has 3 n + r unknowns, for n dots and r parameters of the camera. What no photograph tells, the marker frame and
 without a measured length the scale, is fixed by inner constraints: the dots, all together, neither shift nor turn nor
-grow with respect to the design, C'(X - X0) = 0. For the singular normal matrix N of the dots, with kernel H,
+grow with respect to the design, C'(X - X0) = 0. With the normal matrix N, an orthonormal basis G of the columns of C,
+and P = I - G G', the covariance under the constraints is, for any s > 0,
 
-    (N + s C C')^-1 = Q + H (C'H)^-1 (s)^-1 (H'C)^-1 H',
+    Q = (P N P + s G G')^-1 - G G' / s
 
-where Q is the covariance under the constraints (B. Triggs et al., "Bundle adjustment: a modern synthesis", 1999).
+(B. Triggs et al., "Bundle adjustment: a modern synthesis", 1999). Where markers are plates of a body, the unknowns are
+the poses of the body in its photographs, which are eliminated, and after the camera's those of its plates but the
+first: with L the derivative of the views' poses by these, N becomes L'N L.
 """
 
 from dataclasses import dataclass, replace
@@ -19,9 +22,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
-from markergen.calibration.network import Network, Views, moved_camera
+from markergen.calibration.network import Assembly, Network, Views, moved_camera
 from markergen.detect.conic_projection import pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
@@ -64,6 +68,8 @@ class Adjustment:
         Cost at the minimum, with the weights of the image alone.
     degrees_of_freedom : int
         Measurements less unknowns: the expected value of chi2 if the covariances are right.
+    assembly : Assembly or None
+        With the adjusted poses of the plates.
     """
 
     network: Network
@@ -74,6 +80,7 @@ class Adjustment:
     residual: Array
     chi2: float
     degrees_of_freedom: int
+    assembly: Assembly | None = None
 
     @property
     def variance_factor(self) -> float:
@@ -93,11 +100,12 @@ class Adjustment:
     @cached_property
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
-        return normal_equations(self.network, self.views, self.places, self.camera, self.weights)
+        parts = normal_equations(self.network, self.views, self.places, self.camera, self.weights)
+        return parts if self.assembly is None else parts.of_bodies(self.views, self.assembly)
 
     @cached_property
     def unscaled(self) -> Array:
-        """Covariance (3 n + r, 3 n + r) of dots (m) and camera parameters u, if the image's covariances are right.
+        """Covariance (q, q) of dots (m), camera parameters u and plates, if the image's covariances are right.
 
         Raises
         ------
@@ -105,15 +113,16 @@ class Adjustment:
             If the photographs do not determine the unknowns.
         """
         reduced, size = self.normal.reduced(), self.normal.dots
-        gauge = self.network.gauge(self.network.design) if size else np.zeros((0, 0))
-        moved = self.network.gauge(self.places) if size else np.zeros((0, 0))
-        weight = float(np.trace(reduced[:size, :size])) / size if size else 0.0
-        reduced[:size, :size] += weight * gauge @ gauge.T
-        inverse = _inverse(reduced)
+        weight = float(np.trace(reduced[:size, :size])) / size if size else 1.0
+        gauge = np.zeros((len(reduced), 0))
         if size:
-            turned = moved @ np.linalg.inv(gauge.T @ moved)
-            inverse[:size, :size] -= turned @ turned.T / weight
-        return (inverse + inverse.T) / 2
+            columns = np.linalg.qr(self.network.gauge(self.network.design))[0]
+            gauge = np.pad(columns, ((0, len(reduced) - size), (0, 0)))
+        # P N P + s G G' in one, so that few products are as large as N.
+        through = reduced @ gauge
+        through -= gauge @ (gauge.T @ through + weight * np.eye(gauge.shape[1])) / 2
+        inverse = _inverse(reduced - gauge @ through.T - through @ gauge.T) - gauge @ gauge.T / weight
+        return np.asarray((inverse + inverse.T) / 2)
 
     @property
     def covariance(self) -> Array:
@@ -124,17 +133,21 @@ class Adjustment:
     @property
     def camera_covariance(self) -> Array:
         """Covariance (k, k) of `Camera.parameter_names`, scaled."""
-        size, directions = self.normal.dots, self.network.freedom.directions
-        return self.scale * directions @ self.unscaled[size:, size:] @ directions.T
+        return self.joint[self.normal.dots :, self.normal.dots :]
 
     @property
     def joint(self) -> Array:
         """Covariance (3 n + k, 3 n + k) of the dots and of `Camera.parameter_names` together, scaled."""
         size, directions = self.normal.dots, self.network.freedom.directions
-        lift = np.zeros((size + len(directions), size + directions.shape[1]))
-        lift[:size, :size] = np.eye(size)
-        lift[size:, size:] = directions
-        return self.scale * lift @ self.unscaled @ lift.T
+        lift = block_diag(np.eye(size), directions)
+        known = lift.shape[1]
+        return np.asarray(self.scale * lift @ self.unscaled[:known, :known] @ lift.T)
+
+    @property
+    def plate_covariance(self) -> Array:
+        """Covariance (6 k, 6 k) of the plates' poses, scaled; 0 for the first."""
+        first = self.normal.dots + len(self.network.freedom)
+        return block_diag(np.zeros((6, 6)), self.scale * self.unscaled[first:, first:])
 
     def residual_covariance(self) -> Array:
         """Covariance (v, n, 2, 2) of the residuals, px^2, unscaled.
@@ -176,8 +189,9 @@ class NormalEquations:
     Attributes
     ----------
     pose : array (v, 6, 6)
+        Of the views or, of an assembly, of the body in its photographs.
     cross : array (v, 6, q)
-        Poses with the q = 3 n + r other unknowns.
+        Poses with the q = 3 n + r other unknowns, to which the poses of an assembly's plates are added.
     rest : array (q, q)
     dots : int
         3 n, or 0 if the dots are held.
@@ -200,6 +214,28 @@ class NormalEquations:
         root = np.linalg.inv(np.linalg.cholesky(self.pose)) @ self.cross
         flat = root.reshape(6 * len(root), -1)
         return self.rest - flat.T @ flat
+
+    def of_bodies(self, views: Views, assembly: Assembly) -> "NormalEquations":
+        """Normal equations of the poses of bodies and plates in the place of those of the views: L'N L."""
+        by_body, by_plates = assembly.derivatives(views)
+        lowered, gradient = by_body.swapaxes(-1, -2), self.gradient_pose[..., None]
+        cross = np.concatenate([self.cross, self.pose @ by_plates], axis=-1)
+        plates = np.einsum("via,vib->ab", by_plates, cross)
+        beside = plates[:, : len(self.rest)]
+
+        def by_photo(rows: Array) -> Array:
+            total = np.zeros((int(assembly.photo.max()) + 1, *rows.shape[1:]))
+            np.add.at(total, assembly.photo, rows)
+            return total
+
+        return replace(
+            self,
+            pose=by_photo(lowered @ self.pose @ by_body),
+            cross=by_photo(lowered @ cross),
+            rest=np.vstack([np.hstack([self.rest, beside.T]), plates]),
+            gradient_pose=by_photo(lowered @ gradient)[..., 0],
+            gradient_rest=np.r_[self.gradient_rest, np.einsum("via,vi->a", by_plates, self.gradient_pose)],
+        )
 
 
 def adjust(
@@ -236,14 +272,13 @@ def adjust(
     )
     problem = _Adjusting(network, views, factors, stiffness, tolerance)
     start = (
-        views.rotation[None],
-        views.translation[None],
-        (network.design if places is None or not network.free else places)[None].copy(),
-        np.zeros((1, len(network.freedom))),
+        *((views.rotation, views.translation) if network.assembly is None else network.assembly.bodies(views)),
+        network.design if places is None or not network.free else places.copy(),
+        np.zeros(len(network.freedom)),
+        *(() if network.assembly is None else (network.assembly.rotation, network.assembly.translation)),
     )
-    unknowns, cost = levenberg_marquardt(problem, start, DAMPING, STEPS)
-    rotation, translation, places, moved = (block[0] for block in unknowns)
-    adjusted = replace(views, rotation=rotation, translation=translation)
+    unknowns, cost = levenberg_marquardt(problem, tuple(block[None] for block in start), DAMPING, STEPS)
+    adjusted, places, moved, assembly = problem.state(unknowns)
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
     residual = residuals(network.radii, adjusted, places, camera)[0]
     if not np.isfinite(cost[0]):
@@ -252,14 +287,15 @@ def adjust(
         # So weak that the image's residuals have the degrees of freedom that they have without it.
         off = (network.design - places).ravel()
         cost = cost - off @ network.looseness(places) @ off
-    freedom = _freedom(network, int(np.count_nonzero(factors)), len(views))
-    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom)
+    poses = len(unknowns[0][0]) + (0 if assembly is None else len(assembly.rotation) - 1)
+    freedom = _freedom(network, int(np.count_nonzero(factors)), poses)
+    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, assembly)
 
 
-def _freedom(network: Network, measured: int, views: int) -> int:
+def _freedom(network: Network, measured: int, poses: int) -> int:
     """Measurements less unknowns; what is known before counts as measurements."""
     measurements_before = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
-    unknown = 6 * views + len(network.freedom)
+    unknown = 6 * poses + len(network.freedom)
     if network.free:
         unknown += 3 * len(network.design) - network.gauge(network.design).shape[1]
         measurements_before += len(network.lengths)
@@ -273,7 +309,11 @@ def _freedom(network: Network, measured: int, views: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Adjusting(LeastSquares):
-    """One network as a batch of one; the unknowns are rotations, translations, dots, and the camera's u."""
+    """One network as a batch of one.
+
+    The unknowns are rotations and translations of views, or of the body in each photograph; dots; the camera's u; and
+    of an assembly rotations and translations of the plates.
+    """
 
     network: Network
     views: Views
@@ -281,11 +321,18 @@ class _Adjusting(LeastSquares):
     stiffness: float
     tolerance: float
 
+    def state(self, unknowns: Arrays) -> tuple[Views, Array, Array, Assembly | None]:
+        """Return the views with their poses, the dots' places, u, and the assembly with the poses of its plates."""
+        rotation, translation, places, moved, *plates = (block[0] for block in unknowns)
+        if self.network.assembly is None:
+            return replace(self.views, rotation=rotation, translation=translation), places, moved, None
+        assembly = replace(self.network.assembly, rotation=plates[0], translation=plates[1])
+        return assembly.composed(self.views, (rotation, translation)), places, moved, assembly
+
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
-        rotation, translation, places, moved = (block[0] for block in unknowns)
+        views, places, moved, _ = self.state(unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
-        views = replace(self.views, rotation=rotation, translation=translation)
         residual, front = residuals(self.network.radii, views, places, camera)
         inverse = np.linalg.inv(self.views.covariance) * self.weights[..., None, None]
         cost = float(np.einsum("vni,vnij,vnj->", residual, inverse, residual))
@@ -301,16 +348,15 @@ class _Adjusting(LeastSquares):
 
     def jacobian(self, unknowns: Arrays, evaluated: Arrays) -> Any:
         """See `LeastSquares.jacobian`: here the normal equations in blocks."""
-        rotation, translation, places, moved = (block[0] for block in unknowns)
+        views, places, moved, assembly = self.state(unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
-        views = replace(self.views, rotation=rotation, translation=translation)
         parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0])
         size = parts.dots
         parts.gradient_rest[size:] -= self.network.freedom.precision @ moved
         if size:
             off = self.gauge.T @ (self.network.design - places).ravel()
             parts.gradient_rest[:size] += self.stiffness * self.gauge @ off
-        return parts
+        return parts if assembly is None else parts.of_bodies(views, assembly)
 
     def damped_step(self, jacobian: Any, residual: Array, strength: Array, ridge: float) -> Array:
         """See `LeastSquares.damped_step`, by Schur's complement."""
@@ -336,12 +382,15 @@ class _Adjusting(LeastSquares):
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
-        rotation, translation, places, moved = (block[0] for block in unknowns)
-        count, size = 6 * len(self.views), places.size if self.network.free else 0
-        rotation, translation = apply_pose_step(rotation, translation, step[0, :count].reshape(-1, 6))
+        rotation, translation, places, moved, *plates = (block[0] for block in unknowns)
+        poses, size, camera = 6 * len(rotation), places.size if self.network.free else 0, len(moved)
+        of_poses, of_dots, of_camera, of_plates = np.split(step[0], np.cumsum([poses, size, camera]))
+        rotation, translation = apply_pose_step(rotation, translation, of_poses.reshape(-1, 6))
         if size:
-            places = places + step[0, count : count + size].reshape(-1, 3)
-        return rotation[None], translation[None], places[None], (moved + step[0, count + size :])[None]
+            places = places + of_dots.reshape(-1, 3)
+        if plates:
+            plates = list(apply_pose_step(plates[0], plates[1], np.r_[np.zeros(6), of_plates].reshape(-1, 6)))
+        return tuple(block[None] for block in (rotation, translation, places, moved + of_camera, *plates))
 
     def converged(self, attempt: Attempt) -> Mask:
         """See `LeastSquares.converged`."""

@@ -8,9 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.maths.batched import Batched
+from markergen.maths.rotation import skew
 from markergen.model.camera import Camera, Distortion
+
+Pose = tuple[Array, Array]
 
 LEAST_DOTS = 4
 """Minimum number of dots of a view: three determine its pose, and say nothing of dots or camera."""
@@ -40,6 +43,50 @@ class Views(Batched):
     def of_dots(self, kept: Mask) -> "Views":
         """Return the views of the dots `kept` (n,) alone."""
         return replace(self, pixels=self.pixels[:, kept], covariance=self.covariance[:, kept], seen=self.seen[:, kept])
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Markers that move together, as plates of a body: a view has the body's pose in its photograph times its plate's.
+
+    Attributes
+    ----------
+    photo, plate : arrays (v,) of int
+        Photograph and plate of each view.
+    rotation, translation : arrays (k, 3, 3) and (k, 3), m
+        Poses T_body_plate; the first is held.
+    """
+
+    photo: Indices
+    plate: Indices
+    rotation: Array
+    translation: Array
+
+    def bodies(self, views: Views) -> Pose:
+        """Poses (p, 3, 3) and (p, 3) of the body in each photograph, by the view of it that shows the most dots."""
+        order = np.argsort(views.seen.sum(axis=1), kind="stable")
+        best = np.zeros(int(self.photo.max()) + 1, dtype=np.intp)
+        best[self.photo[order]] = order
+        plate = self.plate[best]
+        rotation = views.rotation[best] @ self.rotation[plate].swapaxes(-1, -2)
+        return rotation, views.translation[best] - np.einsum("pij,pj->pi", rotation, self.translation[plate])
+
+    def composed(self, views: Views, bodies: Pose) -> Views:
+        """Views with the poses that follow from those of the body."""
+        rotation, translation = (pose[self.photo] for pose in bodies)
+        translation = translation + np.einsum("vij,vj->vi", rotation, self.translation[self.plate])
+        return replace(views, rotation=rotation @ self.rotation[self.plate], translation=translation)
+
+    def derivatives(self, views: Views) -> tuple[Array, Array]:
+        """Derivatives of the views' poses by those of the body (v, 6, 6) and of all plates but the first (v, 6, s)."""
+        v, k = len(views), len(self.rotation)
+        rotation = views.rotation @ self.rotation[self.plate].swapaxes(-1, -2)
+        by_body = np.broadcast_to(np.eye(6), (v, 6, 6)).copy()
+        by_body[:, 3:, :3] = -skew(np.einsum("vij,vj->vi", rotation, self.translation[self.plate]))
+        by_plates = np.zeros((v, 6, k, 6))
+        for part in (slice(3), slice(3, 6)):
+            by_plates[np.arange(v), part, self.plate, part] = rotation
+        return by_body, by_plates[:, :, 1:].reshape(v, 6, -1)
 
 
 @dataclass(frozen=True)
@@ -140,6 +187,8 @@ class Network:
     loose : (float, float), m, optional
         Standard deviations of printed dots about the design, in the marker plane and in height, as weak knowledge: it
         keeps dots that few photographs show near the design, and tells nothing of what the gauge fixes.
+    assembly : Assembly, optional
+        How the poses of views hang together; each view has its own if not given.
     """
 
     design: Array
@@ -151,6 +200,7 @@ class Network:
     lengths: tuple[Length, ...] = ()
     prior: Array | None = field(default=None)
     loose: tuple[float, float] | None = None
+    assembly: Assembly | None = None
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
@@ -179,15 +229,20 @@ class Network:
     def gauge(self, places: Array) -> Array:
         """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph tells.
 
-        Three shifts and three turns of each marker, and its scale unless measurements fix that.
+        Three shifts and three turns of each marker, and its scale unless measurements fix that; the markers of an
+        assembly have one scale.
         """
-        columns = []
+        columns, growths = list[Array](), list[Array]()
         for number in np.unique(self.marker):
             is_on_marker = self.marker == number
             centered = np.where(is_on_marker[:, None], places - places[is_on_marker].mean(axis=0), 0.0)
             shifts = [np.where(is_on_marker[:, None], axis, 0.0) for axis in np.eye(3)]
             turns = [np.cross(axis, centered) for axis in np.eye(3)]
-            columns += [*shifts, *turns, *([] if self.scale_known(number) else [centered])]
+            columns += [*shifts, *turns]
+            growths += [] if self.scale_known(number) else [centered]
+        if self.assembly is not None:
+            growths = [np.sum(growths, axis=0)] if len(columns) == 6 * len(growths) else []
+        columns += growths
         matrix = np.array([column.ravel() for column in columns]).T
         return matrix / np.linalg.norm(matrix, axis=0)
 
