@@ -27,7 +27,7 @@ from markergen.maths.information import mirrored_rotation
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import PoseDistribution
-from markergen.validation.headline import cells_of
+from markergen.validation.error_to_plan_with import cells_of
 from markergen.validation.metrics import flipped
 
 FISHEYE = Camera(1280, 1024, 420, 420, 639.5, 511.5, Distortion("equidistant", (0.02, -0.01, 0.003, -0.0005)))

@@ -21,7 +21,7 @@ STARTS = {
     "import numpy": "import numpy",
     "import markergen": "import markergen",
     "Camera(...)": "from markergen.model.camera import Camera; Camera(640, 480, 800, 800, 320, 240)",
-    "import marker_json": "import markergen.model.marker_json",
+    "import body_json": "import markergen.model.body_json",
     "Marker.load(...)": f"from markergen.model.marker import Marker; Marker.load({str(MARKER)!r})",
 }
 FLOOR = "import numpy"

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from markergen.estimators import Correspondences
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.lm import refine
-from markergen.estimators.opencv import prepare
+from markergen.estimators.opencv import opencv_arguments
 from markergen.maths.dlt import estimate_homography
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
@@ -106,7 +106,7 @@ def bare_loop(experiment: Experiment, indices: range) -> Times:
     for index in indices:
         for images in noisy_images(experiment, index):
             batch = Correspondences(experiment.points, images, experiment.camera)
-            objects, images, _ = prepare(batch)
+            objects, images, _ = opencv_arguments(batch)
             pairs = list(zip(objects, images, strict=True))
             with timed("dlt"):
                 estimate_homography(experiment.points[:, :2], images)

@@ -10,8 +10,8 @@ import typer
 
 from markergen.api.templates import overview
 from markergen.cli.commands import app
+from markergen.model.body_json import rig_schema
 from markergen.model.marker_file import VERSIONS, json_schema
-from markergen.model.rig_json import rig_schema
 from markergen.read.spec_file import spec_schema
 from markergen.read.templates import template_text
 

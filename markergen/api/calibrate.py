@@ -12,9 +12,9 @@ from markergen.calibration.calibration import Calibration, Known, calibrate_bodi
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rig import planned_print
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import check_scale
 from markergen.options import Progress, as_list, check_progress, settle, signature_of
 from markergen.options.calibration import CalibrateKeywords

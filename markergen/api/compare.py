@@ -11,9 +11,9 @@ from markergen.comparison.compare import compare_and_time as run
 from markergen.comparison.contestants import forms
 from markergen.comparison.result import Comparison
 from markergen.errors import InputError, brief
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike

@@ -13,7 +13,7 @@ from markergen.api.radius_fit import largest_that_fits, radius_limits
 from markergen.drawing.sheet_layout import USUAL
 from markergen.errors import InputError
 from markergen.exporters import RECORD, ExportOptions
-from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
+from markergen.exporters.saving import check_exports, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
@@ -90,7 +90,7 @@ def design(
     request = request_of(options)
     paths = request.paths
     targets = family_paths(paths, request.ids) if request.ids else paths
-    check_outputs(paths, request.choices, request.spec)
+    check_exports(paths, request.choices, request.spec)
     for path in request.traces:
         check_trace_path(path)
     for path in request.coverages:

@@ -12,16 +12,15 @@ from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import Exporter, ExportOptions, exporter_of, suffix_of
-from markergen.exporters.saving import check_outputs, frame_of, save
+from markergen.exporters.saving import check_exports, frame_of, save
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.marker import Marker, check_supported
-from markergen.model.openings import near_holes
+from markergen.model.openings import check_edge, check_holes, near_holes
 from markergen.model.rig import Rig
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.substrate import parse_dowel, parse_mount
-from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import as_list, declared, given, read_as, signature_of
 from markergen.options.declarations import ExportKeywords
 from markergen.options.kinds import File, MarkerLike
@@ -90,7 +89,7 @@ def export(
     bodies = [_with_plates(body, asked) for body in loaded]
     if choices.net and frame != "rig":
         raise InputError("a rig.json for --net", "markers", "give what markergen rig wrote, or leave out --net")
-    check_outputs(outputs, choices, frame=frame)
+    check_exports(outputs, choices, frame=frame)
     results = list(read_as("files", json, "json") or ())
     check_files([*outputs, *results], inputs)
     markers = [plate.marker for body in bodies for plate in body.plates]

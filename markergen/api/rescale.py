@@ -9,16 +9,16 @@ from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.model.body import Body
+from markergen.model.body_json import body_to_json, load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_plates
-from markergen.model.rescale import rescale as by_rulers
+from markergen.model.rescale import rescale_marker as by_rulers
 from markergen.model.rig import Rig
-from markergen.model.rig_json import body_to_json, load_marker_or_rig
 from markergen.options import read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
 from markergen.options.kinds import File, MarkerLike, TargetLike
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
-from markergen.read.measured import read_measured
+from markergen.read.dot_tables import read_measured
 from markergen.units import format_length, parse_length
 
 T = TypeVar("T", bound=Body)

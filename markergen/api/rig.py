@@ -11,7 +11,7 @@ from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
-from markergen.exporters.saving import check_outputs, save, with_record
+from markergen.exporters.saving import check_exports, save, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.marker import Marker
@@ -83,7 +83,7 @@ def rig(
     asked, geometry, spec = request.asked, request.made, request.spec
     choices = choices_of(asked)
     paths = with_record(asked["output"], "rig") if asked.get("output") else []
-    check_outputs(paths, choices, frame="rig")
+    check_exports(paths, choices, frame="rig")
     results = list(read_as("files", json, "json") or ())
     check_files([*paths, *results], request.inputs)
     log.info("designing a rig of %d plates", len(geometry.faces))

@@ -8,8 +8,8 @@ from markergen.api.arguments import as_camera, files_among
 from markergen.defaults import VIEWS
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.rig import planned_print
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
@@ -17,7 +17,7 @@ from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.result import Validation, check_pictures
 from markergen.validation.setting import setting_of
-from markergen.validation.validation import validate as run
+from markergen.validation.validation import run_validation as run
 from markergen.validation.views import SyntheticViews
 
 _log = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ import logging
 from typing import Unpack
 
 from markergen.api.arguments import files_among, paths_of
-from markergen.model.rig_json import load_marker_or_rig
+from markergen.model.body_json import load_marker_or_rig
 from markergen.options import settle, signature_of
 from markergen.options.declarations import VerifyKeywords
 from markergen.options.kinds import File, Files, TargetLike

@@ -21,9 +21,8 @@ from markergen.maths.information import (
     translation_bound,
 )
 from markergen.maths.projection import circle_image, perspective, plane_homography, to_camera
-from markergen.model.body import Body
+from markergen.model.body import Body, enough
 from markergen.model.camera import Camera
-from markergen.model.constellation import enough
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.sight import Coverage

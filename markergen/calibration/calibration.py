@@ -31,11 +31,11 @@ from markergen.detect.conic_projection import mirrored_poses
 from markergen.errors import InputError
 from markergen.files import Written, write_all
 from markergen.model.body import Body
+from markergen.model.body_json import body_to_json
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rescale import by_rulers, photographed
-from markergen.model.rig_json import body_to_json
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain

@@ -29,7 +29,7 @@ from markergen.presentation import pages
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, Plot, legend_below, log_axis, plot, positive
 from markergen.presentation.tables import Table, number
-from markergen.validation.report.overview import title
+from markergen.validation.report import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from markergen.comparison.contestants import KINDS, Arena, Contestant, forms
 from markergen.comparison.contestants.layouts import DotMarker
 from markergen.comparison.contestants.rigs import RigOfDots, RigOfTags
 from markergen.errors import InputError
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.read.poses import poses_from

@@ -22,10 +22,10 @@ from markergen.detect.tracking import track
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
+from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig, Target, planned_print
-from markergen.model.rig_json import load_marker_or_rig
 from markergen.options import as_list
 from markergen.options.kinds import CameraLike, TargetLike
 from markergen.read.cameras.covariance import camera_covariance as covariance_of

@@ -35,7 +35,7 @@ from markergen.geometry.contour import Contour, area, flattened
 from markergen.geometry.outlines import walked
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
-from markergen.model.findings import in_one_line
+from markergen.model.json_text import in_one_line
 from markergen.model.openings import SHOWN, holes_beyond, openings
 
 NUMBER_HEIGHT = 2.6

@@ -1,14 +1,33 @@
 """Measurements for checking a print: rulers, where a sheet has room for them, and pairs of distant dots."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
 import numpy as np
 
-from markergen.drawing.annotations import Column, Drawn
+from markergen.drawing.annotations import (
+    Column,
+    Drawn,
+    axis_arrows,
+    facts,
+    remedy_lines,
+    title_block,
+)
 from markergen.drawing.figure import quiet_radius
-from markergen.drawing.scene import FINE, Box, Disk, Line, Point, Shape, bounds, ink_points, moved, turned
+from markergen.drawing.paper import Frame
+from markergen.drawing.scene import (
+    FINE,
+    Box,
+    Disk,
+    Line,
+    Point,
+    Shape,
+    bounds,
+    ink_points,
+    moved,
+    turned,
+)
 from markergen.drawing.text import text
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.rescale import RULERS_MM
@@ -200,3 +219,56 @@ def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -
 def ruler_words(rulers: tuple[int, int]) -> str:
     """Ruler lengths in words, such as ``x 200 mm, y 150 mm``."""
     return ", ".join(f"{name} {length} mm" for name, length in zip("xy", rulers, strict=True) if length) or "none"
+
+
+def draw_footer(
+    frame: Frame,
+    markers: Sequence[Marker],
+    factor: Point,
+    taken: Mapping[str, Sequence[Shape]],
+    page: tuple[int, int],
+    where: str = "",
+) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
+    """Draw everything below and beside the markers; also return the lengths of the rulers.
+
+    Parameters
+    ----------
+    markers : sequence of Marker
+        Those on the page.
+    factor : (x, y)
+        Ratio of drawn to nominal lengths.
+    taken : mapping of str to shapes
+        Layers of what is on the page already.
+    page : (number, total)
+    where : str
+        Words that say which of the markers the lengths to measure are in.
+    """
+    scale, left, base = frame.scale, frame.margin, frame.ruler_y
+    axes_marks, axes_text = axis_arrows(frame)
+    room = frame.width - 24 * scale
+    x_length = next((length for length in RULERS_MM if length * factor[0] <= room), RULERS_MM[-1])
+    x_marks, x_text = ruler((left, base), x_length, 0, scale, factor[0])
+    band = BAND * scale
+    others = [shape for name, shapes in taken.items() if name != "dots" for shape in shapes]
+    dots = [shape for shape in taken["dots"] if isinstance(shape, Disk)]
+    y_length, (y_marks, y_text) = place_ruler(
+        [
+            ((left, base - FINE / 2, left + band, frame.top), 1),
+            ((frame.right - band, frame.footer, frame.right, frame.top), -1),
+        ],
+        1,
+        scale,
+        factor[1],
+        dots,
+        others,
+        "ruler-y",
+    )
+    lengths = (x_length, y_length)
+    remedy = remedy_lines(frame, remedy_words(lengths), frame.block_top + 7.6 * scale, 1.6 * scale)
+    lines = facts(frame, measured_columns(markers[0], lengths, where), frame.checks_y, "check")
+    block_marks, block_text = title_block(frame, markers, factor, page)
+    layers: dict[str, tuple[Shape, ...]] = {
+        "marks": (*x_marks, *y_marks, *axes_marks, *block_marks),
+        "text": (*x_text, *y_text, *axes_text, *lines, *remedy, *block_text),
+    }
+    return layers, lengths

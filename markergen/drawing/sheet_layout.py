@@ -23,7 +23,13 @@ from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure, compensated_note, dot_sizes, drawn_box, is_disk, size_words
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
 from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
-from markergen.drawing.print_measurements import AIR, BAND, far_pair, ruler_words
+from markergen.drawing.print_measurements import (
+    AIR,
+    BAND,
+    draw_footer,
+    far_pair,
+    ruler_words,
+)
 from markergen.drawing.scene import (
     BLACK,
     Box,
@@ -36,7 +42,6 @@ from markergen.drawing.scene import (
     scene_of,
     union,
 )
-from markergen.drawing.sheet_footer import draw_footer
 from markergen.drawing.tile_sheets import Tiling, best_tiling, tile_sheets
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary

@@ -133,7 +133,7 @@ class Correspondences:
 
         inf for a pose (T, 3, 3), (T, 3) that is not finite or puts a point behind the camera.
         """
-        seen = turned(self.xyz, rotation) + translation[:, None]
+        seen = rotated(self.xyz, rotation) + translation[:, None]
         in_front = np.all(seen[..., 2] > 0, axis=-1)
         seen = np.where(in_front[:, None, None], seen, 1.0)
         residual = to_pixels(perspective(seen), self.camera.matrix) - self.image_points
@@ -167,7 +167,7 @@ class HomographyEstimator(Estimator[Array]):
     planar_only = True
 
 
-def turned(points: Array, rotation: Array) -> Array:
+def rotated(points: Array, rotation: Array) -> Array:
     """Return R X (t, n, 3) for rotations (t, 3, 3) and points (n, 3), shared by all trials, or (t, n, 3)."""
     return rotate(points, rotation) if points.ndim == 2 else rotate_each(points, rotation)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.base import turned
+from markergen.estimators.base import rotated
 from markergen.estimators.opencv import best_first, solve_each
 from markergen.maths.projection import from_pixels
 
@@ -47,7 +47,7 @@ def translation_of(batch: Correspondences, rotation: Array) -> Array:
     """
     usable = batch.solvable & np.isfinite(rotation).all(axis=(-2, -1))
     normalized = from_pixels(batch.image_points[usable], batch.camera.matrix)
-    seen = turned(batch.of(usable), rotation[usable])
+    seen = rotated(batch.of(usable), rotation[usable])
     trials, n = normalized.shape[:2]
     equations = np.zeros((trials, n, 2, 3))
     equations[..., 0, 0] = equations[..., 1, 1] = 1.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.base import turned
+from markergen.estimators.base import rotated
 from markergen.maths.information import apply_pose_step, turned_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
@@ -80,7 +80,7 @@ class Reprojection(LeastSquares):
     def residuals(self, unknowns: Arrays) -> Arrays:
         """Sum of squares (T,), image minus projection (T, 2n) in distorted px; inf if a point is behind the camera."""
         rotation, translation = unknowns
-        seen = turned(self.object_points, rotation) + translation[:, None]
+        seen = rotated(self.object_points, rotation) + translation[:, None]
         behind = np.any(seen[..., 2] <= 0, axis=-1)
         seen[behind] = 1.0
         residual = self.image_points - to_pixels(perspective(seen), self.camera.matrix)
@@ -92,7 +92,7 @@ class Reprojection(LeastSquares):
         """See `LeastSquares.jacobian`."""
         del results
         rotation, translation = unknowns
-        return self._distorted(turned_jacobian(turned(self.object_points, rotation), translation, self.camera.focal))
+        return self._distorted(turned_jacobian(rotated(self.object_points, rotation), translation, self.camera.focal))
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""

@@ -27,7 +27,7 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
     flag: int = getattr(cv2, f"SOLVEPNP_{method}")
     solve: Any = cv2.solvePnP if solutions == 1 else cv2.solvePnPGeneric
     matrix = batch.camera.matrix
-    objects, images, rotations = prepare(batch)
+    objects, images, rotations = opencv_arguments(batch)
     poses = np.full((len(images), MOST_SOLUTIONS, 2, 3), np.nan)
     for trial in np.flatnonzero(batch.solvable):
         try:
@@ -46,7 +46,7 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
     return best_first(batch, exponential(poses[:, :, 0]) @ rotations[:, None], poses[:, :, 1])
 
 
-def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
+def opencv_arguments(batch: Correspondences) -> tuple[Array, Array, Array]:
     """Object points (T, n, 3), image points (T, n, 2) and turn (T, 3, 3) for OpenCV: R_marker = R_opencv turn.
 
     OpenCV's IPPE is wrong, yet reports success, where the rotation is a half turn about the optical axis or the

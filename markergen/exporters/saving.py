@@ -67,7 +67,7 @@ def outputs_of(
     choices = options or ExportOptions()
     bodies = (bodies,) if isinstance(bodies, Body) else bodies
     frame = frame_of(bodies)
-    check_outputs(paths, choices, frame=frame)
+    check_exports(paths, choices, frame=frame)
     exporters = {path: exporter_of(suffix_of(path, frame), frame) for path in paths}
     for path, exporter in exporters.items():
         suffix = suffix_of(path, frame)
@@ -140,7 +140,7 @@ def _ending(path: Path, frame: str) -> str:
         return path.suffix
 
 
-def check_outputs(
+def check_exports(
     paths: Sequence[Path],
     options: ExportOptions,
     spec: "Spec | None" = None,

@@ -1,5 +1,8 @@
-"""The body: plates with dots in a known rigid relation. A marker is a body of one plate, a rig one of several."""
-# tests: tests/model/test_rig.py tests/model/test_rig_occlusion.py
+"""The body: plates with dots in a known rigid relation. A marker is a body of one plate, a rig one of several.
+
+Dots of one plate and about one size, enough and spread enough to find a pose by themselves, are a constellation.
+"""
+# tests: tests/model/test_rig.py tests/model/test_rig_occlusion.py tests/model/test_sight.py tests/model/test_marker.py
 
 import warnings
 from abc import ABC, abstractmethod
@@ -13,8 +16,6 @@ import numpy as np
 from markergen.arrays import Array, Indices, Mask
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
-from markergen.model.constellation import constellations_among
-from markergen.model.rigid import Rows, check_pose
 from markergen.registry import door
 
 if TYPE_CHECKING:
@@ -22,6 +23,96 @@ if TYPE_CHECKING:
 
     from markergen.model.marker import Marker
     from markergen.options.declarations import ExportKeywords
+
+Rows = tuple[tuple[float, ...], ...]
+
+ROUNDING = 1e-9
+"""Tolerance for a rotation's orthonormality, and for a covariance, as correlations, to be symmetric and positive."""
+
+
+def check_pose(rotation: Rows, translation: tuple[float, ...], of: str = "") -> None:
+    """Refuse what is no rotation (3, 3), orthonormal to 1e-9 and not mirrored, and translation (3,) with InputError."""
+    if [len(row) for row in rotation] != [3] * 3 or len(translation) != 3:
+        raise InputError("a pose of 3x3 and 3 numbers", f"{len(rotation)} rows", "give rotation, translation")
+    matrix = np.array(rotation)
+    # Written so that nan and numbers whose squares overflow do not pass.
+    bounded = bool((np.abs(matrix) <= 1 + ROUNDING).all() and np.isfinite(translation).all())
+    if not (
+        bounded
+        and np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROUNDING
+        and abs(np.linalg.det(matrix) - 1) <= ROUNDING
+    ):
+        raise InputError(
+            f"a pose {of}{' ' * bool(of)}with a rotation: three orthonormal rows and determinant 1",
+            "another matrix" if bounded else "numbers out of range",
+            "write it with all its digits",
+        )
+
+
+def check_covariance(values: Array, unit: str = "") -> None:
+    """Refuse a matrix that is no covariance: finite, symmetric and positive semidefinite up to `ROUNDING`.
+
+    The last two as correlations, as variances may differ by orders of magnitude.
+
+    Raises
+    ------
+    InputError
+    """
+    if not np.isfinite(values).all():
+        raise InputError("a finite covariance", "nan or inf", "correct it")
+    variances = np.diag(values)
+    if variances.min() < 0:
+        raise InputError("variances of 0 or more", f"{variances.min()}{unit}", "correct the covariance")
+    scale = np.sqrt(variances)
+    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+    correlation = values * inverse[:, None] * inverse
+    certain = scale == 0
+    if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
+        raise InputError("a covariance", "one that exceeds its variances", "are these correlations?")
+    if np.abs(correlation - correlation.T).max() > ROUNDING:
+        raise InputError("a symmetric covariance", "another", "write it with all its digits")
+    if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):
+        raise InputError("a positive semidefinite covariance", "a negative eigenvalue", "write all its digits")
+
+
+FEWEST = 4
+"""Number of dots of one diameter, not all on a line, from which a pose is found."""
+
+SCALE_RATIO = 1.5
+"""Ratio of diameters, between one dot and the next larger one, from which on they are of two scales."""
+
+FLAT = 0.02
+"""Ratio of the spreads across and along a line below which points count as on it."""
+
+
+def scales_of(diameters: Array | Sequence[float]) -> tuple[Indices, ...]:
+    """Indices of the dots of each scale, the largest first: diameters in m without a gap of `SCALE_RATIO`."""
+    sizes = np.asarray(diameters, dtype=float)
+    order = np.argsort(-sizes, kind="stable")
+    ratio = sizes[order[:-1]] / np.maximum(sizes[order[1:]], np.finfo(float).tiny)
+    return tuple(np.sort(scale) for scale in np.split(order, np.flatnonzero(ratio >= SCALE_RATIO) + 1))
+
+
+def constellations_among(points: Array, diameters: Array) -> tuple[Indices, ...]:
+    """Indices of the dots, points (n, 2 or 3) and diameters (n,) in m, that a pose can be estimated from by themselves.
+
+    By scale, the largest first; all dots if only one scale can.
+    """
+    scales = [scale for scale in scales_of(diameters) if len(scale) >= FEWEST and spans(points[scale])]
+    return tuple(scales) if len(scales) > 1 else (np.arange(len(points)),)
+
+
+def enough(points: Array, seen: Mask) -> Mask:
+    """Mask (P,) of the poses that see four points (n, 2 or 3) that are not on a line, of those seen (P, n)."""
+    masks, which = np.unique(seen, axis=0, return_inverse=True)
+    is_enough = [mask.sum() >= FEWEST and spans(points[mask]) for mask in masks]
+    return np.array(is_enough, dtype=bool)[which.ravel()]
+
+
+def spans(points: Array) -> bool:
+    """Whether points (m, 2 or 3) are not on a line."""
+    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(size[1] > FLAT * size[0])
 
 
 _RENAMED = {"turn": "rotation_matrix", "shift": "translation_vector", "to_rig": "to_body"}

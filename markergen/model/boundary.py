@@ -12,8 +12,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, backward, circle, placed
-from markergen.geometry.distance import Edges
-from markergen.geometry.interior import Interior
+from markergen.geometry.distance import Edges, Interior
 from markergen.geometry.outlines import Ring, canonical_contours, polygons_of
 from markergen.geometry.region import Region, enclosing_circle, signed_area
 from markergen.units import format_length

@@ -12,10 +12,9 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.errors import InputError, brief
-from markergen.model.body import Body, Plate
+from markergen.model.body import Body, Plate, Rows, check_covariance
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
-from markergen.model.rigid import Rows, check_covariance
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
 from markergen.registry import door
@@ -211,7 +210,7 @@ class Marker(Body):
         --------
         >>> import io, json
         >>> from markergen.model.boundary import Circle
-        >>> from markergen.model.marker_json import to_json
+        >>> from markergen.model.body_json import to_json
         >>> points = np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]])
         >>> text = to_json(build_marker(points, Circle(0.15), 0.036, 0.0036)).decode()
         >>> Marker.load(io.StringIO(text))
@@ -219,7 +218,7 @@ class Marker(Body):
         >>> Marker.load(json.loads(text)).control_points[1].y
         0.1
         """
-        return door("model.marker_json.load_marker")(source)
+        return door("model.body_json.load_marker")(source)
 
     def __repr__(self) -> str:
         count, size = len(self), self.dot_words if self else ""

@@ -19,15 +19,14 @@ from pydantic import Tag as Choice
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.model.body import Plate
+from markergen.model.body import Plate, check_pose
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, Polarity
-from markergen.model.findings import UNNAMED, Location, findings_of, in_one_line, place_path
+from markergen.model.json_text import UNNAMED, Location, findings_of, in_one_line, place_path
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize
+from markergen.model.openings import hole_clashes, sunk
 from markergen.model.rig import Rig
-from markergen.model.rigid import check_pose
 from markergen.model.shape_file import STRICT, BoundaryFile, Finite, SubstrateFile, built, holds_together
-from markergen.model.substrate_checks import crowding, sunk
 from markergen.model.tag import FAMILIES, Tag
 
 FORMAT = "markergen-marker"
@@ -671,7 +670,7 @@ def _holes(parts: _Parts, dots: _Dots) -> list[str]:
     substrate = parts.substrate.build()
     disks = {path: (x, y, r) for path, (x, y), r in zip(dots.paths, dots.xy.tolist(), dots.radii.tolist(), strict=True)}
     border = parts.tag.build().quiet_zone if parts.tag and not _tag_findings(parts.tag, "tag") else None
-    misfits = crowding(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
+    misfits = hole_clashes(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
     return [f"substrate.holes[{misfit.hole}]: {misfit.problem}" for misfit in misfits]
 
 

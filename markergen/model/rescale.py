@@ -53,7 +53,7 @@ class Rulers:
     nominal_y: float | None = None
 
 
-def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
+def rescale_marker(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
     """Rescale a marker for a print whose rulers are off, and return it with sentences about the result.
 
     Every control point moves to (x sx, y sy), s being measured over nominal lengths; a single measured ruler gives
@@ -175,7 +175,7 @@ def _reach(markers: Sequence[Marker]) -> list[str]:
 def rescale_plates(
     body: Body, rulers: Rulers, others: Mapping[str, Rulers], force: bool = False
 ) -> tuple[Body, tuple[str, ...]]:
-    """Rescale the markers of a body for a print whose rulers are off, each about its own origin; see `rescale`.
+    """Rescale the markers of a body for a print whose rulers are off, each about its own origin; see `rescale_marker`.
 
     The plates stay where they are: their markers were printed at another size, not the body.
 
@@ -187,7 +187,7 @@ def rescale_plates(
     Raises
     ------
     InputError
-        As `rescale` does, or if a name is none of the rig's.
+        As `rescale_marker` does, or if a name is none of the rig's.
     """
     names = [plate.name for plate in body.plates]
     unknown = [name for name in others if name not in names]
@@ -320,7 +320,7 @@ def scale_sigmas(marker: Marker, unmeasured: float, ruler_sigma: float) -> tuple
     unmeasured : float
         That of an axis whose ruler was not measured.
     ruler_sigma : float, m
-        That of the length of a ruler, which `rescale` took.
+        That of the length of a ruler, which `rescale_marker` took.
     """
     print_record = marker.provenance.get("print")
     record = print_record.get("rulers") if isinstance(print_record, Mapping) else None
@@ -344,7 +344,7 @@ def _scaled(nominal: Marker, scale: tuple[float, float]) -> Marker:
 def _nominal(name: str, measured: float, requested: float | None, stated: float | None, force: bool) -> float:
     """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length shows.
 
-    Raises as `rescale` does.
+    Raises as `rescale_marker` does.
     """
     nominal = requested if requested is not None else stated
     if nominal is not None and not (isfinite(nominal) and nominal > 0):

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError, brief
-from markergen.model.body import Body, Plate
+from markergen.model.body import ROUNDING, Body, Plate, Rows, check_covariance
 from markergen.model.marker import Marker
-from markergen.model.rigid import ROUNDING, Rows, check_covariance
 from markergen.registry import door
 from markergen.units import format_length
 
@@ -98,7 +97,7 @@ class Rig(Body):
             If the source is none of these, cannot be read, or is not a consistent rig.json; then the message lists
             the errors with their paths, at most 20.
         """
-        return door("model.rig_json.load_rig")(source)
+        return door("model.body_json.load_rig")(source)
 
     def __repr__(self) -> str:
         count, dots = len(self.markers), len(self)

@@ -9,11 +9,10 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, among, brief
-from markergen.model.body import Plate
+from markergen.model.body import Plate, Rows
 from markergen.model.boundary import Boundary, Polygon
 from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
-from markergen.model.rigid import Rows
 from markergen.units import format_length
 
 KINDS = ("cube", "prism", "wall", "pair")

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 from markergen.errors import InputError
 from markergen.geometry.outlines import Ring
 from markergen.model.boundary import Boundary, Circle, Polygon
-from markergen.model.findings import UNNAMED
+from markergen.model.json_text import UNNAMED
 from markergen.model.substrate import EDGE, LARGEST, MOST_HOLES, THINNEST, Hole, Substrate
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

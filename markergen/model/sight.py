@@ -10,9 +10,8 @@ import numpy as np
 from markergen.arrays import Array, Indices, Mask
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
-from markergen.model.body import Body
+from markergen.model.body import FEWEST, Body, enough, scales_of
 from markergen.model.camera import Camera
-from markergen.model.constellation import FEWEST, enough, scales_of
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.occlusion import hidden

@@ -10,13 +10,11 @@ from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.goal import parse_goal
-from markergen.model.poses import named_poses
-from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.goal import parse_goal, parse_target
+from markergen.model.openings import check_plate
+from markergen.model.poses import RecordedPoses, named_poses
 from markergen.model.substrate import Substrate
-from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
-from markergen.model.target import parse_target
 
 PIXEL_VARIANCE = 1 / 12
 """Variance of a uniform unit interval: added to the blur by the area of a pixel (px^2), to the noise by rounding."""

@@ -55,7 +55,7 @@ def aggregate_of(text: str, weight: Array | None = None) -> Aggregate:
 
 
 @AGGREGATES.register("rms")
-def rms(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
+def root_mean_square(values: Array, softness: float = 0.0, weight: Weight = 1.0) -> tuple[Array, Array]:
     """Root of the mean square."""
     del softness
     total = np.sqrt(np.mean(weight * values**2, axis=-1))

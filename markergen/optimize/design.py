@@ -19,10 +19,9 @@ from markergen.model.feature import DOT_PIXELS
 from markergen.model.goal import NGON, parse_goal
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
-from markergen.model.openings import near_holes
+from markergen.model.openings import check_holes, near_holes
 from markergen.model.sight import coverage
 from markergen.model.spec import Spec
-from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.observation import DotNoise

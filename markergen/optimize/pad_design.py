@@ -1,5 +1,5 @@
 """Design of a marker with dots of several sizes, for a wide range of distances (see `markergen.optimize.ranges`)."""
-# tests: tests/api/test_design.py tests/validation/test_tables.py
+# tests: tests/api/test_design.py tests/validation/test_pads.py
 
 import logging
 from dataclasses import dataclass, field, replace

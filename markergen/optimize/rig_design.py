@@ -16,8 +16,7 @@ from markergen.bounds.dot_covariances import body_bounds
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.marker import Marker
-from markergen.model.poses import PoseDistribution
-from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.poses import PoseDistribution, RecordedPoses
 from markergen.model.rig import Rig
 from markergen.model.rig_shapes import RigShape
 from markergen.model.sight import dots_in_view

@@ -18,9 +18,9 @@ from markergen.maths.information import flip_separation, rotation_bound
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Circle
+from markergen.model.goal import Target, parse_target
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import AUTO, ImageNoise, Spec
-from markergen.model.target import Target, parse_target
 from markergen.objectives import Setting
 from markergen.optimize.dot_count import (
     Choice,

@@ -119,7 +119,7 @@ def picture(title: str, caption: str, png: bytes) -> Plot:
     return Plot(f'<img src="{data_uri(png)}" alt="{escape(f"{title}. {caption}")}">', caption, "view", title)
 
 
-def dome(
+def dome_figure(
     centers: Array,
     errors: Mapping[str, Array],
     outlines: Sequence[Array],

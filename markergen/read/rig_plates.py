@@ -13,11 +13,10 @@ from markergen.errors import InputError, among
 from markergen.guard import read, text_of
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.body import Plate
+from markergen.model.body_json import read_marker
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.findings import findings_of, in_one_line
-from markergen.model.json_text import parsed
+from markergen.model.json_text import findings_of, in_one_line, parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_json import read_marker
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, distance_span
 from markergen.read.outlines.boundary import parse_boundary

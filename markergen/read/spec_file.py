@@ -23,10 +23,9 @@ from pydantic import (
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
-from markergen.model.findings import findings_of, in_one_line
+from markergen.model.json_text import findings_of, in_one_line
 from markergen.model.marker import Marker
-from markergen.model.poses import PoseDistribution
-from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
+from markergen.model.poses import MOST_KEPT, PoseDistribution, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, built
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
@@ -35,7 +34,7 @@ from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.layout import is_table, parsed_layout, read_layout
+from markergen.read.dot_tables import is_table, parsed_layout, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled_poses
 from markergen.read.poses.rows import numbers_of_rows

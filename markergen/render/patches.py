@@ -60,7 +60,7 @@ class Patch:
         object.__setattr__(self, "normal", normal)
 
 
-def circle(center: Array, radius: float, count: int = CIRCLE_VERTICES) -> Array:
+def circle_polygon(center: Array, radius: float, count: int = CIRCLE_VERTICES) -> Array:
     """Polygon (count, 3) in m about a center (3,), parallel to the marker plane, with the area of the circle."""
     outline = np.empty((count, 3))
     outline[:, :2] = radius * unit_disk(count) + center[:2]

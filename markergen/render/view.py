@@ -20,7 +20,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.occlusion import painting_levels, pillar_radius
 from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, illumination, quantize
-from markergen.render.patches import CIRCLE_VERTICES, Patch, circle, circle_vertices, project_patches
+from markergen.render.patches import CIRCLE_VERTICES, Patch, circle_polygon, circle_vertices, project_patches
 from markergen.render.scenery import Scenery
 
 Grey = NDArray[np.float32]
@@ -269,7 +269,7 @@ def marker_patches(
         if point.z > floor:
             patches.append(Patch((_pillar(marker, point, floor, eye, count),), ground))
         diameters = (point.feature.diameter, point.feature.inner_diameter)
-        patches.append(Patch(tuple(circle(marker.xyz[k], d / 2, count) for d in diameters if d > 0), ink))
+        patches.append(Patch(tuple(circle_polygon(marker.xyz[k], d / 2, count) for d in diameters if d > 0), ink))
     return patches
 
 
@@ -321,7 +321,7 @@ def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None
     away = None if eye is None else eye[:2] - axis
     distance = 0.0 if away is None else float(np.linalg.norm(away))
     if eye is None or away is None or distance <= radius:
-        return circle(np.array([*axis, point.z]), radius, count)
+        return circle_polygon(np.array([*axis, point.z]), radius, count)
     toward, half = np.arctan2(away[1], away[0]), np.arccos(radius / distance)
     steps = np.linspace(-1, 1, count)
     near_arc = toward + half * steps

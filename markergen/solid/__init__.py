@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Any
 
 
-def renamed(home: str) -> Callable[[str], Any]:
+def moved_module(home: str) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a module that has moved; plug-ins of before find its names."""
 
     def attribute(name: str) -> Any:

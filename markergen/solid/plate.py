@@ -13,14 +13,23 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, Point, area, circle, flattened, offset, placed, turns_of
-from markergen.geometry.fillet import filleted, largest_fillet
+from markergen.geometry.contour import (
+    Contour,
+    Point,
+    area,
+    circle,
+    filleted,
+    flattened,
+    largest_fillet,
+    offset,
+    placed,
+    turns_of,
+)
 from markergen.geometry.region import Region, pairwise_distances
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
-from markergen.model.openings import drawn_holes
+from markergen.model.openings import disk_radius, drawn_holes
 from markergen.model.substrate import Hole, Substrate
-from markergen.model.substrate_checks import disk_radius
 from markergen.solid.primitives import OFF, Part, Primitive, Prism, Revolved, cylinder, mm, size_of
 from markergen.units import format_length
 

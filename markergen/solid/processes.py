@@ -1,6 +1,6 @@
 """Deprecated name of `markergen.workshop.processes`; it goes with the next release."""
 # tests: tests/contracts/test_plugins.py
 
-from markergen.solid import renamed
+from markergen.solid import moved_module
 
-__getattr__ = renamed("markergen.workshop.processes")
+__getattr__ = moved_module("markergen.workshop.processes")

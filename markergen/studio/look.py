@@ -28,11 +28,11 @@ from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
 from markergen.studio.state import KEPT, Options, design_of, plain_options, points_as_text, spec_of_options
-from markergen.validation import headline
 from markergen.validation.bounds import budget_of
+from markergen.validation.error_to_plan_with import cells_of, plan_for, source_of
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
-from markergen.validation.tables import limit_sentences
+from markergen.validation.sentences import amount, limit_sentences, marker_plan
 from markergen.validation.views import SyntheticViews
 
 USUAL_COUNT = 8
@@ -253,16 +253,16 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     """RMS errors over all poses, and where they are largest, to first order."""
     poses, rotation = layout.setting.poses, budget.rotation_deg["total"]
     translation = 1e3 * budget.translation["total"]
-    cells = headline.cells_of(poses)
+    cells = cells_of(poses)
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
     turned, moved = rms(rotation), rms(translation)
-    source = headline.source_of(1e3 * layout.sources.print_sigma, layout.sources.camera_covariance is not None)
+    source = source_of(1e3 * layout.sources.print_sigma, layout.sources.camera_covariance is not None)
     sentence = (
-        f"{headline.amount(turned)} deg and {headline.amount(moved)} mm RMS over {len(poses)} poses, to first order, "
+        f"{amount(turned)} deg and {amount(moved)} mm RMS over {len(poses)} poses, to first order, "
         f"with {source}; where it is hardest, at a tilt of {tilt} deg and {distance} m, "
-        f"{headline.amount(rms(rotation[mask]))} deg."
+        f"{amount(rms(rotation[mask]))} deg."
     )
     return {"rotation_deg": turned, "translation_mm": moved, "hardest": hardest, "sentence": sentence}
 
@@ -318,10 +318,10 @@ def more(options: Any) -> dict[str, Any]:
     state = _with_points(state, sketch(state).spec)
     design, layout = design_of(state), sketch(state)
     series, seed = layout.series, layout.spec.seed
-    claim = headline.of(expect(series, seed=seed), series, 0.0, seed)
+    claim = plan_for(expect(series, seed=seed), series, 0.0, seed)
     return clean(
         {
-            "plan": headline.sentences(claim),
+            "plan": marker_plan(claim),
             "labels": {"sentence": design.labels.sentence, "least_px": design.labels.least} if design.labels else None,
             "bound": design.certificate.sentence,
             "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),

@@ -11,18 +11,17 @@ from typing import Any
 
 from markergen.errors import InputError, brief
 from markergen.guard import read, text_of
+from markergen.model.body_json import is_rig, load_marker_or_rig, rig_to_json, to_json
 from markergen.model.boundary import polygon_from
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
-from markergen.model.marker_json import to_json
-from markergen.model.rig_json import is_rig, load_marker_or_rig, rig_to_json
 from markergen.model.spec import Spec
 from markergen.model.substrate import SCREWS
 from markergen.options.declarations import DesignKeywords
 from markergen.read.cameras import format_of, load_camera
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.cameras.document import Document
-from markergen.read.layout import read_layout
+from markergen.read.dot_tables import read_layout
 from markergen.read.outlines.boundary import moved_outline, parse_boundary
 from markergen.read.poses import read_poses
 from markergen.read.spec_file import spec_of

@@ -32,9 +32,8 @@ from markergen.api.design import design
 from markergen.api.rig import rig
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.guard import KINDS, read
+from markergen.model.body_json import rig_to_json, to_json
 from markergen.model.boundary import Circle
-from markergen.model.marker_json import to_json
-from markergen.model.rig_json import rig_to_json
 from markergen.optimize.design import Design
 from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json

@@ -20,13 +20,12 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.exporters import EXPORTERS, RECORD
 from markergen.files import Written
+from markergen.model.body_json import load_marker, load_rig
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.marker_json import load_marker
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, planned_print
-from markergen.model.rig_json import load_rig
 from markergen.options import given
 from markergen.options.declarations import DesignKeywords
 from markergen.presentation.pages import data_uri
@@ -35,9 +34,10 @@ from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
 from markergen.studio.opening import uploaded
 from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_named_plates, table_in, words
-from markergen.validation import headline
 from markergen.validation.bounds import budget_of
+from markergen.validation.error_to_plan_with import source_of
 from markergen.validation.metrics import rms
+from markergen.validation.sentences import amount
 from markergen.validation.setting import setting_of
 from markergen.validation.views import SyntheticViews
 
@@ -180,9 +180,9 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
     series: SyntheticViews[Any] = SyntheticViews(what, camera, poses, 0, errors=usual)
     served, budget = series.coverage.served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
-    turned, moved = (headline.amount(rms(error[served])) for error in total.values())
+    turned, moved = (amount(rms(error[served])) for error in total.values())
     at_poses = {name: np.where(served, error, np.inf) for name, error in total.items()}
-    source = headline.source_of(1e3 * usual.print_sigma, False)
+    source = source_of(1e3 * usual.print_sigma, False)
     where = (
         f"the {np.count_nonzero(served)} of {len(poses)} poses that show enough dots"
         if not served.all()

@@ -27,7 +27,7 @@ from markergen.options import GROUPS, Option, as_list, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
-from markergen.read.layout import is_table, parsed_layout
+from markergen.read.dot_tables import is_table, parsed_layout
 from markergen.read.outlines.boundary import is_drawing, moved_outline
 from markergen.read.rig_plates import SUFFIXES
 from markergen.read.spec_file import DRAWING

@@ -1,4 +1,5 @@
-"""Results of a validation as tables and sentences: trials, other layouts, labels, budget, views."""
+"""Results of a validation as tables: trials, other layouts, labels, budget, views."""
+# tests: tests/validation/test_validation.py tests/validation/test_pads.py tests/validation/test_rig_validation.py
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +9,8 @@ import numpy as np
 from markergen.model.sight import distance_table
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
-from markergen.validation.metrics import STATISTICS, mean_nees_interval
+from markergen.validation.metrics import STATISTICS
+from markergen.validation.sentences import SOURCES
 from markergen.validation.view_records import DETECTOR
 
 TITLES = {
@@ -27,34 +29,12 @@ EPNP = (
 MOST_DOTS = 40
 """Maximum number of dots in a table of labels, which then shows the least safe ones."""
 BOUND = "bound (CRLB)"
-SOURCES = ("image", "print", "camera", "total")
-"""Sources of an error budget, and their total."""
 
-NAMES = {"image": "image noise", "print": "the print", "camera": "the calibration"}
-"""Sources of an error budget, in sentences."""
-REMEDIES = {
-    "image": (
-        "let the dots cover more pixels (a larger marker, a shorter distance, a longer focal length, more pixels), or "
-        "get more light and a sharper focus"
-    ),
-    "print": (
-        "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
-        "really are"
-    ),
-    "measured": (
-        "measure it again, for rotations with more photographs from other directions, for distances with more lengths "
-        "(markergen calibrate --measured), or make the marker larger"
-    ),
-    "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
-}
-"""How to reduce the error of each source."""
-DOMINANT = 0.9
-"""Share of the variance above which improving any other source gains less than 5 % of the error."""
 
 _VIEW_HEADER = ["", "views", "found", "wrong", "dots px", "bound", "RE deg", "TE %", "H px", "NEES", "in 95 %"]
 
 
-def of(results: Mapping[str, Any]) -> list[Table]:
+def result_tables(results: Mapping[str, Any]) -> list[Table]:
     """Return the tables of the results in the order in which the command prints them."""
     views = results["views"]
     if "rig" in results:
@@ -67,7 +47,7 @@ def of(results: Mapping[str, Any]) -> list[Table]:
         ]
     tables = trial_tables(results) if results["estimators"] else []
     if "coverage" in results:
-        tables.append(coverage_table(results))
+        tables.append(dots_in_view_table(results))
     if results["comparisons"] or "coverage" not in results:
         tables.append(comparison_table(results))
     tables.append(budget_table(results))
@@ -89,13 +69,6 @@ def view_tables(views: Mapping[str, Any]) -> list[Table]:
     if views.get("stress"):
         tables.append(stress_table(views))
     return tables
-
-
-def sentences(results: Mapping[str, Any]) -> list[str]:
-    """Return what the command prints between the tables and the verdict of `headline.sentences`."""
-    if "rig" in results:
-        return limit_sentences(results)
-    return [*trial_sentences(results), *view_sentences(results)]
 
 
 def rotation_table(results: Mapping[str, Any]) -> Table:
@@ -269,7 +242,7 @@ def stress_table(views: Mapping[str, Any]) -> Table:
     return Table("The same views under worse conditions", _VIEW_HEADER, rows, "")
 
 
-def heading(results: Mapping[str, Any]) -> str:
+def conditions(results: Mapping[str, Any]) -> str:
     """Describe the poses, trials, noise and camera."""
     camera, poses = results["camera"], results["poses"]
     dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
@@ -349,118 +322,11 @@ def _rig_view_row(name: str, views: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def coverage_table(results: Mapping[str, Any]) -> Table:
+def dots_in_view_table(results: Mapping[str, Any]) -> Table:
     """Dots in view by distance, with the rotation errors to expect and those of the views."""
     rows, keys = results["coverage"]["by_distance"], ("expected_deg", "views_deg")
     cells = [[number(row[key], 3) for key in keys] for row in rows]
     return distance_table(rows, results["coverage"]["diameters"], ("expected deg", "views deg"), cells)
-
-
-def trial_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Comment on skipped estimators, label margins, and the calibration of the covariance."""
-    sentences = []
-    if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
-        measured = (results.get("budget") or {}).get("print_measured")
-        why = "the heights of the dots were measured" if measured else "the dots are not in one"
-        sentences.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
-    sentences += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
-    tilted = {
-        angle: row
-        for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
-        if row["mean"] is not None and float(angle.split("..")[0]) >= 17.5
-    }
-    if tilted:
-        count = sum(row["count"] for row in tilted.values())
-        mean = sum(row["mean"] * row["count"] for row in tilted.values()) / count
-        low, high = mean_nees_interval(count)
-        sentences.append(
-            f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
-            f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
-        )
-    return sentences
-
-
-def view_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Name dots that are too small, summarize the views, the failures, and what to improve first."""
-    sentences = []
-    views, dots = results["views"], results.get("dots")
-    if dots and dots["too_small"]:
-        sentences.append(
-            f"In {percent(dots['too_small'])} of the poses dots are hardly found: one is {number(dots['least_px'], 2)} "
-            f"px across, of {dots['needed_px']:g} px that it takes; use larger dots, a longer lens, or nearer poses."
-        )
-    if views:
-        line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
-        if views["detected"]:
-            line += (
-                f", dot centers off by {number(views['point_px']['rms'])} px rms "
-                f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)"
-            )
-        sentences.append(f"{line}.")
-        sentences += [
-            f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
-            for view in views["failures"][:5]
-        ]
-    sentences += limit_sentences(results)
-    return sentences
-
-
-def limit_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Say what limits the pose of all that was counted, what was not counted, and what that would cost."""
-    budget = results["budget"]
-    shares_of = {
-        what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
-    }
-    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in shares_of.items() if parts}
-    exact = budget.get("camera_exact", not any(parts.get("camera") for parts in shares_of.values()))
-    counted = [name for name in SOURCES[:3] if not (exact and name == "camera")]
-    sentences = []
-    for name in dict.fromkeys(first.values()):
-        limited = [what for what, largest in first.items() if largest == name]
-        remedy = REMEDIES["measured" if name == "print" and budget.get("print_measured") else name]
-        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
-        if all(shares_of[what][name] > DOMINANT for what in limited):
-            line += " Improving anything else of these would gain next to nothing."
-        sentences.append(line)
-    if first and exact:
-        sentences.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
-    # Its first line is what the verdict says of all poses.
-    if more := "; ".join((budget.get("outlook") or "").splitlines()[1:]):
-        sentences.append(f"{more[0].upper()}{more[1:]}.")
-    return sentences
-
-
-def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
-    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty if all are 0."""
-    parts = budget.get(key) or {}
-    squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
-    total = sum(squares.values())
-    return {name: part / total for name, part in squares.items()} if total else {}
-
-
-def _cost(results: Mapping[str, Any]) -> str:
-    """What an inexact calibration would cost, where the results say it."""
-    headline: Mapping[str, Any] = results.get("headline") or {}
-    off = headline.get("calibration") or {}
-    if off.get("rotation_deg") is None:
-        return ""
-    then, now = (
-        f"{number(errors['rotation_deg'], 2)} deg and {number(errors['translation_pct'], 2)} %"
-        for errors in (off, headline["all"])
-    )
-    return (
-        f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
-        f"the errors over all poses would be {then} instead of {now}"
-    )
-
-
-def _listed(names: list[str]) -> str:
-    sources = [NAMES[name] for name in names]
-    return " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
-
-
-def _sentence(line: str) -> str:
-    return f"{line[0].upper()}{line[1:]}."
 
 
 def _view_row(name: str, group: Mapping[str, Any]) -> list[str]:

@@ -20,7 +20,7 @@ from markergen.optimize.comparisons import compare, comparison_layouts
 from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
 from markergen.presentation.results import plain
-from markergen.validation import headline
+from markergen.validation import error_to_plan_with
 from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.expectation import expect, without_calibration
 from markergen.validation.report.subject import mean_diameters
@@ -29,7 +29,7 @@ from markergen.validation.view_records import DETECTOR, Record, stress, summariz
 from markergen.validation.views import SyntheticViews
 
 
-def validate(
+def run_validation(
     body: Marker | Rig,
     setting: Setting,
     noise_px: float = NOISE_PX,
@@ -135,11 +135,11 @@ def _of_marker(
         views["stress"] = stress(series, workers, stage("stress"))
     budget = error_budget(series, noise_px)
     expected = expect(series, noise_px, seed, progress=stage("expected errors"))
-    claim = headline.of(expected, series, noise_px, seed)
+    claim = error_to_plan_with.plan_for(expected, series, noise_px, seed)
     if views is not None:
         exact = series.errors.camera_covariance is None
         of_views = expected if exact else expect(without_calibration(series), noise_px, seed)
-        claim["views"] = headline.compare_views(of_views, series.poses, views, claim, seed)
+        claim["views"] = error_to_plan_with.compare_views(of_views, series.poses, views, claim, seed)
     labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
     dots = _extent(marker, setting) if marker.dot_diameter else None
     covered = _coverage(marker, setting, expected.rotation_deg, records) if setting.sight else None
@@ -207,7 +207,7 @@ def _of_rig(
             "radius": rig.radius,
             "relation_exact": rig.relation is None,
         },
-        "headline": headline.of_rig(series, joint, alone),
+        "headline": error_to_plan_with.plan_for_rig(series, joint, alone),
         "camera": series.camera.as_dict(),
         "poses": {"name": poses.name, "count": len(poses), "dropped": 0, "served": int(served.sum())},
         "noise_px": noise_px,

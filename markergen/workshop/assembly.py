@@ -20,8 +20,7 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, mm
-from markergen.workshop.processes import Made, parts_of
-from markergen.workshop.processes.fdm import FACE_DOWN
+from markergen.workshop.processes import FACE_DOWN, Made, parts_of
 
 JOINED = 1e-3
 """Maximum distance in mm between corners of adjacent faces that are one vertex of a block."""
@@ -338,7 +337,7 @@ def _extent(body: Primitive, off: float = OFF) -> Array:
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
-def check_apart(made: MadeBody) -> None:
+def check_no_overlap(made: MadeBody) -> None:
     """Refuse plates that overlap, which cannot be made."""
     if made.overlap:
         raise InputError(

@@ -128,7 +128,7 @@ class TagInk:
         return [(corner.x, corner.y) for corner in self.outer]
 
 
-def tag_ink(tag: Tag | None) -> tuple[TagInk, ...]:
+def tag_pieces(tag: Tag | None) -> tuple[TagInk, ...]:
     """Pieces of a tag's ink, the lower left one first; cells that touch only at a corner are separate."""
     if tag is None:
         return ()

@@ -95,7 +95,7 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Primit
             notes=(f"The back is not engraved: a plate of {thickness:.6g} mm is thinner than {least:.6g} mm.",)
         )
     deep = Region.union(plan(body) for body in cut if body.span[0] < bottom + DEPTH + WALL)
-    room = _Room(plate.offset(-MARGIN, segments=8) - deep.offset(MARGIN, segments=8))
+    room = _FreeBack(plate.offset(-MARGIN, segments=8) - deep.offset(MARGIN, segments=8))
     left, low, right, high = plate.box
     lacking = []
     if not room.take(_axes(min(1.0, max(right - left, high - low) / 60))):
@@ -119,16 +119,16 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Primit
     return Engraving(cuts, notes, tuple(block.text for block in room.taken if block.text))
 
 
-class _Room:
+class _FreeBack:
     """Free room on the back, and the blocks that occupy some of it."""
 
     def __init__(self, free: Region, taken: Sequence[_Block] = ()) -> None:
         self._free = free
         self.taken = [*taken]
 
-    def copy(self) -> "_Room":
+    def copy(self) -> "_FreeBack":
         """Return a copy, in which later blocks take room independently."""
-        return _Room(self._free, self.taken)
+        return _FreeBack(self._free, self.taken)
 
     def take(self, block: _Block) -> bool:
         """Place a block if its room is free; return whether it was."""
@@ -156,12 +156,12 @@ class _Room:
         return self.take(_lines(lines, x + float(dx[best]), y + float(dy[best]), height))
 
 
-def _title(marker: Marker, room: _Room) -> bool:
+def _title(marker: Marker, room: _FreeBack) -> bool:
     """Place the title in the largest letters that fit; return whether any do."""
     return any(room.take_somewhere(lines, height) for height in HEIGHTS for lines in _titles(marker))
 
 
-def _ids(marker: Marker, room: _Room) -> list[str]:
+def _ids(marker: Marker, room: _FreeBack) -> list[str]:
     """Place each id that fits; return the others."""
     points = marker.control_points
     return [str(point.id) for point in points if not any(room.take(block) for block in _behind(point, points))]

@@ -28,7 +28,7 @@ P6 = (6, 12, 15, 18, 22, 26, 32, 37, 43, 50, 56, 62, 68)
 
 
 @dataclass(frozen=True)
-class Limits:
+class SizeLimits:
     """Tolerance class of a diameter and its deviations; mm.
 
     Attributes
@@ -77,8 +77,8 @@ class DiscFit:
         Maximum distance between the centers of disc and pocket, mm.
     """
 
-    disc: Limits
-    pocket: Limits
+    disc: SizeLimits
+    pocket: SizeLimits
     gap: float
     play: float
 
@@ -114,12 +114,12 @@ def core_fit(kind: str, diameter: float) -> DiscFit:
     return DiscFit(core, bore, fit.gap, fit.play)
 
 
-def reamed(diameter: float) -> Limits:
+def reamed(diameter: float) -> SizeLimits:
     """H7 of a hole for a dowel pin; raises as `disc_fit` does."""
     return _limits("H7", diameter, H7[_range(diameter)], 0)
 
 
-def drilled(diameter: float) -> Limits:
+def drilled(diameter: float) -> SizeLimits:
     """H13 of a clearance hole of the medium series of ISO 273; raises as `disc_fit` does."""
     return _limits("H13", diameter, H13[_range(diameter)], 0)
 
@@ -132,8 +132,8 @@ def _range(diameter: float) -> int:
     return next(i for i, most in enumerate(STEPS) if diameter <= most)
 
 
-def _limits(name: str, diameter: float, upper: int, lower: int) -> Limits:
-    return Limits(name, diameter, upper / 1e3, lower / 1e3)
+def _limits(name: str, diameter: float, upper: int, lower: int) -> SizeLimits:
+    return SizeLimits(name, diameter, upper / 1e3, lower / 1e3)
 
 
 def _signed(millimeters: float) -> str:

@@ -139,7 +139,7 @@ def pillars_of(
     asked = fabrication.foot * 1e3
     feet = _feet(drafted, tool, plate, others, asked)
     pillars = [replace(pillar, foot=foot) for pillar, foot in zip(drafted, feet, strict=True)]
-    while poses is not None and any(pillar.foot for pillar in pillars) and hiding(dots, pillars, poses):
+    while poses is not None and any(pillar.foot for pillar in pillars) and pillar_hiding_most(dots, pillars, poses):
         pillars = [replace(pillar, foot=_floor(pillar.foot / 2)) for pillar in pillars]
     notes = []
     if poses is None:
@@ -239,18 +239,18 @@ def _check_sight(
     poses: PoseDistribution | None,
 ) -> None:
     """Refuse pillars that hide dots."""
-    if poses is None or not (hidden := hiding(dots, drafted, poses)):
+    if poses is None or not (hidden := pillar_hiding_most(dots, drafted, poses)):
         return
     pillar, dot, count = hidden
     remedy = "design it again with --relief, or choose poses with less tilt"
-    if not hiding(dots, bare, poses):
+    if not pillar_hiding_most(dots, bare, poses):
         low, high = 0.0, drafted[0].draft
         for _ in range(8):
             middle = (low + high) / 2
-            hides = hiding(dots, [replace(bare_pillar, draft=middle) for bare_pillar in bare], poses)
+            hides = pillar_hiding_most(dots, [replace(bare_pillar, draft=middle) for bare_pillar in bare], poses)
             low, high = (low, middle) if hides else (middle, high)
         remedy = f"use --draft {np.floor(np.degrees(low) * 10) / 10:g} or less"
-    elif not hiding(
+    elif not pillar_hiding_most(
         dots, [replace(p, radius=pillar_radius(2 * p.dot.radius, marker.clearance * 1e3)) for p in bare], poses
     ):
         remedy = "use a smaller --tool or --gap, or design it with a larger --clearance"
@@ -261,7 +261,9 @@ def _check_sight(
     )
 
 
-def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistribution) -> tuple[str, str, int] | None:
+def pillar_hiding_most(
+    dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistribution
+) -> tuple[str, str, int] | None:
     """Return the pillar and dot with most poses in which the one hides the other, and their number; None if none does.
 
     Seen from the eye, a cone whose radius falls by k per height hides the same of a dot as a vertical cylinder smaller

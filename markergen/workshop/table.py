@@ -13,7 +13,7 @@ def _solid(write: str, description: str, rig_description: str = "", kernel: bool
 
 
 EXPORTERS.register(".dxf")(
-    Exporter(f"{_FORMATS}.dxf:export", "to cut and engrave, R2010 in mm; see --process laser", "flat")
+    Exporter(f"{_FORMATS}.dxf:export_dxf", "to cut and engrave, R2010 in mm; see --process laser", "flat")
 )
 EXPORTERS.register(".step", ".stp")(
     _solid(
@@ -32,7 +32,7 @@ EXPORTERS.register(".mjcf.xml")(_solid("simulators:export_mjcf", "model for MuJo
 EXPORTERS.register(".urdf")(_solid("simulators:export_urdf", "model for ROS and other simulators, with its meshes"))
 EXPORTERS.register(".fab.pdf")(
     _solid(
-        "fab_pdf:export",
+        "fab_pdf:export_fab_pdf",
         "drawing with dimensions and a table of the dots, for the workshop",
         "drawing of the whole with its faces' relation, then of each face, for the workshop",
     )

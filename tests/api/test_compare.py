@@ -13,7 +13,7 @@ from markergen.cli import main
 from markergen.comparison import compare as engine
 from markergen.comparison import series as comparison_series
 from markergen.errors import InputError, MissingLibraryError, OutputError
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 FEW = {"views": 4, "poses": "cone:count=20", "workers": 1}
 

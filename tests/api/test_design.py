@@ -12,10 +12,10 @@ from markergen.api.export import export
 from markergen.api.rescale import rescale
 from markergen.cli import main
 from markergen.errors import InputError, OutputError
+from markergen.model.body_json import read_marker
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.marker_json import read_marker
 from markergen.model.poses import named_poses
 from markergen.model.spec import Spec
 from markergen.optimize.design import design as find

@@ -7,9 +7,9 @@ from markergen.api.export import export
 from markergen.errors import InputError, OutputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
+from markergen.model.body_json import to_json
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
-from markergen.model.marker_json import to_json
 from markergen.model.substrate import Substrate
 
 

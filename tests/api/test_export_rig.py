@@ -9,10 +9,9 @@ import markergen as mg
 from markergen.cli import main
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions, exporters_of
+from markergen.model.body_json import load_marker_or_rig, rig_to_json, to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
-from markergen.model.marker_json import to_json
-from markergen.model.rig_json import load_marker_or_rig, rig_to_json
 
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
 MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)

@@ -14,8 +14,8 @@ import pytest
 from markergen.api import validate as module
 from markergen.api.validate import validate
 from markergen.errors import InputError, MissingLibraryError, OutputError
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.marker_json import to_json
 from markergen.model.poses import named_poses
 from markergen.options import declared
 from markergen.options.declarations import ValidateKeywords

@@ -14,7 +14,7 @@ from markergen.api.verify import verify
 from markergen.cli import main
 from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.exporters.saving import save
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 HOSTILE = "<script>[red]x.csv"
 

@@ -12,7 +12,7 @@ import pytest
 
 from markergen import __version__
 from markergen.cli import main
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 SMALL = "validate marker.json --poses cone:count=20 --views 0 --workers 1"
 
@@ -67,7 +67,7 @@ def test_the_main_job(here, capsys):
         assert words in said
     assert main(["validate", "marker.json", "--runs", "3", "--views", "4", "--json", "results.json"]) == 0
     said = capsys.readouterr().out
-    for words in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "4 of 4 detected"):
+    for words in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "4 of 4 rendered views detected"):
         assert words in said
     results = json.loads((here / "results.json").read_text())
     assert set(results) == {

@@ -4,7 +4,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.comparison import compare
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
-from markergen.model.marker_json import read_marker
+from markergen.model.body_json import read_marker
 from markergen.optimize.problem import breach
 
 PLATE = """<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">

@@ -6,8 +6,8 @@ import pytest
 
 from markergen.cli import main
 from markergen.detect import kernel
+from markergen.model.body_json import read_marker
 from markergen.model.camera import Camera, Distortion
-from markergen.model.marker_json import read_marker
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view
 

@@ -16,8 +16,8 @@ from videos import read_video, write_video
 
 from markergen.cli import console, main
 from markergen.detect import kernel
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view
 

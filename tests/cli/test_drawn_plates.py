@@ -12,10 +12,10 @@ from drawings import dxf, svg
 
 from markergen.cli import main
 from markergen.geometry.contour import area
+from markergen.model.body_json import read_marker
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker_json import read_marker
-from markergen.read.outlines.reader import read_contours
+from markergen.read.outlines.boundary import read_contours
 from markergen.read.spec_file import spec_from_mapping
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.processes import parts_of

@@ -12,7 +12,7 @@ from refusals import refused
 
 from markergen.cli import main
 from markergen.exporters import EXPORTERS, catalog
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 from markergen.model.tag import Tag
 
 

@@ -1,7 +1,7 @@
 import pytest
 
 from markergen.cli import main
-from markergen.model.marker_json import read_marker, to_json
+from markergen.model.body_json import read_marker, to_json
 
 
 @pytest.fixture

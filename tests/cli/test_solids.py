@@ -13,9 +13,9 @@ from refusals import refused as refusal
 from markergen.api.export import choices_of
 from markergen.cli import main
 from markergen.exporters import EXPORTERS
+from markergen.model.body_json import read_marker, to_json
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker_json import read_marker, to_json
 from markergen.model.substrate import Substrate, parse_dowel, parse_mount
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
-from markergen.model.marker_json import read_marker
+from markergen.model.body_json import read_marker
 from markergen.optimize.problem import breach
 
 QUICK = ["design", "--restarts", "1", "--radius", "60mm", "--dot", "20mm"]

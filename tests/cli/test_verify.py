@@ -5,7 +5,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.exporters.saving import save
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 
 @pytest.fixture(scope="module")

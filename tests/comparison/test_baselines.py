@@ -11,9 +11,9 @@ from markergen.comparison.contestants.tags import SquareTag
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker import light_marker
-from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
 from markergen.model.tag import Board, Tag
 from markergen.render import Optics

@@ -16,7 +16,7 @@ from markergen.comparison.series import Observation
 from markergen.comparison.statistics import _ratio, rms_interval
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
-from markergen.model.marker_json import to_json as marker_bytes
+from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
 

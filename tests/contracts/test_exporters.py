@@ -11,11 +11,11 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, catalog
+from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
 from markergen.model.marker import build_marker
-from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 
 ANGLES = 2 * np.pi * np.arange(5) / 5
@@ -44,7 +44,7 @@ import sys
 from pathlib import Path
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker_json import from_json
+from markergen.model.body_json import from_json
 marker, options = from_json(sys.stdin.read()), ExportOptions(stem="board", fabrication=Fabrication(engrave=False))
 for suffix in sys.argv[2:]:
     Path(sys.argv[1], f"board{suffix}").write_bytes(EXPORTERS[suffix]([marker], options).data)

@@ -14,11 +14,11 @@ from installed import PLUGIN, ROOT, environment, install
 from markergen.estimators import ESTIMATORS
 from markergen.exporters import EXPORTERS
 from markergen.maths.lenses import LENSES
+from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import PROCESSES
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.marker_json import to_json
 from markergen.model.poses import POSES
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon

@@ -7,7 +7,7 @@ import pytest
 from dask_cluster import Cluster
 from installed import environment
 
-from markergen.model.marker_json import to_json
+from markergen.model.body_json import to_json
 
 SCRIPT = """
 import sys
@@ -18,7 +18,7 @@ from markergen.objectives import OBJECTIVES
 from markergen.objectives.pose import PoseObjective
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
-from markergen.model.marker_json import read_marker
+from markergen.model.body_json import read_marker
 
 class Mine(PoseEstimator):
     name = "mine"

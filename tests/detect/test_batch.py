@@ -11,8 +11,8 @@ from markergen.detect import Detector, batch
 from markergen.detect.batch import Outcome, Outcomes, detect_files, look_at, overlay_names
 from markergen.errors import InputError, OutputError
 from markergen.maths.rotation import angle_between, exponential
+from markergen.model.body_json import to_json as marker_to_json
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker_json import to_json as marker_to_json
 from markergen.model.poses import paper
 from markergen.read.images import quiet
 from markergen.render import Optics, render_view

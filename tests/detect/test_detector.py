@@ -15,8 +15,8 @@ import pytest
 from markergen.detect import Detector, detect, detector
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.marker_json import to_json
 from markergen.model.poses import paper, paper_roll
 from markergen.model.tag import parse_tag
 from markergen.render import Optics, render_view

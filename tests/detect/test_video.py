@@ -15,8 +15,8 @@ from videos import FakeCamera, read_video, write_video
 from markergen.detect import Detector, video
 from markergen.detect.video import Watched, detect_video
 from markergen.errors import InputError, OutputError
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
 from markergen.read import videos
 from markergen.render import Optics, render_view

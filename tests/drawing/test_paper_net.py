@@ -5,8 +5,7 @@ import pytest
 
 import markergen as mg
 from markergen.drawing.paper import SheetOptions
-from markergen.drawing.paper_net import net_sheet, unfold
-from markergen.drawing.plate_edges import plate_edges
+from markergen.drawing.paper_net import net_sheet, plate_edges, unfold
 from markergen.drawing.scene import Disk
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions

@@ -13,7 +13,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import Disk, Line, bounds, clipped
 from markergen.drawing.sheet_layout import pages_for, sheet_for
 from markergen.errors import InputError
-from markergen.exporters.pdf import write_pdf
+from markergen.exporters.formats.sheets import write_pdf
 from markergen.model.tag import Tag
 
 MICROMETER = 1e-3  # mm; pdfium holds coordinates as 32-bit floats, 0.03 um on A4

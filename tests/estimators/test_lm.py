@@ -4,7 +4,7 @@ import pytest
 from markergen.estimators import Correspondences
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.lm import LM, refine
-from markergen.estimators.opencv import prepare
+from markergen.estimators.opencv import opencv_arguments
 from markergen.maths.information import information, pose_jacobian
 from markergen.maths.projection import perspective, project, to_camera, to_pixels
 from markergen.maths.rotation import angle_between, exponential, logarithm
@@ -33,7 +33,7 @@ def test_finds_the_poses_that_opencv_refines_to():
 
     batch = noisy(tilted(every=4))
     rotation, translation = batch.once(LM).best
-    objects, images, turn = prepare(batch)
+    objects, images, turn = opencv_arguments(batch)
     start_rotation, start_translation = batch.once(IPPE).best
     for k in range(len(images)):
         vector, _ = cv2.Rodrigues(start_rotation[k] @ turn[k].T)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
+from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker_json import to_json
 from markergen.render import Optics, render_view
 from markergen.workshop.formats.meshes import MeshedPart, write_glb
 from markergen.workshop.mesh import Mesh

@@ -15,7 +15,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.exporters.formats.points import write_bundle, write_kalibr, write_ros2
-from markergen.exporters.pdf import write_pdf
+from markergen.exporters.formats.sheets import write_pdf
 from markergen.maths.information import covariance, information, pose_jacobian
 from markergen.maths.rotation import angle_between, rigid_motion
 from markergen.model.tag import FAMILIES, Tag, tag_ink

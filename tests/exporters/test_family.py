@@ -11,11 +11,11 @@ from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
-from markergen.exporters.pdf import write_pdf
+from markergen.exporters.formats.sheets import write_pdf
 from markergen.exporters.saving import family_paths, save_family
+from markergen.model.body_json import from_json, read_marker, to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
-from markergen.model.marker_json import from_json, read_marker, to_json
 from markergen.model.tag import parse_tag, place_tag
 
 CORNER_PX = 0.3

@@ -1,6 +1,6 @@
 from markergen.exporters import ExportOptions
 from markergen.exporters.formats.points import write_record
-from markergen.model.marker_json import from_json, to_json
+from markergen.model.body_json import from_json, to_json
 
 
 def test_is_the_marker_itself(make_ngon):

@@ -14,7 +14,7 @@ from markergen.drawing.paper import Paper
 from markergen.drawing.scene import Disk, Layer, Line, Scene, polygon
 from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError
-from markergen.exporters.pdf import write_pdf
+from markergen.exporters.formats.sheets import write_pdf
 from markergen.exporters.pdf_canvas import _circle
 
 DPI = 600

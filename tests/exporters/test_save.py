@@ -8,8 +8,8 @@ import pytest
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError
 from markergen.exporters import EXPORTERS, ExportOptions, Output, stem_of, suffix_of
-from markergen.exporters.saving import check_outputs, save, with_record, write
-from markergen.model.marker_json import read_marker
+from markergen.exporters.saving import check_exports, save, with_record, write
+from markergen.model.body_json import read_marker
 from markergen.model.spec import Spec
 
 
@@ -128,17 +128,17 @@ def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_
 )
 def test_a_dpi_beyond_reason_is_refused_before_any_work(tmp_path, dpi, paper, reason):
     with pytest.raises(InputError, match=reason):
-        check_outputs([tmp_path / "m.png"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
+        check_exports([tmp_path / "m.png"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
     # Nothing else has pixels.
-    check_outputs([tmp_path / "m.pdf"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
+    check_exports([tmp_path / "m.pdf"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
 
 
 @pytest.mark.parametrize("name", ["m.svg", "m.png"])
 def test_a_spec_that_one_page_cannot_hold_is_refused_before_the_search(tmp_path, name):
     options = ExportOptions(SheetOptions(paper="A5"))
     with pytest.raises(InputError, match="A5"):
-        check_outputs([tmp_path / name], options, Spec())
-    check_outputs([tmp_path / "m.pdf"], options, Spec())
+        check_exports([tmp_path / name], options, Spec())
+    check_exports([tmp_path / "m.pdf"], options, Spec())
 
 
 def test_files_that_come_with_others_are_written_beside_them(tmp_path):
@@ -210,11 +210,11 @@ def test_exporters_are_told_what_the_file_is_called(make_ngon, tmp_path, monkeyp
 
 
 def test_a_relief_is_a_solid_but_no_drawing(tmp_path):
-    check_outputs([tmp_path / "m.step", tmp_path / "m.fab.pdf"], ExportOptions(), Spec(relief=0.02))
+    check_exports([tmp_path / "m.step", tmp_path / "m.fab.pdf"], ExportOptions(), Spec(relief=0.02))
     for name in ("m.pdf", "m.dxf"):
         with pytest.raises(InputError, match=r"found a relief of 20 mm for .*write it to marker\.json or as a solid"):
-            check_outputs([tmp_path / name], ExportOptions(), Spec(relief=0.02))
+            check_exports([tmp_path / name], ExportOptions(), Spec(relief=0.02))
     for name in ("m.pdf", "m.stl"):
         with pytest.raises(InputError, match="dots for a drawing or a solid, found bare points"):
-            check_outputs([tmp_path / name], ExportOptions(), Spec(dot=0))
-    check_outputs([tmp_path / "m.json"], ExportOptions(), Spec(dot=0, relief=0.02))
+            check_exports([tmp_path / name], ExportOptions(), Spec(dot=0))
+    check_exports([tmp_path / "m.json"], ExportOptions(), Spec(dot=0, relief=0.02))

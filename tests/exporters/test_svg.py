@@ -7,7 +7,7 @@ import pytest
 
 from markergen.drawing.scene import Disk, Layer, Line, Scene
 from markergen.drawing.sheet_layout import sheet_for
-from markergen.exporters.svg import write_svg
+from markergen.exporters.formats.sheets import write_svg
 
 NS = {"s": "http://www.w3.org/2000/svg"}
 WRITTEN = 1e-6  # mm; six decimals, rounded, and one subtraction from the page height

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from mutants import replaced
 
 from markergen.errors import InputError
-from markergen.read.outlines.boundary import parse_boundary
-from markergen.read.outlines.reader import read_outline
+from markergen.read.outlines.boundary import parse_boundary, read_outline
 
 DATA = Path(__file__).parent.parent / "read" / "data"
 SVG = (

@@ -6,8 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markergen.geometry.contour import Contour, area, center_of, radius_of, turned_over, turns_of
-from markergen.geometry.fillet import filleted, largest_fillet
+from markergen.geometry.contour import (
+    Contour,
+    area,
+    center_of,
+    filleted,
+    largest_fillet,
+    radius_of,
+    turned_over,
+    turns_of,
+)
 
 SHARP = 0.35
 SQUARE = Contour(((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)))

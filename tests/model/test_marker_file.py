@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.guard import KINDS
+from markergen.model.body_json import from_json, load_rig, read_marker, rig_to_json, to_json
 from markergen.model.feature import Feature
 from markergen.model.marker import JointCovariance, MeasuredSize
 from markergen.model.marker_file import SINCE, VERSIONS, checked_file, json_schema
-from markergen.model.marker_json import from_json, read_marker, to_json
 from markergen.model.rig import Rig
-from markergen.model.rig_json import load_rig, rig_to_json
 
 DATA = Path(__file__).parent / "data"
 OLD = ["designed-v1.json", "measured-v1.json"]

@@ -11,11 +11,10 @@ import markergen as mg
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
 from markergen.model.body import Plate
+from markergen.model.body_json import rig_to_json, to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
-from markergen.model.marker_json import to_json
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_to_json
 
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
 MARKER = build_marker(SQUARE, Circle(0.06), diameter=0.02, clearance=0.002)

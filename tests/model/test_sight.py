@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from markergen.bounds.dot_covariances import dot_ellipses
+from markergen.model.body import scales_of
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
-from markergen.model.constellation import scales_of
 from markergen.model.marker import build_marker
 from markergen.model.occlusion import hidden
 from markergen.model.poses import PoseDistribution, named_poses

@@ -10,8 +10,8 @@ from markergen.errors import InputError
 from markergen.geometry.contour import circle
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle, polygon_from
+from markergen.model.openings import WALL, check_edge, check_holes, check_plate, hole_clashes, plate_face
 from markergen.model.substrate import Hole, Substrate, parse_mount
-from markergen.model.substrate_checks import WALL, check_edge, check_holes, check_plate, crowding, plate_face
 from markergen.model.tag import Tag
 
 
@@ -161,7 +161,7 @@ def test_giving_way_by_what_is_said_is_enough(u, v, q, r, angle, clearance, gap)
 
     def at(distance: float, diameter: float = 2 * r):
         x, y = (np.array([u, v]) + distance * way).tolist()
-        return crowding([Hole(x, y, diameter)], dots, clearance)
+        return hole_clashes([Hole(x, y, diameter)], dots, clearance)
 
     misfits = at(apart)
     assert bool(misfits) == (apart - r - q < clearance)

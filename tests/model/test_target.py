@@ -1,8 +1,8 @@
 import pytest
 
 from markergen.errors import InputError
+from markergen.model.goal import Target, parse_target
 from markergen.model.spec import AUTO, Spec
-from markergen.model.target import Target, parse_target
 
 
 @pytest.mark.parametrize(

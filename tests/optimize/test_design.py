@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.model.body_json import from_json, to_json
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.feature import RING_PIXELS
-from markergen.model.marker_json import from_json, to_json
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon

@@ -9,9 +9,9 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import pose_jacobian
+from markergen.model.body_json import from_json, to_json
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.marker_json import from_json, to_json
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting

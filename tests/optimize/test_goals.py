@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.model.body_json import to_json
 from markergen.model.goal import parse_goal
-from markergen.model.marker_json import to_json
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 

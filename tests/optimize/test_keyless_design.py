@@ -5,7 +5,7 @@ import pytest
 
 from markergen.bounds.confusion.perspective import label_safety
 from markergen.errors import InputError
-from markergen.model.marker_json import from_json, to_json
+from markergen.model.body_json import from_json, to_json
 from markergen.model.spec import Spec
 from markergen.optimize import keyless
 from markergen.optimize.design import design, upright

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.model.body_json import from_json, to_json
 from markergen.model.boundary import Circle
-from markergen.model.marker_json import from_json, to_json
 from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES

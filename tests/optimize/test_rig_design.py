@@ -11,11 +11,11 @@ from markergen.errors import InputError
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import exponential
+from markergen.model.body_json import rig_to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker import build_marker
 from markergen.model.poses import named_poses
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_to_json
 from markergen.model.rig_shapes import rig_shape
 from markergen.model.sight import dots_in_view
 from markergen.model.spec import ImageNoise, Spec

@@ -9,9 +9,9 @@ from markergen.bounds.dot_covariances import marker_budget
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA
+from markergen.model.goal import parse_target
 from markergen.model.poses import paper
 from markergen.model.spec import AUTO, Spec
-from markergen.model.target import parse_target
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize import target as targets

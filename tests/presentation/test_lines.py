@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markergen.presentation.lines import cells, table_lines, wrapped
+from markergen.presentation.tables import cells, table_lines, wrapped
 
 WORDS = st.text("abcdefgh0123456789.-", min_size=1, max_size=12)
 SENTENCES = st.lists(WORDS, min_size=1, max_size=20).map(" ".join)

@@ -49,7 +49,9 @@ def test_a_dome_holds_numbers_and_what_is_unknown_is_null():
     centers = np.array([[0.0, 0.0, 1.0], [0.123456, 0.0, 1.0]])
     errors = {"rotation": np.array([np.inf, 0.123456])}
     square = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    made = pages.dome(centers, errors, [square], [{"x": 0, "y": 0, "diameter": 1}], "</script>'", ["</script>'", ""])
+    made = pages.dome_figure(
+        centers, errors, [square], [{"x": 0, "y": 0, "diameter": 1}], "</script>'", ["</script>'", ""]
+    )
     section = Section(plots=[made])
     (div,) = (
         each for each in check(pages.page("h", "t", [("a", "A", section)], "s", "n")).of("div") if "data-dome" in each

@@ -7,9 +7,9 @@ import pytest
 
 import markergen as mg
 from markergen.errors import InputError
+from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
-from markergen.model.marker_json import to_json
 from markergen.read.rig_plates import read_plates
 
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])

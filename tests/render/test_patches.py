@@ -10,7 +10,7 @@ from markergen.render.patches import (
     CIRCLE_ERROR_PX,
     EDGE_ERROR_PX,
     Patch,
-    circle,
+    circle_polygon,
     circle_vertices,
     project_patches,
 )
@@ -37,14 +37,14 @@ def looking(tilt_deg, height):
 
 @given(radius=st.floats(1e-3, 1), count=st.integers(3, 300))
 def test_circles_keep_their_area(radius, count):
-    x, y, z = circle(np.array([0.1, -0.2, 0.05]), radius, count).T
+    x, y, z = circle_polygon(np.array([0.1, -0.2, 0.05]), radius, count).T
     assert (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2 == pytest.approx(np.pi * radius**2, rel=1e-9)
     assert np.unique(z) == 0.05
 
 
 @pytest.mark.parametrize("radius_px", [0.5, 3.0, 24.0, 100.0, 2000.0])
 def test_circles_have_vertices_enough_for_their_size(radius_px):
-    outline = circle(np.zeros(3), radius_px, circle_vertices(radius_px))[:, :2]
+    outline = circle_polygon(np.zeros(3), radius_px, circle_vertices(radius_px))[:, :2]
     corners = np.linalg.norm(outline, axis=-1)
     middles = np.linalg.norm(outline + np.roll(outline, -1, axis=0), axis=-1) / 2
     assert np.abs(np.concatenate([corners, middles]) - radius_px).max() <= CIRCLE_ERROR_PX
@@ -56,7 +56,7 @@ def test_circles_become_the_ellipses_of_their_conics(pose):
     homography = plane_homography(rotation[None], translation[None], PAPER_CAMERA.matrix)[0]
     center, semi, angle = circle_image(np.array([0.07, -0.1]), 0.018, homography)
     # A third larger than the dot appears: magnification changes across it.
-    patch = Patch((circle(np.array([0.07, -0.1, 0]), 0.018, circle_vertices(4 / 3 * semi[0])),), 0)
+    patch = Patch((circle_polygon(np.array([0.07, -0.1, 0]), 0.018, circle_vertices(4 / 3 * semi[0])),), 0)
     (outline,) = project_patches([patch], PAPER_CAMERA, rotation, translation)[0]
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     for points in (outline, (outline + np.roll(outline, -1, axis=0)) / 2):

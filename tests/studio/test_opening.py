@@ -7,10 +7,9 @@ import pytest
 
 import markergen as mg
 from markergen.model.body import Plate
+from markergen.model.body_json import rig_to_json, to_json
 from markergen.model.boundary import Boundary
-from markergen.model.marker_json import to_json
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_to_json
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.studio.opening import opened_file, options_of
 

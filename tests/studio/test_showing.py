@@ -13,12 +13,11 @@ import trimesh
 import markergen as mg
 from markergen.cli import main
 from markergen.model.body import Plate
-from markergen.model.marker_json import load_marker
+from markergen.model.body_json import load_marker, rig_to_json
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_to_json
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
-from markergen.validation import headline
+from markergen.validation.sentences import amount
 from markergen.validation.setting import setting_of
 
 
@@ -132,7 +131,7 @@ def test_a_body_is_shown_with_the_errors_of_validate(studio, options, pair):
         expected = mg.validate(what, runs=0, views=0).budget["rotation_deg"]["total"]
         seen = np.array([each for each in found["poses"]["rotation"] if each is not None])
         assert np.sqrt(np.mean(seen**2)) == pytest.approx(expected, rel=1e-4)
-        assert found["expected"].startswith(f"Expect {headline.amount(expected)} deg and ")
+        assert found["expected"].startswith(f"Expect {amount(expected)} deg and ")
 
 
 def test_a_photograph_shows_what_detect_finds(studio, options):

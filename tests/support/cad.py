@@ -4,18 +4,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from markergen.solid.primitives import Part
-from markergen.workshop import kernel
-from markergen.workshop.kernel import NamedSolid
+from markergen.workshop.formats import solids
+from markergen.workshop.formats.solids import NamedSolid
 
 
 def build(part: Part) -> NamedSolid:
     """Build one part."""
-    return shown(kernel.build(part))
+    return shown(solids.build(part))
 
 
 def solids_of(parts: Sequence[Part]) -> list[NamedSolid]:
     """Build all parts."""
-    return [shown(solid) for solid in kernel.solids_of(tuple(parts))]
+    return [shown(solid) for solid in solids.solids_of(tuple(parts))]
 
 
 def shown(solid: NamedSolid) -> NamedSolid:

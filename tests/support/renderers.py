@@ -10,9 +10,8 @@ from programs import chromium
 
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
-from markergen.exporters.pdf import write_pdf
+from markergen.exporters.formats.sheets import write_pdf, write_svg
 from markergen.exporters.png import write_png
-from markergen.exporters.svg import write_svg
 
 DPI = 300
 MM = 25.4 / DPI

@@ -12,7 +12,7 @@ from markergen.model.feature import Feature
 from markergen.model.poses import paper
 from markergen.objectives import Setting
 from markergen.render import DEFAULT_OPTICS, render_view
-from markergen.validation.report import overview
+from markergen.validation import report
 from markergen.validation.report.subject import Subject
 from markergen.validation.views import SyntheticViews
 
@@ -36,7 +36,7 @@ def test_a_section_on_telling_the_dots_apart(pentagon, setting):
 
     def section(marker, known=True):
         results = {"labels": label_safety(marker, few).as_dict(0.2)} if known else {}
-        return overview.labels(Subject(results, marker, few, None))
+        return report.labels(Subject(results, marker, few, None))
 
     keyed, symmetric = section(pentagon), section(without_ring(pentagon))
     assert keyed.sentences[0].startswith("Rings are told from disks by their looks (here dot 0)")

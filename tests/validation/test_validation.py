@@ -11,9 +11,9 @@ from markergen.model.feature import RING_PIXELS
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
 from markergen.presentation.results import json_bytes
-from markergen.validation import tables
+from markergen.validation import sentences, tables
 from markergen.validation.setting import setting_of
-from markergen.validation.validation import validate
+from markergen.validation.validation import run_validation
 from markergen.validation.views import SyntheticViews
 
 
@@ -22,7 +22,9 @@ def results(pentagon):
     calls = []
     setting = setting_of(pentagon)
     series = SyntheticViews(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
-    found = validate(pentagon, setting, runs=5, series=series, stressed=True, progress=lambda *call: calls.append(call))
+    found = run_validation(
+        pentagon, setting, runs=5, series=series, stressed=True, progress=lambda *call: calls.append(call)
+    )
     assert {stage for stage, _, _ in calls} == {"trials", "views", "stress", "expected errors"}
     return found
 
@@ -62,17 +64,17 @@ def test_tables_show_the_numbers_of_the_results(results):
             expected = results["estimators"]["lm"][key][statistic]
             assert float(named["LM"][statistic]) == pytest.approx(expected, rel=5e-3)
         assert float(named["bound (CRLB)"]["rms"]) == pytest.approx(results["bound"][key], rel=5e-3)
-    assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.heading(results)
-    assert any("5 of 5 detected" in line for line in tables.view_sentences(results))
-    assert any("the print limits the rotation" in line for line in tables.view_sentences(results))
+    assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.conditions(results)
+    assert any("5 of 5 rendered views detected" in line for line in sentences.view_sentences(results))
+    assert any("the print limits the rotation" in line for line in sentences.view_sentences(results))
 
 
 def test_dots_too_small_to_be_found_are_named(results, make_ngon):
     assert results["dots"]["too_small"] == 0
-    assert not any("px that it takes" in line for line in tables.view_sentences(results))
+    assert not any("px that it takes" in line for line in sentences.view_sentences(results))
     small = make_ngon(5, 0.15, 0.012)
     setting = setting_of(small)
-    told = validate(small, setting, runs=0)
+    told = run_validation(small, setting, runs=0)
     # f d sqrt(cos(tilt)) / z at the middle; the ring is up to 0.12 m farther away, and seen at a lower angle.
     tilt = np.cos(np.deg2rad(setting.poses.polar_angle_deg))
     extent = 800 * 0.012 * np.sqrt(tilt) / setting.poses.distance
@@ -80,7 +82,7 @@ def test_dots_too_small_to_be_found_are_named(results, make_ngon):
     assert told["dots"]["needed_px"] == RING_PIXELS
     assert told["dots"]["too_small"] == pytest.approx(np.mean(extent < RING_PIXELS), abs=0.1)
     assert 0 < told["dots"]["too_small"] < 1
-    line = tables.view_sentences(told)[0]
+    line = sentences.view_sentences(told)[0]
     assert line.startswith("In ")
     assert f"of {RING_PIXELS:g} px that it takes" in line
 
@@ -109,7 +111,7 @@ def test_numbers_keep_their_digits(value, text):
 def test_points_on_a_line_are_refused_in_one_line(make_marker, setting):
     line = make_marker(np.stack([np.linspace(-0.12, 0.12, 5), np.zeros(5)], -1), 0.15, 0.03)
     with pytest.raises(InputError, match="determine a homography"):
-        validate(line, setting, runs=1)
+        run_validation(line, setting, runs=1)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,7 @@ def test_shares_are_plain_percentages(share, text):
 
 
 def test_trials_of_the_others_belong_to_one_layout(pentagon):
-    found = validate(pentagon, setting_of(pentagon, "cone:count=20"), runs=2, trials_for_all=True, workers=1)
+    found = run_validation(pentagon, setting_of(pentagon, "cone:count=20"), runs=2, trials_for_all=True, workers=1)
     for row in found["comparisons"].values():
         assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
@@ -131,7 +133,7 @@ def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
     assert labels == json.loads(json.dumps(label_safety(pentagon, setting).as_dict(0.2)))
     assert labels["dots"][0] == {"id": 0, "px": None}
     assert labels["confusion"] < 1e-6
-    assert tables.trial_sentences(results)[0].startswith("Labels are safe while")
+    assert sentences.trial_sentences(results)[0].startswith("Labels are safe while")
     rows = tables.labels_table(results)[2]
     assert rows[0][-1] == "never: no other dot is like it"
     assert float(rows[1][1]) == pytest.approx(labels["dots"][1]["px"], rel=5e-3)
@@ -147,10 +149,10 @@ def test_a_relief_and_a_lens_are_said(results):
     criteria = {key: value for key, value in results["criteria"].items() if key != "condition"}
     estimators = {key: value for key, value in results["estimators"].items() if key != "ippe"}
     raised = results | {"camera": camera, "criteria": criteria, "estimators": estimators}
-    assert tables.heading(raised).endswith(", equidistant lens")
-    assert not tables.heading(results).endswith("lens")
+    assert tables.conditions(raised).endswith(", equidistant lens")
+    assert not tables.conditions(results).endswith("lens")
     said = "DLT and IPPE assume a plane and step aside"
-    assert any(line.startswith(said) for line in tables.trial_sentences(raised))
-    assert not any(line.startswith(said) for line in tables.trial_sentences(results))
+    assert any(line.startswith(said) for line in sentences.trial_sentences(raised))
+    assert not any(line.startswith(said) for line in sentences.trial_sentences(results))
     assert "IPPE" not in tables.rotation_table(raised)[3]
     assert "IPPE" in tables.rotation_table(results)[3]

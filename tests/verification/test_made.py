@@ -14,8 +14,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.workshop.formats.solids import write_step
-from markergen.workshop.kernel import solids_of
+from markergen.workshop.formats.solids import solids_of, write_step
 from markergen.workshop.processes import parts_of
 
 FABRICATION = Fabrication(engrave=False, foot=0.0, tolerance=1e-5)

@@ -8,7 +8,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import build_marker
 from markergen.model.substrate import Substrate
 from markergen.objectives.criteria import regular_polygon
-from markergen.workshop.assembly import BODY, block_of, check_apart, made_of, volume_of
+from markergen.workshop.assembly import BODY, block_of, check_no_overlap, made_of, volume_of
 from markergen.workshop.mesh import is_closed, meshes_of
 from markergen.workshop.processes import parts_of
 from tests.support.rigs import corner, cube, mounted, plate, rectangle, wall
@@ -121,13 +121,13 @@ def test_plates_that_overlap_are_refused():
     made = made_of(mounted(*three_faces_of_a_cube()), FDM)
     assert made.overlap == "the plates of plate 0 and plate 1 overlap by 5 mm"
     with pytest.raises(InputError, match="found the plates of plate 0 and plate 1 overlap by 5 mm"):
-        check_apart(made)
+        check_no_overlap(made)
     assert "overlap by 5 mm" in made_of(corner(inward=False), FDM).overlap
 
 
 def test_plates_side_by_side_do_not_overlap():
     turns = [np.eye(3)] * 2
-    check_apart(made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
+    check_no_overlap(made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
     made = made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.08399, 0, 0]]), FDM)
     assert made.overlap.endswith("overlap by 0.01 mm")
 

@@ -126,7 +126,7 @@ sys.meta_path.insert(0, Finder())
 from pathlib import Path
 from markergen.errors import MissingLibraryError
 from markergen.exporters.saving import save
-from markergen.model.marker_json import from_json
+from markergen.model.body_json import from_json
 marker, folder = from_json(sys.stdin.read()), Path(sys.argv[1])
 save(marker, [folder / "m.pdf", folder / "m.svg", folder / "m.json"])
 for suffix in sys.argv[2:]:
@@ -138,7 +138,7 @@ for suffix in sys.argv[2:]:
 
 
 def test_a_missing_system_library_is_one_line_and_the_rest_works(make_ngon, tmp_path):
-    from markergen.model.marker_json import to_json
+    from markergen.model.body_json import to_json
 
     done = subprocess.run(
         [sys.executable, "-c", MISSING, str(tmp_path), ".step", ".brep"],

@@ -9,7 +9,7 @@ from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.plate import plate_of
-from markergen.workshop import kernel
+from markergen.workshop.formats import solids
 from markergen.workshop.processes import parts_of
 
 PLAIN = Fabrication(engrave=False)
@@ -86,6 +86,6 @@ def test_holes_that_hit_dots_and_bare_points_are_refused(make_ngon):
 
 def test_solids_of_one_marker_are_made_once(make_ngon):
     marker = make_ngon(4, 0.05, 0.01)
-    first = kernel.solids_of(parts_of(marker, PLAIN).parts)
-    assert kernel.solids_of(parts_of(replace(marker, clearance=0.002), PLAIN).parts) is first
-    assert kernel.solids_of(parts_of(marker, Fabrication(depth=0.001, engrave=False)).parts) is not first
+    first = solids.solids_of(parts_of(marker, PLAIN).parts)
+    assert solids.solids_of(parts_of(replace(marker, clearance=0.002), PLAIN).parts) is first
+    assert solids.solids_of(parts_of(marker, Fabrication(depth=0.001, engrave=False)).parts) is not first

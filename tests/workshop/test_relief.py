@@ -17,7 +17,7 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.solid.plate import plate_of
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.manufacturability import Tool
-from markergen.workshop.relief import Pillar, balls_hide, designed_poses, hiding, pillars_of
+from markergen.workshop.relief import Pillar, balls_hide, designed_poses, pillar_hiding_most, pillars_of
 
 TOOL = Tool("nozzle", 0.4, 0.4)
 DOT = SolidDot(1, 10.0, 20.0, 30.0, 8.0)
@@ -170,14 +170,14 @@ def test_what_pillars_hide_by_brute_force(draft, foot):
     hidden = 0
     for _ in range(80):
         eye = np.array([rng.uniform(50, 400), rng.uniform(-150, 150), rng.uniform(60, 400)])
-        found = hiding([flat, raised], [pillar], looking(tuple(eye))) is not None
+        found = pillar_hiding_most([flat, raised], [pillar], looking(tuple(eye))) is not None
         brute = blocked(flat, pillar, eye)
         hidden += brute
         # Brute force looks at steps, and 0.05 mm inside of the wall; the chords of a fillet are 0.5 mm off.
         assert found or not brute
         if found != brute:
             slimmer = replace(pillar, radius=pillar.radius - 0.6)
-            assert hiding([flat, raised], [slimmer], looking(tuple(eye))) is None
+            assert pillar_hiding_most([flat, raised], [slimmer], looking(tuple(eye))) is None
     assert 5 < hidden < 75
 
 
@@ -199,8 +199,8 @@ def test_feet_hide_nothing_either(two):
     eye = looking((198, 79, 48))
     (free,), _ = pillars(two(50), Fabrication(foot=0.015))
     (seen,), notes = pillars(two(50), Fabrication(foot=0.015), eye)
-    assert hiding(dots_of(two(50)), [free], eye)
-    assert not hiding(dots_of(two(50)), [seen], eye)
+    assert pillar_hiding_most(dots_of(two(50)), [free], eye)
+    assert not pillar_hiding_most(dots_of(two(50)), [seen], eye)
     assert 0 < seen.foot < free.foot == 15
     assert any("instead of 15 mm" in note for note in notes)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import markergen as mg
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
-from markergen.estimators.base import turned
+from markergen.estimators.base import rotated
 from markergen.maths.dlt import condition, dlt_matrix, normalization
 from markergen.maths.information import flip_separation
 from markergen.maths.projection import from_pixels, project, to_camera
@@ -172,7 +172,7 @@ def _summary(
     if isinstance(estimator, PoseEstimator):
         rotation, translation = batch.once(estimator).best
         te_pct = translation_error_pct(translation, pose.translation[0])
-        depth = (turned(batch.xyz, rotation) + translation[:, None])[..., 2]
+        depth = (rotated(batch.xyz, rotation) + translation[:, None])[..., 2]
         # Comparisons with nan are false, so non-finite estimates also count as failed.
         kept = np.all(depth > 0, axis=-1) & (te_pct <= 100)
         flips = kept & can_flip & flipped(rotation, pose.rotation[0], pose.translation[0])

@@ -44,10 +44,10 @@ def validate(
       markergen validate marker.json --report report.html --fail-if 'estimators.lm.rotation_deg.rms > 1'
     """
     from markergen.api.validate import validate as prove
-    from markergen.validation.fail_if import parse
+    from markergen.validation.result import parse_condition
 
     for expression in fail_if or []:
-        parse(expression)
+        parse_condition(expression)
     files: dict[str, Any] = {"json": console.file_of(json), "report": report, "pictures": pictures}
     with console.progress_bar() as progress:
         result = prove(marker, camera, progress=progress, **files, **options)

@@ -13,13 +13,11 @@ from typing import Any
 import markergen
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
+from markergen.model.body_json import rig_to_json, to_json
 from markergen.model.marker import Marker, marker_name
-from markergen.model.marker_json import to_json
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_to_json
 from markergen.model.tag import FAMILIES
-from markergen.read.cameras.document import yaml_text
-from markergen.read.cameras.opencv import opencv_matrix
+from markergen.read.cameras.document import opencv_matrix, yaml_text
 
 FRAME = (
     "Frame: the marker's, x right, y up, z out of the printed face toward the viewer.",
@@ -90,7 +88,7 @@ def write_table(marker: Marker) -> str:
         corners = ", ".join(f"({x!r}, {y!r})" for x, y, _ in tag_corners(marker))
         tag = (f"Tag {marker.tag}: side {tag_side(marker)!r}, corners from the top left clockwise {corners}.",)
     text = StringIO()
-    text.write(heading(marker, "Control points.", *tag))
+    text.write(comment_lines(marker, "Control points.", *tag))
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(COLUMNS + MEASURED * measured)
     for point in marker.control_points:
@@ -113,7 +111,7 @@ def write_opencv(marker: Marker) -> str:
     ]
     parts = [
         "%YAML:1.0\n---\n",
-        heading(marker, "Board for OpenCV.", *remarks, *(BOARD if marker.tag else ())),
+        comment_lines(marker, "Board for OpenCV.", *remarks, *(BOARD if marker.tag else ())),
         f'name: "{marker_name(marker)}"\nunit: "m"\n',
         opencv_matrix("ids", [[number] for number in ids(marker)], "i"),
         opencv_matrix("object_points", points(marker), "d"),
@@ -161,7 +159,7 @@ def write_ros2(marker: Marker) -> str:
     )
     nodes = {"transform": transform, "landmarks": landmarks}
     body = {f"{frame}_{name}": {"ros__parameters": values} for name, values in nodes.items()}
-    return heading(marker, "Parameters for ROS 2.", *remarks) + yaml_text(body)
+    return comment_lines(marker, "Parameters for ROS 2.", *remarks) + yaml_text(body)
 
 
 def write_kalibr(marker: Marker) -> str:
@@ -181,7 +179,7 @@ def write_kalibr(marker: Marker) -> str:
     if marker.tag is not None:
         tag = {"family": marker.tag.family, "id": marker.tag.id, "size": tag_side(marker)}
         body["tag"] = {**tag, "corners": tag_corners(marker)}
-    return heading(marker, "Target in the style of Kalibr.", NOT_KALIBR, *_seen(marker)) + yaml_text(body)
+    return comment_lines(marker, "Target in the style of Kalibr.", NOT_KALIBR, *_seen(marker)) + yaml_text(body)
 
 
 def write_bundle(marker: Marker) -> str:
@@ -209,7 +207,7 @@ def write_bundle(marker: Marker) -> str:
         "The tag is printed as OpenCV has it, which is upside down for AprilTag's own library: hence qz: 1.",
         *_unknown(marker),
     )
-    return heading(marker, title, *remarks) + yaml_text(body)
+    return comment_lines(marker, title, *remarks) + yaml_text(body)
 
 
 def export_bundle(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
@@ -239,7 +237,7 @@ _row(".kalibr.yaml", "target in the style of Kalibr", write_kalibr, NOT_KALIBR)
 EXPORTERS.register(".apriltag.yaml")(Exporter(export_bundle, "apriltag_ros: bundle of an AprilTag"))
 
 
-def heading(marker: Marker, title: str, *remarks: str) -> str:
+def comment_lines(marker: Marker, title: str, *remarks: str) -> str:
     """Comment lines that identify the marker, its frame and unit, followed by remarks."""
     name = f"Marker {marker_name(marker)}: {len(marker)} dots, written by markergen {markergen.__version__}."
     corrected = () if marker.as_designed is marker else ("Places are those measured on the print.",)

@@ -1,13 +1,22 @@
-"""Sheets to print: markers, all plates of a rig with their names and neighbors, or the paper net of a rig."""
-# tests: tests/contracts/test_exporters.py
+"""Sheets to print: markers, all plates of a rig with their names and neighbors, or the paper net of a rig.
+
+A PDF has only paths, no fonts, and layers that viewers can switch; an SVG exact circles in mm, no transforms, and text
+as outlines. Both have the same bytes every time.
+"""
+# tests: tests/contracts/test_exporters.py tests/exporters/test_svg.py tests/exporters/test_pdf.py
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
+from markergen.drawing.colors import rgb, spot_name
+from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
+from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size
 
 if TYPE_CHECKING:
-    from markergen.drawing.scene import Shape, Sheet
     from markergen.model.marker import Marker
     from markergen.model.rig import Rig
 
@@ -16,7 +25,6 @@ def export_pdf(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Outp
     """All pages as PDF: text as outlines, with layers and trim box."""
     from markergen.drawing.paper_net import net_sheet
     from markergen.drawing.sheet_layout import pages_for
-    from markergen.exporters.pdf import write_pdf
 
     if options.net:
         sheets: Sequence[Sheet] = (net_sheet(only(bodies), options.sheet),)
@@ -28,8 +36,6 @@ def export_pdf(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Outp
 
 def export_svg(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
     """One page as SVG, to print or to edit."""
-    from markergen.exporters.svg import write_svg
-
     sheet = _page(bodies, options, ".svg")
     return Output(write_svg(sheet), sheet.notes)
 
@@ -45,7 +51,7 @@ def export_png(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Outp
     return Output(write_png(sheet, options.dpi), (*sheet.notes, note))
 
 
-def _page(bodies: Sequence["Marker | Rig"], options: ExportOptions, suffix: str) -> "Sheet":
+def _page(bodies: Sequence["Marker | Rig"], options: ExportOptions, suffix: str) -> Sheet:
     from markergen.drawing.paper_net import net_sheet
     from markergen.drawing.sheet_layout import one_page
 
@@ -55,9 +61,9 @@ def _page(bodies: Sequence["Marker | Rig"], options: ExportOptions, suffix: str)
     return one_page(markers, options.sheet, suffix, labels)
 
 
-def _labeled(bodies: Sequence["Marker | Rig"]) -> tuple[list["Marker"], list[tuple["Shape", ...]]]:
+def _labeled(bodies: Sequence["Marker | Rig"]) -> tuple[list["Marker"], list[tuple[Shape, ...]]]:
     """Markers of all plates, and the names and neighbors of those of a rig, to print beside them."""
-    from markergen.drawing.plate_edges import plate_edges, plate_labels
+    from markergen.drawing.paper_net import plate_edges, plate_labels
 
     markers = [plate.marker for body in bodies for plate in body.plates]
     rigs = [body for body in bodies if body.frame == "rig"]
@@ -93,3 +99,136 @@ EXPORTERS.register(".png")(
         rig_description="the same in pixels, see --dpi",
     )
 )
+
+
+def write_svg(sheet: Sheet) -> bytes:
+    """Write a sheet as SVG 1.1 with one group per layer and an ``id`` per shape (``dot-0``, ...).
+
+    Groups are also layers in Inkscape, with the layer's name; the label of a group with a spot color states it. User
+    units are mm; y points down as in SVG, so y_svg = page height - y. Circles are exact: ``circle`` elements, and
+    half-circle arcs with the even-odd rule for annuli. Numbers have 6 decimals (1 nm).
+    """
+    width, height = _number(sheet.paper.width), _number(sheet.paper.height)
+    root = Element(
+        "svg",
+        {
+            "xmlns": "http://www.w3.org/2000/svg",
+            "xmlns:inkscape": "http://www.inkscape.org/namespaces/inkscape",
+            "version": "1.1",
+            "width": f"{width}mm",
+            "height": f"{height}mm",
+            "viewBox": f"0 0 {width} {height}",
+        },
+    )
+    SubElement(root, "title").text = sheet.title
+    SubElement(root, "desc").text = sheet.description
+    SubElement(root, "rect", {"id": "paper", "width": width, "height": height, "fill": "#ffffff"})
+    for layer in sheet.scene.layers:
+        spots = dict.fromkeys(filter(None, (spot_name(shape.color) for shape in layer.shapes)))
+        label = " ".join([layer.name, *(f"({spot})" for spot in spots)])
+        group = SubElement(root, "g", {"id": layer.name, "inkscape:groupmode": "layer", "inkscape:label": label})
+        for shape in layer.shapes:
+            _add(group, shape, sheet.paper.height)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _add(group: Element, shape: Shape, page: float) -> None:
+    name = {"id": shape.name} if shape.name else {}
+    match shape:
+        case Disk(inner_radius=0.0):
+            circle = {"cx": _number(shape.x), "cy": _number(page - shape.y), "r": _number(shape.radius)}
+            SubElement(group, "circle", {**name, **circle, "fill": rgb(shape.color)})
+        case Disk():
+            rings = " ".join(_ring(shape.x, page - shape.y, r) for r in (shape.radius, shape.inner_radius))
+            SubElement(group, "path", {**name, "d": rings, "fill": rgb(shape.color), "fill-rule": "evenodd"})
+        case Line():
+            points = shape.points[:-1] if shape.closed else shape.points
+            steps = " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
+            stroke = {"stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
+            kind = "polygon" if shape.closed else "polyline"
+            SubElement(group, kind, {**name, "points": steps, "fill": "none", **stroke})
+        case FilledPath():
+            path = " ".join(
+                command + " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
+                for command, points in shape.segments
+            )
+            SubElement(group, "path", {**name, "d": path, "fill": rgb(shape.color)})
+
+
+def _ring(x: float, y: float, radius: float) -> str:
+    start, across, r = f"{_number(x + radius)},{_number(y)}", f"{_number(x - radius)},{_number(y)}", _number(radius)
+    return f"M{start} A{r},{r} 0 1 0 {across} A{r},{r} 0 1 0 {start} Z"
+
+
+def _number(value: float) -> str:
+    text = f"{value:.6f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def write_pdf(sheets: Sequence[Sheet]) -> bytes:
+    """Write sheets as the pages of a PDF, each exactly as large as its paper, with metadata from the first.
+
+    Layers are painted in order, each as optional content of the same name, initially visible. A spot color is a
+    Separation that overprints, so that everything beneath it is preserved. Programs that print it are asked for true
+    size, and for one side of the paper.
+    """
+    from reportlab.pdfbase.pdfdoc import PDFName
+
+    sizes = [page_size(sheet.paper) for sheet in sheets]
+    buffer = BytesIO()
+    canvas = bare_canvas(buffer, pageCompression=1, invariant=1)
+    # Tiles are cut, and markers are laid face up.
+    canvas._doc.Catalog.ViewerPreferences["Duplex"] = PDFName("Simplex")
+    first = sheets[0]
+    for name, value in metadata(first.title, first.description, "print at 100 %").items():
+        getattr(canvas, f"set{name.title()}")(value)
+    groups = _layers(canvas, [layer.name for sheet in sheets for layer in sheet.scene.layers])
+    for sheet, size in zip(sheets, sizes, strict=True):
+        canvas.setPageSize(size)
+        canvas.setTrimBox([side * POINTS_PER_MM for side in sheet.trim_mm])
+        for layer in sheet.scene.layers:
+            canvas.addLiteral(f"/OC /{_property(layer.name)} BDC")
+            for shape in layer.shapes:
+                draw_shape(canvas, shape)
+            canvas.addLiteral("EMC")
+        colors = dict(canvas._colorsUsed)
+        canvas.showPage()
+        _page_resources(canvas, groups, colors)
+    canvas.save()
+    return buffer.getvalue()
+
+
+def _property(layer: str) -> str:
+    return f"layer-{layer}"
+
+
+def _layers(canvas: Any, names: Sequence[str]) -> dict[str, Any]:
+    """References to an optional content group per layer, registered in the document.
+
+    reportlab does not support these, but writes the entries of its catalog.
+    """
+    from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFName, PDFString
+
+    document = canvas._doc
+    groups = {
+        name: document.Reference(PDFDictionary({"Type": PDFName("OCG"), "Name": PDFString(name)}), f"group-{name}")
+        for name in dict.fromkeys(names)
+    }
+    catalog, all_groups = document.Catalog, PDFArray(list(groups.values()))
+    catalog.__NoDefault__ = [*catalog.__NoDefault__, "OCProperties"]
+    configuration = PDFDictionary({"ON": all_groups, "Order": all_groups, "Name": PDFString("layers")})
+    vars(catalog)["OCProperties"] = PDFDictionary({"OCGs": all_groups, "D": configuration})
+    return groups
+
+
+def _page_resources(canvas: Any, groups: dict[str, Any], colors: dict[str, str]) -> None:
+    """Name the layers, spot colors and overprint states that the current page refers to."""
+    from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
+
+    page = canvas._doc.Pages.pages[-1]
+    resources = PDFResourceDictionary(Properties={_property(name): group for name, group in groups.items()})
+    if page.ExtGState:
+        resources.ExtGState = page.ExtGState
+    resources.setColorSpace(colors)
+    page.Resources = resources

@@ -9,7 +9,7 @@ mappings. Numbers remain text until they are requested, since formats write them
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -191,6 +191,14 @@ class Fields:
         if number is None or not isfinite(number):
             raise InputError(f"a finite number at {self.place(key)}", brief(value), "correct the file")
         return number
+
+
+def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> str:
+    """Write a matrix of type `kind`, OpenCV's ``d``, ``f`` or ``i``, as YAML of FileStorage."""
+    size = f"   rows: {len(values)}\n   cols: {len(values[0])}\n   dt: {kind}\n"
+    lines = [", ".join(map(repr, row)) for row in values]
+    between = ",\n       " if len(values[0]) > 1 else ", "
+    return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"
 
 
 def _plain(key: str) -> str:

@@ -6,7 +6,7 @@ Written as text, because the output of FileStorage, unlike the input that it acc
 # tests: tests/read/test_camera_files.py tests/read/test_cameras.py
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import MATRIX, MODEL, calibrated_camera, no_choice
-from markergen.read.cameras.document import Document, Fields
+from markergen.read.cameras.document import Document, Fields, opencv_matrix
 
 FISHEYE = ("fisheye_model", "fisheye")
 LENSES = ("none", "radtan", "rational", "equidistant")
@@ -55,14 +55,6 @@ def _write(record: CameraRecord, ending: str) -> str:
 
 def _is_matrix(value: Any) -> bool:
     return isinstance(value, list) and isinstance(value[0], list)
-
-
-def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> str:
-    """Write a matrix of type `kind`, OpenCV's ``d``, ``f`` or ``i``, as YAML of FileStorage."""
-    size = f"   rows: {len(values)}\n   cols: {len(values[0])}\n   dt: {kind}\n"
-    lines = [", ".join(map(repr, row)) for row in values]
-    between = ",\n       " if len(values[0]) > 1 else ", "
-    return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"
 
 
 def _yaml(values: Mapping[str, Any]) -> str:

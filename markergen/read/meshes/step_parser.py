@@ -11,6 +11,7 @@ from math import ceil, pi, sqrt
 from typing import Any
 
 from markergen.guard import as_file
+from markergen.read.meshes import MOST_SIDES, SMALLEST_SIDE
 
 LEVEL = 1e-9
 """Maximum of 1 - |nz| for a level face: 0.003 degrees."""
@@ -28,9 +29,6 @@ SAGITTA = 1e-3
 """Maximum distance in mm of an arc from the lines between its points, as far as that number allows."""
 
 MOST_FACES = 200_000
-
-SMALLEST_SIDE, MOST_SIDES = 0.02, 60
-"""Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
 
 Json = dict[str, Any]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]

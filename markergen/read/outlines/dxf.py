@@ -126,7 +126,7 @@ class _DxfReader:
                 self.others.append("hidden shapes" if self.wanted is None else "shapes on other layers")
             elif kind in CURVES:
                 name = f"{kind} on layer {brief(layer)}"
-                frame = _times(matrix, frame_of(entity))
+                frame = _times(matrix, coordinate_system_of(entity))
                 for curves, closed in CURVES[kind](entity, self.file, name):
                     self.pieces.append((name, [curve.mapped(frame) for curve in curves], closed))
             else:
@@ -264,7 +264,7 @@ def _times(a: Array, b: Array) -> Array:
     return np.column_stack([a[:, :3] @ b[:, :3], a[:, :3] @ b[:, 3] + a[:, 3]])
 
 
-def frame_of(entity: Any) -> Array:
+def coordinate_system_of(entity: Any) -> Array:
     """Map (3, 4) from an entity's coordinates to the drawing's; only some kinds have an object coordinate system."""
     planar = entity.dxftype() in ("ARC", "CIRCLE", "LWPOLYLINE")
     if not planar and not (entity.dxftype() == "POLYLINE" and entity.is_2d_polyline):

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
-from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
-from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.poses import PoseDistribution, RecordedPoses, is_named, named_poses, pose_forms
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile
 from markergen.registry import Registry
 

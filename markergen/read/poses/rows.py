@@ -17,7 +17,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
-from markergen.model.recorded_poses import COLUMNS
+from markergen.model.poses import COLUMNS
 
 Place = Callable[[int], str]
 """Function that returns the place of the pose with an index, for messages: ``line 7 of poses.csv``."""

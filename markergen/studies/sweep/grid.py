@@ -14,7 +14,7 @@ from markergen.defaults import NOISE_PX
 from markergen.errors import InputError, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.findings import in_one_line
+from markergen.model.json_text import in_one_line
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots

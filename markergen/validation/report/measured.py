@@ -14,16 +14,13 @@ from markergen.presentation.tables import Table
 from markergen.render import Optics
 from markergen.validation import tables
 from markergen.validation.bounds import image_covariance
-from markergen.validation.headline import middle
+from markergen.validation.error_to_plan_with import middle
 from markergen.validation.metrics import rms
 from markergen.validation.report.plots import (
     Ellipse,
-    carried_over,
     distribution,
     draw_ellipses,
-    draw_errors,
     errors_over,
-    ranked,
     share_inside,
 )
 from markergen.validation.report.subject import (
@@ -35,14 +32,15 @@ from markergen.validation.report.subject import (
     Subject,
     labeled,
     noise_of,
-    number,
     pose_bins,
 )
+from markergen.validation.sentences import image_sentences, trial_sentences
 from markergen.validation.view_records import DETECTOR
 
+DRAWS = 40_000
+"""Number of pose errors sampled from the covariances for the distribution that the bound predicts."""
 MOST_FAILURES = 20
 """Maximum number of failed views in the table."""
-_UNITS = ("px", "grey", "deg")
 
 
 def trials(subject: Subject) -> Section:
@@ -56,7 +54,7 @@ def trials(subject: Subject) -> Section:
     section = Section(
         [
             f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
-            *tables.trial_sentences({"nees": None, **results, "views": None, "labels": None}),
+            *trial_sentences({"nees": None, **results, "views": None, "labels": None}),
         ]
     )
     for group, groups, axis in GROUPINGS:
@@ -77,7 +75,7 @@ def trials(subject: Subject) -> Section:
                     f"{name.capitalize()} error over the {group}, for noise of {noise}.{only}",
                 )
             )
-    drawn = draw_errors(bound.covariance)
+    drawn = sample_pose_errors(bound.covariance)
     for key, name, unit in ERRORS:
         curves = {
             estimator: (np.array(row["quantiles"][key], dtype=float), np.array(row["quantiles"]["level"], dtype=float))
@@ -104,7 +102,7 @@ def views(subject: Subject) -> Section:
     if not seen:
         return Section(missing="No views were rendered; markergen validate renders them with --views 100.")
     predicted, samples = subject.predicted, seen.get("samples") or []
-    section = Section(_in_words(seen), tables=_views_tables(seen))
+    section = Section(image_sentences(seen), tables=_views_tables(seen))
     for group, groups, axis in GROUPINGS:
         where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
         for key, name, unit in ERRORS:
@@ -126,7 +124,7 @@ def views(subject: Subject) -> Section:
                     f"{name.capitalize()} error in rendered images over the {group}.",
                 )
             )
-    drawn = None if predicted is None else draw_errors(predicted.covariance)
+    drawn = None if predicted is None else sample_pose_errors(predicted.covariance)
     for key, name, unit in (*ERRORS, ("point_px_rms", "dot center", "px, RMS of a view")):
         values = _column(samples, key)
         values = values[np.isfinite(values)]
@@ -253,39 +251,6 @@ def _column(samples: Sequence[Results], key: str) -> Array:
     return np.array([np.nan if sample.get(key) is None else sample[key] for sample in samples], dtype=float)
 
 
-def _in_words(seen: Results) -> list[str]:
-    count, detected, wrong = (seen.get(key) or 0 for key in ("count", "detected", "wrong"))
-    sentences = [f"{detected} of {count} rendered views detected, {wrong or 'none'} with wrong labels."]
-    point, before = (seen.get(key) or {} for key in ("point_px", "uncorrected_px"))
-    if point.get("rms") is not None:
-        line = f"The dots' centers are off by {number(point['rms'])} px RMS"
-        if seen.get("image_bound_px"):
-            ratio = point["rms"] / seen["image_bound_px"]
-            line += f", {number(ratio)} times the least that the noise of the image allows"
-        if before.get("rms") is not None:
-            line += f"; without the correction for perspective it would be {number(before['rms'])} px"
-        sentences.append(f"{line}.")
-    nees = seen.get("nees") or {}
-    if nees.get("coverage") is not None and nees.get("coverage_interval"):
-        low, high = (100 * end for end in nees["coverage_interval"])
-        sentences.append(
-            f"The truth lies inside the detector's own 95 % region in {100 * nees['coverage']:.3g} % of "
-            f"{nees['count']} views; the 99 % interval of that share is {low:.3g} to {high:.3g} %."
-        )
-    optics = [_with_unit(key, value) for key, value in (seen.get("optics") or {}).items() if value]
-    if optics:
-        sentences.append(f"Optics: {', '.join(optics)}.")
-    return sentences
-
-
-def _with_unit(key: str, value: Any) -> str:
-    """Format blur_px = 0.7 as ``blur 0.7 px``."""
-    *parts, last = key.split("_")
-    unit = f" {last}" if parts and last in _UNITS else ""
-    name = " ".join(parts if unit else [*parts, last])
-    return f"{name} {value:g}{unit}" if isinstance(value, int | float) else f"{name} {value}{unit}"
-
-
 def _views_tables(seen: Results) -> list[Table]:
     listed = tables.view_tables(seen)
     failures = seen["failures"]
@@ -297,3 +262,31 @@ def _views_tables(seen: Results) -> list[Table]:
         more = f"And {len(failures) - MOST_FAILURES} more." if len(failures) > MOST_FAILURES else ""
         listed.append(Table("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
     return listed
+
+
+def ranked(values: Array) -> tuple[Array, Array]:
+    """Values in ascending order, and the share of them at or below each."""
+    return np.sort(values), np.arange(1, len(values) + 1) / len(values)
+
+
+def sample_pose_errors(covariance: Array) -> Array:
+    """Sample pose errors (k, 6) from covariances (P, 6, 6), equally many each, reproducibly."""
+    covariance = covariance[np.isfinite(covariance).all(axis=(1, 2))]
+    if not len(covariance):
+        return np.zeros((0, 6))
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
+    per_pose = max(1, DRAWS // len(covariance))
+    noise = np.random.default_rng(0).standard_normal((len(covariance), per_pose, 6))
+    return np.asarray(noise @ root.swapaxes(-1, -2))
+
+
+def carried_over(errors: Array, covariances: Array, target: Array) -> Array:
+    """Transform errors (k, 2), each with its own covariance (k, 2, 2), to the target covariance (2, 2).
+
+    L_target L_k^-1 e with Cholesky factors L, which preserves the Mahalanobis distance.
+    """
+    if not len(errors):
+        return errors
+    whitened = np.linalg.solve(np.linalg.cholesky(covariances), errors[..., None])
+    return np.asarray((np.linalg.cholesky(target) @ whitened)[..., 0])

@@ -11,10 +11,11 @@ from markergen.estimators.budget import PoseBudget
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.plots import FAINT, INK, SERIES, legend_below, log_axis, positive
 from markergen.presentation.tables import percent
-from markergen.validation.headline import middle
+from markergen.validation.error_to_plan_with import middle
 from markergen.validation.metrics import rms
-from markergen.validation.report.subject import SOURCES, number
-from markergen.validation.tables import TITLES, shares
+from markergen.validation.report.subject import SOURCES, value_text
+from markergen.validation.sentences import shares
+from markergen.validation.tables import TITLES
 from markergen.validation.view_records import DETECTOR
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ BEST = (DETECTOR, "lm")
 """Estimators whose quantiles are shown, in order of preference: the user's, then the most accurate."""
 FIRST = (*BEST, "ippe", "sqpnp", "epnp")
 """Estimators whose line styles do not depend on which others are drawn."""
-DRAWS = 40_000
-"""Number of errors sampled from the covariances for the distribution that the bound predicts."""
 _BOUND: dict[str, Any] = {"color": INK, "linestyle": (0, (2, 1.5)), "linewidth": 1.8, "zorder": 4}
 _MOST_ERRORS = 800
 QUANTILE_95 = float(np.sqrt(-2 * np.log(0.05)))
@@ -154,23 +153,6 @@ def distribution(
     return ax
 
 
-def ranked(values: Array) -> tuple[Array, Array]:
-    """Values in ascending order, and the share of them at or below each."""
-    return np.sort(values), np.arange(1, len(values) + 1) / len(values)
-
-
-def draw_errors(covariance: Array) -> Array:
-    """Sample pose errors (k, 6) from covariances (P, 6, 6), equally many each, reproducibly."""
-    covariance = covariance[np.isfinite(covariance).all(axis=(1, 2))]
-    if not len(covariance):
-        return np.zeros((0, 6))
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
-    per_pose = max(1, DRAWS // len(covariance))
-    noise = np.random.default_rng(0).standard_normal((len(covariance), per_pose, 6))
-    return np.asarray(noise @ root.swapaxes(-1, -2))
-
-
 @dataclass(frozen=True, eq=False)
 class Ellipse:
     """A predicted covariance (2, 2) with its name, and errors (k, 2) measured under it, in the unit of the axes."""
@@ -219,17 +201,6 @@ def share_inside(errors: Array, covariance: Array) -> float:
     """Share of errors (k, 2) inside the 95 % ellipse of a covariance (2, 2)."""
     squared = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=-1)
     return float(np.mean(squared <= QUANTILE_95**2))
-
-
-def carried_over(errors: Array, covariances: Array, target: Array) -> Array:
-    """Transform errors (k, 2), each with its own covariance (k, 2, 2), to the target covariance (2, 2).
-
-    L_target L_k^-1 e with Cholesky factors L, which preserves the Mahalanobis distance.
-    """
-    if not len(errors):
-        return errors
-    whitened = np.linalg.solve(np.linalg.cholesky(covariances), errors[..., None])
-    return np.asarray((np.linalg.cholesky(target) @ whitened)[..., 0])
 
 
 def variance_shares(budget: Mapping[str, Any], ax: "Axes") -> "Axes":
@@ -282,7 +253,7 @@ def compared(bounds: Mapping[str, float], measured: Mapping[str, float | None], 
         look: dict[str, Any] = {"facecolor": "#d9e2ec", "hatch": "///"} if y else {"facecolor": "#0b5394", "hatch": ""}
         ax.barh(y, finite[name], height=0.6, edgecolor=INK, linewidth=0.7, **look)
         ahead = max(finite[name], measured.get(name) or 0.0)
-        ax.annotate(number(value), (ahead, y), (8, 0), textcoords="offset points", va="center_baseline")
+        ax.annotate(value_text(value), (ahead, y), (8, 0), textcoords="offset points", va="center_baseline")
     marks = {y: mark for y, name in enumerate(bounds) if (mark := measured.get(name))}
     if marks:
         ax.plot(

@@ -10,9 +10,9 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.model.body import Plate
 from markergen.model.poses import PoseDistribution
-from markergen.presentation.pages import dome
+from markergen.presentation.pages import dome_figure
 from markergen.presentation.plots import FAINT, INK, Plot, color_steps, plot, ticks
-from markergen.validation.report.subject import number
+from markergen.validation.report.subject import value_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ _MOST_POSES, _MOST_TO_TURN = 1500, 4000
 """Maximum number of poses in a still picture and in a dome to turn, taken at equal strides."""
 
 
-def pose_dome(
+def dome_plots(
     markers: Sequence[Plate],
     poses: PoseDistribution,
     errors: Mapping[str, Array],
@@ -69,7 +69,7 @@ def pose_dome(
     every = -(-len(centers) // _MOST_TO_TURN)
     kept = np.union1d(np.arange(0, len(centers), every), hardest) if every > 1 else np.arange(len(centers))
     figures = [
-        dome(
+        dome_figure(
             centers[kept],
             {name: values[kept] for name, values in errors.items()},
             outlines,
@@ -81,7 +81,7 @@ def pose_dome(
     ]
     for name, values in errors.items():
         finite = values[np.isfinite(values)]
-        low, high = (number(float(end), 2) for end in (finite.min(initial=np.inf), finite.max(initial=-np.inf)))
+        low, high = (value_text(float(end), 2) for end in (finite.min(initial=np.inf), finite.max(initial=-np.inf)))
         unit = UNITS[name]
         figures.append(
             plot(

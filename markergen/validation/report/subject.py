@@ -15,13 +15,12 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
-from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
+from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.optimize.layouts import largest_diameter
 from markergen.presentation import tables
-from markergen.units import format_length
 from markergen.validation.bounds import pose_bounds
+from markergen.validation.error_to_plan_with import cells_of, headline, source_of
 from markergen.validation.expectation import Expectation
-from markergen.validation.headline import cells_of, headline, source_of
 from markergen.validation.metrics import rms
 
 if TYPE_CHECKING:
@@ -249,55 +248,11 @@ def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | 
     return Advice(worst, most, largest_diameter(marker.boundary, len(marker)))
 
 
-def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) -> list[str]:
-    """Advice as sentences."""
-    least = max(point.feature.least_pixels for point in marker.control_points)
-    now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
-    where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
-    sentence = (
-        f"{where} the dot that looks smallest, of {now}, is {number(worst.thinnest_px, 2)} px across its short axis "
-        f"({number(worst.center_px, 2)} px at the marker's center)"
-    )
-    if worst.thinnest_px >= PIXELS:
-        enough = f"{format_length(worst.diameter)} would do for the {PIXELS:g} px that detection wants"
-        return [f"{sentence}, the least of all poses: large enough, {enough}."]
-    if not np.isfinite(worst.diameter):
-        return [f"{where} the image of a dot is no ellipse: no size helps, leave such poses out."]
-    sentences = [f"{sentence}: use {format_length(worst.diameter)} for the {PIXELS:g} px that detection wants."]
-    share = f"{PERCENTILE:g} % of the poses"
-    if most.thinnest_px >= PIXELS:
-        sentences.append(f"For {share} {now} is enough: {number(most.thinnest_px, 3)} px or more.")
-    else:
-        sentences.append(
-            f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
-            f"Smaller dots are found as well, down to {least:g} px, but with less margin."
-        )
-    room = format_length(np.floor(advice.largest * 1e4) / 1e4)
-    if worst.diameter > advice.largest:
-        factor = worst.diameter / marker.dot_diameter
-        sentences.append(
-            f"With a clearance of {100 * CLEARANCE:g} % of their diameter, {len(marker)} dots of up to {room} fit in "
-            f"this boundary. For larger ones scale the whole marker to {100 * factor:.0f} %, come nearer, or use a "
-            "longer focal length."
-        )
-    else:
-        sentences.append(
-            f"Up to {room} there is room for {len(marker)} dots in this boundary: design it again with "
-            f"--dot {worst.diameter * 1e3:.6g}mm. Larger dots are measured better, but sit closer together."
-        )
-    return sentences
-
-
-def number(value: float | None, digits: int = 3) -> str:
+def value_text(value: float | None, digits: int = 3) -> str:
     """Format a number with that many significant digits; a missing or infinite one as words."""
     if value is None or np.isnan(value):
         return "-"
     return "unbounded" if np.isinf(value) else tables.number(float(value), digits)
-
-
-def at(distance: float, tilt_deg: float) -> str:
-    """Describe a viewpoint: ``At 1.5 m and 70 deg``."""
-    return f"At {distance:.3g} m and {tilt_deg:.3g} deg"
 
 
 def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[["Axes"], None]:

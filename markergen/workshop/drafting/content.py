@@ -4,25 +4,22 @@
 them out. What it says is meant to be enough: whoever has only the drawing can make the marker.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
-from math import atan2, ceil, degrees, dist, hypot, tan
+from collections.abc import Sequence
+from dataclasses import replace
+from math import atan2, ceil, degrees, tan
 
 from markergen.drawing.figure import size_words
-from markergen.drawing.scene import Box, union
-from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
+from markergen.geometry.contour import Contour, box, flattened, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.solid.plate import plate_of
-from markergen.solid.primitives import OFF, SAME, Part, Primitive, Prism, Revolved, cylinder, mm, size_of, span_of
+from markergen.solid.primitives import OFF, SAME, Part, Primitive, Revolved, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
+from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, tolerance_tables
 from markergen.workshop.drafting.drawing import (
     BackText,
     Callout,
-    Control,
-    Datum,
     Dimension,
     DotLabel,
     DrawingTable,
@@ -32,33 +29,22 @@ from markergen.workshop.drafting.drawing import (
     Workpiece,
     millimeters,
 )
-from markergen.workshop.drafting.tolerances import (
+from markergen.workshop.drafting.features import (
     DIAMETER,
+    MOST_KINDS,
     PLUS_MINUS,
-    PROFILE,
     PlateHole,
-    cutouts_of,
-    datum_table,
-    datums_of,
-    dot_controls,
-    fit_table,
-    flat,
-    hole_control,
+    alike,
+    centered,
     holes_of,
-    is_rectangle,
-    letters,
-    located,
-    tolerance_table,
+    listed_outlines,
+    ranges,
+    recesses_of,
+    use_words,
 )
 from markergen.workshop.iso286 import DiscFit
 from markergen.workshop.processes import Made
 from markergen.workshop.projection import BACK, cut_along, elevation, seen
-
-MOST_PLACES = 2
-"""Maximum number of holes of a kind whose places are told in their callout; the table has them all."""
-
-RECESS = 0.2
-"""Excess in mm of a recess's size, and diameter of its position's zone."""
 
 BOXED = (
     "Coordinates in tables and sizes in boxes are theoretically exact: the zones of the positions are centered there. "
@@ -90,13 +76,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     plates = [part for part in parts if part.is_plate]
     sections = sections_of(marker, made, dots)
     back = _back(made)
-    callouts = (
-        *_dot_callouts(dots, fabrication, made, datums),
-        *_hole_callouts(holes, made, datums, _box(marker)),
-        *_outline_callouts(marker, made, datums),
-        *_recess_callouts(made, datums),
-        *_tag_callout(marker),
-    )
+    callouts = callouts_of(marker, fabrication, made, datums)
     return Workpiece(
         block=TitleBlock(
             name=marker_name(marker),
@@ -124,9 +104,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         sections=sections,
         tables=(
             *tables_of(marker, made),
-            *([datum_table(datums)] if datums else []),
-            tolerance_table(made, datums, fabrication.general_tolerance),
-            *fit_table(marker, made),
+            *tolerance_tables(marker, made, datums, fabrication.general_tolerance),
         ),
         key=_key(made, bool(back), bool(sections)),
         notes=tuple(_notes(marker, made, callouts, back)),
@@ -144,7 +122,7 @@ def _heights(made: Made) -> tuple[Dimension, ...]:
         labels[face, highest] = f"({millimeters(highest - face)})"
     if face < -SAME:
         labels[face, 0.0] = f"{millimeters(-face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
-    return upright(labels)
+    return height_dimensions(labels)
 
 
 def _back(made: Made) -> tuple[ViewFace, ...]:
@@ -201,201 +179,6 @@ def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) ->
         rings = tuple(Contour(tuple((mm(x), mm(y)) for x, y in ring.tolist())) for ring in marker.tag.outlines)
         faces.append(ViewFace(rings, "dark"))
     return tuple(replace(face, fine=True) for face in faces)
-
-
-def _dot_callouts(
-    dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
-) -> list[Callout]:
-    callouts = []
-    kinds, controls = alike(dots), dot_controls(made, datums)
-    if len(kinds) > MOST_KINDS:
-        places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
-        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
-    # S stands for a sphere (ISO 129).
-    sphere = "S" if PROCESSES[fabrication.process].balls else ""
-    for (radius, inner), group in kinds:
-        names = f"{'ring' if inner else 'dot'}{'s' if len(group) > 1 else ''} {ranges([dot.id for dot in group])}"
-        places = tuple((dot.x, dot.y, dot.radius) for dot in group)
-        lines = _dot_lines(_times(group), f"{sphere}{DIAMETER}", radius, inner, group[0], made)
-        callouts.append(Callout((*lines, names), places, controls=controls))
-    return callouts
-
-
-def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot, made: Made) -> list[str]:
-    """Diameters of a kind of dot, with their fits or tolerances."""
-    outer, core = millimeters(2 * radius), millimeters(2 * inner)
-    fits = {(kind, round(fit.disc.diameter, 6)): fit for kind, fit in made.fits}
-    bottom = span_of(made.parts)[0]
-    through = any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
-    if (fit := fits.get(("dot", round(2 * radius, 6)))) and not through:
-        bore = fits.get(("core", round(2 * inner, 6)))
-        lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
-        lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
-        return lines
-    off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
-    ring = f" / {DIAMETER}{core}" if inner else ""
-    return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
-
-
-def _box(marker: Marker) -> Box:
-    """Box around the plates."""
-    return union(*(box(outer) for outer, *_ in plate_of(marker).outlines))
-
-
-def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:
-    """Callouts of holes of a kind; a hole that is a datum has its own."""
-
-    def kind(hole: PlateHole) -> tuple[str, str, float, float]:
-        return hole.use, hole.name, hole.radius, hole.sink
-
-    def as_datum(hole: PlateHole) -> str:
-        return hole_control(hole, made, datums)[1]
-
-    callouts = []
-    kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
-    if many := len(kinds) > MOST_KINDS:
-        rest = [hole for hole in holes if not as_datum(hole)]
-        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in rest)
-        zones: dict[Control, list[str]] = {}
-        for hole in rest:
-            zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
-        controls = [replace(control, of=_labels(names) if len(zones) > 1 else "") for control, names in zones.items()]
-        callouts.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
-    for kind_holes in kinds:
-        pitch, first = _pitch(kind_holes, plate)
-        for letter, group in groupby(sorted(kind_holes, key=as_datum), key=as_datum):
-            if not many or letter:
-                callouts.append(_hole_callout(list(group), len(kind_holes), pitch, first, made, datums))
-    return callouts
-
-
-def _hole_callout(
-    group: Sequence[PlateHole], count: int, pitch: float, angle: float, made: Made, datums: Sequence[Datum]
-) -> Callout:
-    """Callout of holes, which may be some of the `count` that are evenly spaced on their pitch circle."""
-    first = group[0]
-    control, letter = hole_control(first, made, datums)
-    limits = f" {first.limits.words}" if first.limits else ""
-    names = _labels([hole.label for hole in group])
-    lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
-    if first.sink:
-        lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
-    if pitch:
-        on = f"on a circle [{DIAMETER}{millimeters(2 * pitch)}]"
-        if len(group) <= MOST_PLACES:
-            at = ", ".join(f"[{round(_angle(hole), 3):g}\xb0]" for hole in group)
-            lines += [f"{names}, {on}", f"at {at}"]
-        elif len(group) == count:
-            lines += [f"{names}, {on}", f"from [{angle:g}\xb0], evenly spaced"]
-        else:
-            lines += [f"{names} of {count} evenly spaced", f"from [{angle:g}\xb0], {on}"]
-    elif len(group) <= MOST_PLACES:
-        lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
-    else:
-        lines.append(f"{names}, places in the table")
-    places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in group)
-    return Callout(tuple(lines), places, pitch, (control,), letter)
-
-
-def _pitch(holes: Sequence[PlateHole], plate: Box) -> tuple[float, float]:
-    """Radius of the circle about the origin that holes are evenly spaced on, and the first one's angle in degrees.
-
-    Both are 0 if there is none, or if it leaves the plate: then the places are told one by one.
-    """
-    radii = [hypot(*hole.place) for hole in holes]
-    room = min(-plate[0], -plate[1], plate[2], plate[3])
-    if len(holes) < 2 or min(radii) < SAME or max(radii) - min(radii) > 1e-5 or max(radii) > room:
-        return 0.0, 0.0
-    angles = sorted(map(_angle, holes))
-    step = 360 / len(holes)
-    even = all(abs(angle - angles[0] - k * step) < 1e-4 for k, angle in enumerate(angles))
-    return (round(radii[0], 6), round(angles[0], 3)) if even else (0.0, 0.0)
-
-
-def _angle(hole: PlateHole) -> float:
-    """Direction of a hole from the origin, from 0 to below 360 degrees."""
-    return round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360
-
-
-def _labels(names: Sequence[str]) -> str:
-    """``H1 to H4``."""
-    return ", ".join(
-        " to ".join(f"H{number}" for number in run.split(" to "))
-        for run in ranges([int(name[1:]) for name in names]).split(", ")
-    )
-
-
-def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[Callout]:
-    """Callouts of the radii of outlines, and of an outline or a hole that needs a table."""
-    plates = plate_of(marker).outlines
-    arcs: dict[float, list[tuple[float, float, float]]] = {}
-    for contour in (ring for plate in plates for ring in plate):
-        sides = contour.sides
-        for k, side in enumerate(sides) if contour.as_circle is None else ():
-            # Consecutive arcs of one circle, as for more than half a turn, count once.
-            if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
-                (x, y), (u, v), bulge = side
-                middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
-                arcs.setdefault(round(radius_of(side), 4), []).append(middle)
-    callouts = [
-        Callout((f"{_times(centers)}R{millimeters(r)}",), tuple(centers)) for r, centers in sorted(arcs.items())
-    ]
-    if len(arcs) > MOST_KINDS:
-        places = tuple(place for centers in arcs.values() for place in centers)
-        callouts = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
-    profile = Control("profile", millimeters(PROFILE), letters(datums))
-    for outline in listed_outlines(marker, made):
-        x, y = max(flattened(outline.contour, OFF))
-        lines, control = [outline.words, "see the table"], profile
-        if outline.recess:
-            lines.append(_depth_words(outline.recess, made))
-            # The zone is outside of the outline, by which the recess may only be larger.
-            control = replace(profile, zone=f"{millimeters(RECESS / 2)} UZ-{millimeters(RECESS / 4)}")
-        callouts.append(Callout(tuple(lines), ((x, y, 0.0),), controls=(control,)))
-    return callouts
-
-
-def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
-    callouts = []
-    for recess in filter(is_plain, recesses_of(made)):
-        left, bottom, right, top = recess.box
-        over = f" +{millimeters(RECESS)} / 0"
-        size = (
-            f"recess {DIAMETER}{millimeters(right - left)}{over}"
-            if recess.outer.as_circle
-            else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
-        )
-        middle = (left + right) / 2, (bottom + top) / 2
-        at = (f"center at x [{millimeters(middle[0])}], y [{millimeters(middle[1])}]",) if hypot(*middle) > SAME else ()
-        lines = (size, *at, _depth_words(recess, made))
-        control = located(RECESS, datums)
-        if not recess.outer.as_circle:
-            control = replace(control, zone=control.zone.removeprefix(DIAMETER))
-        # On the rim, away from the axes.
-        x, y = max((x, y) for x, y in flattened(recess.outer, OFF) if y <= (bottom + 3 * top) / 4)
-        callouts.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
-    return callouts
-
-
-def _depth_words(recess: Prism, made: Made) -> str:
-    return f"{millimeters(recess.top - recess.bottom)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat"
-
-
-def _times(places: Sequence[object]) -> str:
-    return f"{len(places)}x " if len(places) > 1 else ""
-
-
-def _tag_callout(marker: Marker) -> list[Callout]:
-    if marker.tag is None:
-        return []
-    side = mm(marker.tag.side)
-    x, y = (mm(center) for center in marker.tag.center)
-    lines = (
-        f"tag {marker.tag}",
-        f"black square {millimeters(side)} x {millimeters(side)}",
-        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
-    )
-    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),))]
 
 
 def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace]) -> list[str]:
@@ -495,39 +278,6 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
     return (*tables, _part_list(made.parts))
 
 
-@dataclass(frozen=True)
-class ListedOutline:
-    """Outline that a table describes: title of the table, words of the callout, and whose it is."""
-
-    title: str
-    words: str
-    contour: Contour
-    plate: bool = False
-    recess: Prism | None = None
-
-
-def is_plain(recess: Prism) -> bool:
-    """True for a recess that a diameter, or width and height, and a place describe."""
-    return recess.outer.as_circle is not None or is_rectangle(recess.outer)
-
-
-def listed_outlines(marker: Marker, made: Made) -> list[ListedOutline]:
-    """Outlines that a size and a radius do not describe: of plates, of holes that are not round, and of recesses."""
-    plates = [outer for outer, *_ in plate_of(marker).outlines]
-    outlines = []
-    if len(plates) > 1:
-        for number, outer in enumerate(plates, 1):
-            outlines.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
-    elif plates[0].as_circle is None and not is_rectangle(plates[0]):
-        outlines.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
-    for number, contour in enumerate(cutouts_of(marker), 1):
-        outlines.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
-    for number, recess in enumerate(recesses_of(made), 1):
-        if not is_plain(recess):
-            outlines.append(ListedOutline(f"Recess {number}", f"recess {number}", recess.outer, recess=recess))
-    return outlines
-
-
 def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
     """Corners of outlines, or the center of a round one."""
     tables = []
@@ -612,27 +362,10 @@ def _names(names: Sequence[str]) -> str:
     return ", ".join(terms)
 
 
-def ranges(numbers: Iterable[int]) -> str:
-    """Abbreviate a list of integers: ``1 to 4, 7``."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    terms: list[str] = []
-    for run in runs:
-        terms += [str(run[0])] if len(run) == 1 else [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
-    return ", ".join(terms)
-
-
 def _fixed(millimeters_: float) -> str:
     # Adding 0 turns -0 into 0.
     return f"{round(millimeters_, 4) + 0.0:.4f}"
 
-
-MOST_KINDS = 6
-"""Maximum number of kinds of dots or holes with their own callouts and sections; more are listed in tables only."""
 
 NEAR = 30.0
 """Maximum distance in mm of a recess from an edge to be in its section."""
@@ -641,14 +374,6 @@ NEAR = 30.0
 def sections_of(marker: Marker, made: Made, dots: Sequence[SolidDot]) -> tuple[SectionView, ...]:
     """All sections."""
     return (*_dot_sections(dots, made), *_hole_sections(marker, made.parts), *_edge_section(marker, made))
-
-
-def alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[SolidDot]]]:
-    """Group dots by radius and inner radius."""
-    groups: dict[tuple[float, float], list[SolidDot]] = {}
-    for dot in dots:
-        groups.setdefault((dot.radius, dot.inner), []).append(dot)
-    return list(groups.items())
 
 
 def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
@@ -685,7 +410,7 @@ def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
     across = tuple(
         Dimension(x - r, x + r, label) for r, label in sorted(_diameters(dot, made, pockets, pillars).items())
     )
-    return SectionView(title, cut_along(parts, y, box), box, across, upright(tall), (x,))
+    return SectionView(title, cut_along(parts, y, box), box, across, height_dimensions(tall), (x,))
 
 
 def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: Sequence[Revolved]) -> dict[float, str]:
@@ -747,7 +472,7 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
             faces,
             (box[0], low, box[2], top),
             tuple(across),
-            upright({(low, top): f"({millimeters(top - low)})"}),
+            height_dimensions({(low, top): f"({millimeters(top - low)})"}),
             (hole.x,),
         )
     return list(sections.values())
@@ -755,30 +480,6 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
 
 def _across(hole: PlateHole, radius: float, more: str) -> Dimension:
     return Dimension(hole.x - radius, hole.x + radius, f"{DIAMETER}{millimeters(2 * radius)}{more}")
-
-
-def use_words(hole: PlateHole) -> str:
-    """Use of a hole: ``for screw M3``, ``for a 4 mm pin``."""
-    name = hole.name[:24]
-    if hole.use == "drawn":
-        return "in the outline"
-    if hole.use == "dowel":
-        return f"for a {name or 'dowel pin'}"
-    return f"for screw {name}" if name else "for a screw"
-
-
-def recesses_of(made: Made) -> list[Prism]:
-    """Recesses for printed sheets: open to the face of the plate, without inlays."""
-    plates = [part for part in made.parts if part.is_plate]
-    inlays = [body.box for part in made.parts if not part.is_plate for body in part.add]
-    return [
-        body
-        for part in plates
-        for body in part.cut
-        if isinstance(body, Prism)
-        and body.top > made.face - SAME
-        and not any(union(body.box, inlay) == body.box for inlay in inlays)
-    ]
 
 
 def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
@@ -801,15 +502,10 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     across = (Dimension(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
     tall = {body.span: _depth(*body.span, low, made) for body in recesses}
     tall[low, made.face] = f"({millimeters(made.face - low)})"
-    return [SectionView("Section of the edge", faces, box, across, upright(tall))] if faces else []
+    return [SectionView("Section of the edge", faces, box, across, height_dimensions(tall))] if faces else []
 
 
-def centered(bodies: Iterable[Primitive], x: float, y: float) -> list[Revolved]:
-    """Bodies of revolution about the vertical axis through (x, y), within a micron."""
-    return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
-
-
-def upright(heights: dict[tuple[float, float], str]) -> tuple[Dimension, ...]:
+def height_dimensions(heights: dict[tuple[float, float], str]) -> tuple[Dimension, ...]:
     """Dimensions along z, the shortest first."""
     ordered = sorted(heights, key=lambda pair: (pair[1] - pair[0], pair))
     return tuple(Dimension(low, high, heights[low, high]) for low, high in ordered)

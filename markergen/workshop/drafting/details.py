@@ -21,7 +21,7 @@ from markergen.workshop.drafting.pen import (
     frame_lines,
     lettering,
     scale_words,
-    upright,
+    vertical_dimension,
 )
 
 SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
@@ -186,7 +186,7 @@ def stacked(
     # Outer dimensions first, so that the text of the inner ones covers their extension lines.
     for span, (at, _) in reversed(list(zip(spans, places, strict=True))):
         y0, y1 = (view.at((0.0, z))[1] for z in (span.start, span.end))
-        shapes += upright(y0, y1, start + at, start, span.words, style)
+        shapes += vertical_dimension(y0, y1, start + at, start, span.words, style)
     return shapes
 
 

@@ -257,7 +257,7 @@ def across(
     return shapes
 
 
-def upright(
+def vertical_dimension(
     y0: float, y1: float, x: float, from_x: float | tuple[float, float], label: str, style: Style
 ) -> list[Shape]:
     """Vertical dimension between two heights on paper, on a line at x; its text reads from the right."""

@@ -30,10 +30,10 @@ from markergen.drawing.text import text_width
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, flattened
 from markergen.model.body import Plate
+from markergen.model.body_json import rig_name
 from markergen.model.boundary import Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_name
 from markergen.solid.primitives import OFF, Part, Prism
 from markergen.workshop.assembly import MadeBody
 from markergen.workshop.dot_geometry import dots_of
@@ -49,6 +49,7 @@ from markergen.workshop.drafting.drawing import (
     around,
     millimeters,
 )
+from markergen.workshop.drafting.features import PLUS_MINUS
 from markergen.workshop.drafting.pen import (
     CLOSE,
     THIN,
@@ -60,11 +61,10 @@ from markergen.workshop.drafting.pen import (
     drawn,
     lettering,
     on_white,
-    upright,
+    vertical_dimension,
 )
 from markergen.workshop.drafting.symbols import datum_letter, datum_reach, frame_width, tolerance_frame
 from markergen.workshop.drafting.title_block import first_angle
-from markergen.workshop.drafting.tolerances import PLUS_MINUS
 from markergen.workshop.drafting.views import GOOD, FrontPage, drawing_area, papers_of
 from markergen.workshop.processes import Accuracy
 
@@ -719,7 +719,7 @@ def _sizes(work: RigWork, box: Box, style: Style) -> list[Shape]:
     off = 1.4 * CLOSE * style.scale
     return [
         *across(left, right, bottom - off, bottom, work.sizes[0], style),
-        *upright(bottom, top, left - off, left, work.sizes[1], style),
+        *vertical_dimension(bottom, top, left - off, left, work.sizes[1], style),
     ]
 
 

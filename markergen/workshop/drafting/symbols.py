@@ -43,7 +43,7 @@ def phrase_width(label: str, height: float) -> float:
     return sum(text_width(part, height) + (2.5 * PAD * height if exact else 0.0) for part, exact in _parts(label))
 
 
-def plain(label: str) -> str:
+def without_brackets(label: str) -> str:
     """Words without the brackets around what is theoretically exact."""
     return label.replace("[", "").replace("]", "")
 

@@ -35,7 +35,9 @@ def first_angle(paper: Paper) -> bool:
     return paper.name.removesuffix("-landscape") not in {size.name for size in AMERICAN}
 
 
-def title_block(block: TitleBlock, frame: Frame, scale: str, number: int, pages: int, first: bool) -> list[Shape]:
+def drawing_title_block(
+    block: TitleBlock, frame: Frame, scale: str, number: int, pages: int, first: bool
+) -> list[Shape]:
     """Border, and the title block along its lower side: the whole one on a first sheet."""
     made_with = f"markergen {markergen.__version__}"
     paper = frame.paper.name.removesuffix("-landscape")

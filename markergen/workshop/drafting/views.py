@@ -43,7 +43,7 @@ from markergen.workshop.drafting.pen import (
     drawn,
     leader,
     lettering,
-    upright,
+    vertical_dimension,
 )
 from markergen.workshop.drafting.symbols import (
     FRAMES_APART,
@@ -356,12 +356,12 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
                 shapes += across(*_ordered(front.at((at, 0.0))[0], x), below, bottom, size, style)
                 below -= 1.3 * tier
             else:
-                shapes += upright(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
+                shapes += vertical_dimension(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
                 aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
     shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + said(width), style)
     if not work.round:
-        shapes += upright(bottom, top, aside, left, said(height), style)
+        shapes += vertical_dimension(bottom, top, aside, left, said(height), style)
     end = side.box(around(work.side))[2]
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)

@@ -67,7 +67,7 @@ class CutDrawing:
     box: Array
 
 
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
+def export_dxf(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the entire plate if the process engraves it."""
     marker = only(markers, ".dxf")
     engraved = PROCESSES[options.fabrication.process].engraved

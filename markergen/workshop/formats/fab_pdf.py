@@ -15,16 +15,16 @@ from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
 from markergen.drawing.text import FACES, font_size, text_width, written
 from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
+from markergen.model.body_json import rig_name
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_name
 from markergen.workshop.assembly import MadeBody, designed, made_of
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
 from markergen.workshop.drafting.pen import THIN, Lettering, Style, scale_words
 from markergen.workshop.drafting.rig_drawing import RigWork, face_works, rig_page, rig_work
-from markergen.workshop.drafting.title_block import title_block
+from markergen.workshop.drafting.title_block import drawing_title_block
 from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
 from markergen.workshop.formats.solids import solid_notes
 
@@ -44,7 +44,7 @@ FULL = 0.4
 """Minimum part of the last page that is used."""
 
 
-def export(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
+def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; needs no CAD kernel.
 
     Of a rig, the drawing of the whole with the tolerances between its faces comes first, then that of each face.
@@ -140,7 +140,7 @@ def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
             canvas.setPageSize(size)
             canvas.setTrimBox([0.0, 0.0, *size])
             _draw(canvas, sheets.front.shapes if k == 0 else ())
-            _draw(canvas, title_block(sheets.block, frame, scale, number, count, k == 0))
+            _draw(canvas, drawing_title_block(sheets.block, frame, scale, number, count, k == 0))
             for block, left, top in page:
                 y = top
                 for part, height, space in block.parts:

@@ -97,7 +97,7 @@ class Collision:
     def measures(self) -> dict[str, str]:
         """Dimensions by their names in URDF and SDF."""
         if self.shape == "cylinder":
-            return {"radius": number(self.size[0]), "length": number(self.size[1])}
+            return {"radius": decimal(self.size[0]), "length": decimal(self.size[1])}
         return {"size": numbers(np.array(self.size))}
 
     @property
@@ -176,7 +176,7 @@ class Simulated:
     def moments(self) -> dict[str, str]:
         """Entries of the inertia on and above its diagonal, by name: ``ixx`` and so on."""
         return {
-            f"i{a}{b}": number(self.inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
+            f"i{a}{b}": decimal(self.inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
         }
 
 
@@ -273,14 +273,14 @@ def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:
     return mass, center, np.trace(spread) * np.eye(3) - spread
 
 
-def number(value: float) -> str:
+def decimal(value: float) -> str:
     """Format a number with nine digits, without -0."""
     return f"{round(float(value), 15) + 0.0:.9g}"
 
 
 def numbers(values: Array) -> str:
     """Format several numbers, separated by spaces."""
-    return " ".join(number(value) for value in values)
+    return " ".join(decimal(value) for value in values)
 
 
 def export_urdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -319,7 +319,7 @@ def _robot(body: Simulated) -> str:
 {"" if body.engraved else FOR_MUJOCO}  <link name="{body.link}">
     <inertial>
       <origin xyz="{numbers(body.center)}" rpy="0 0 0"/>
-      <mass value="{number(body.mass)}"/>
+      <mass value="{decimal(body.mass)}"/>
       <inertia {moments}/>
     </inertial>
 {visuals}{collisions}  </link>
@@ -367,7 +367,7 @@ def _model(body: Simulated) -> str:
     <link name="{body.link}">
       <inertial>
         <pose>{numbers(body.center)} 0 0 0</pose>
-        <mass>{number(body.mass)}</mass>
+        <mass>{decimal(body.mass)}</mass>
         <inertia>{moments}</inertia>
       </inertial>
 {visuals}{collisions}    </link>
@@ -435,7 +435,7 @@ def _body(body: Simulated) -> str:
     )
     sites = "".join(
         f"""      <site name={quoteattr(item.name)} class="place" pos="{numbers(item.place)}"{_euler(item.rotation)}\
-{f' size="{number(item.diameter / 4)}"' if item.diameter else ""}/>
+{f' size="{decimal(item.diameter / 4)}"' if item.diameter else ""}/>
 """
         for item in body.sites
     )
@@ -449,7 +449,7 @@ def _body(body: Simulated) -> str:
 {materials}{assets}  </asset>
   <worldbody>
     <body name="{body.link}">
-      <inertial pos="{numbers(body.center)}" mass="{number(body.mass)}" fullinertia="{inertia}"/>
+      <inertial pos="{numbers(body.center)}" mass="{decimal(body.mass)}" fullinertia="{inertia}"/>
 {visuals}{collisions}      <site name="{body.link}" class="place"/>
 {sites}    </body>
   </worldbody>

@@ -1,13 +1,19 @@
-"""Solids in CAD formats: STEP and BREP, and the notes and accompanying files of all formats of solids.
+"""Solids in CAD formats: parts as Open CASCADE solids, written as STEP and BREP, with notes and files beside them.
 
-Open CASCADE writes both; `normalize` removes from STEP what varies from run to run.
+Solids are built from walls and level faces that share their edges, without Boolean operations. Walls are those of the
+bodies, extruded or revolved; the level faces between them are known in closed form (`markergen.workshop.level_faces`).
+Open CASCADE is called through OCP, its bindings for Python, which takes a second to import; cadquery on top of it would
+take two more. `normalize` removes from STEP what varies from run to run.
 """
+# tests: tests/workshop/formats/test_solids.py tests/workshop/test_kernel.py
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from io import BytesIO
 from itertools import count
+from math import atan, hypot, pi
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,17 +23,362 @@ import numpy as np
 import markergen
 from markergen.errors import MissingLibraryError, OutputError
 from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.model.body import Body
+from markergen.model.body_json import rig_name
 from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
-from markergen.model.rig_json import rig_name
 from markergen.occt import import_kernel
 from markergen.solid.plate import plate_size
-from markergen.solid.primitives import COLORS, OTHER
-from markergen.workshop.assembly import MadeBody, check_apart, designed, made_of
-from markergen.workshop.kernel import NamedSolid, solids_of
+from markergen.solid.primitives import COLORS, OTHER, BodyPart, Part, PosedPart, Primitive, Prism
+from markergen.workshop.assembly import MadeBody, check_no_overlap, designed, made_of
+from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 from markergen.workshop.processes import Made
+
+NEAR = 1e-6
+"""Distance in mm below which edges are sewn together."""
+
+LEVEL = 1 - 1e-9
+"""Minimum vertical component of the normal of a level face."""
+
+TOLERANCE = 1e-5
+"""Maximum relative difference between the kernel's volume of a part and the closed form."""
+
+
+@dataclass(frozen=True)
+class NamedSolid:
+    """One part as a solid of the CAD kernel.
+
+    Attributes
+    ----------
+    name : str
+        As in `Part`.
+    material : {"light", "dark"}
+    color : (red, green, blue)
+        0 to 1, sRGB.
+    shape : OCP.TopoDS.TopoDS_Solid
+        In mm, marker frame: the face of the plate is z = 0, the plate is below.
+    marked : tuple of OCP.TopoDS.TopoDS_Face
+        Faces of `shape` with the other material's color.
+    """
+
+    name: str
+    material: str
+    color: tuple[float, float, float]
+    shape: Any
+    marked: tuple[Any, ...] = ()
+
+
+# Cached, since several files of one marker are often written in a row, and building solids takes most of the time.
+@lru_cache(maxsize=1)
+def solids_of(parts: tuple[Part | BodyPart, ...]) -> tuple[NamedSolid, ...]:
+    """Build all parts, in the body frame; raises like `build`."""
+    return tuple(_block(part) if part.is_block else _placed(part) for part in parts)
+
+
+def _placed(part: Part | BodyPart) -> NamedSolid:
+    (piece,) = part.pieces
+    solid = replace(build(piece.part), name=part.name)
+    if not piece.is_moved:
+        return solid
+    shape, floors = _moved(solid.shape, solid.marked, piece)
+    return replace(solid, shape=shape, marked=floors)
+
+
+def _block(part: Part | BodyPart) -> NamedSolid:
+    """Sew a block from its faces."""
+    import_kernel()
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+    from OCP.BRepLib import BRepLib
+    from OCP.TopoDS import TopoDS
+
+    def sewn() -> tuple[Any, tuple[Any, ...]]:
+        sewing = BRepBuilderAPI_Sewing(NEAR)
+        floors: list[Any] = []
+        for piece in part.pieces:
+            shape, marked = _moved(*assembled(piece.part, face_only=True), piece)
+            floors += marked
+            for face in explored(shape, "FACE"):
+                sewing.Add(face)
+        sewing.Perform()
+        solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
+        BRepLib.OrientClosedSolid_s(solid)
+        return solid, tuple(TopoDS.Face_s(sewing.ModifiedSubShape(face)) for face in floors)
+
+    shape, floors = checked(part.name, part.volume, sewn)
+    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+
+
+def _moved(shape: Any, faces: Sequence[Any], piece: PosedPart) -> tuple[Any, tuple[Any, ...]]:
+    """Move a shape, and faces of it, from the frame of its plate to that of the body."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+    from OCP.gp import gp_Trsf
+    from OCP.TopoDS import TopoDS
+
+    pose = gp_Trsf()
+    pose.SetValues(*np.column_stack([piece.rotation, piece.translation]).ravel().tolist())
+    moved = BRepBuilderAPI_Transform(shape, pose, True)
+    return moved.Shape(), tuple(TopoDS.Face_s(moved.ModifiedShape(face)) for face in faces)
+
+
+def build(part: Part) -> NamedSolid:
+    """Build one part.
+
+    Raises
+    ------
+    OutputError
+        If the kernel makes an invalid solid, or one whose volume is not the part's.
+    MissingLibraryError
+        If Open CASCADE or one of its system libraries is missing.
+    """
+    import_kernel()
+    shape, floors = checked(part.name, part.volume, lambda: assembled(part))
+    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+
+
+def checked(name: str, volume: float, make: Callable[[], tuple[Any, tuple[Any, ...]]]) -> tuple[Any, tuple[Any, ...]]:
+    """Make a TopoDS_Solid, and faces of it, and check that it is valid and has a volume in mm^3; raises as `build`."""
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+
+    try:
+        shape, floors = make()
+        properties = GProp_GProps()
+        BRepGProp.VolumeProperties_s(shape, properties)
+        enclosed = properties.Mass()
+        if enclosed <= 0 or not BRepCheck_Analyzer(shape).IsValid():
+            raise ValueError("several pieces" if enclosed > 0 else "nothing")
+    except Exception as error:
+        # Open CASCADE raises errors of many classes, none of them Python's.
+        raise _failed(name, " ".join(str(error).split()) or type(error).__name__) from None
+    if abs(enclosed - volume) > TOLERANCE * enclosed:
+        raise _failed(name, f"{enclosed:.9g} mm^3 instead of {volume:.9g} mm^3")
+    return shape, floors
+
+
+def _failed(name: str, problem: str) -> OutputError:
+    return OutputError(
+        f"expected Open CASCADE to make a valid solid of the part {name!r}, found {problem}; change the depth, "
+        "the thickness or the outline a little"
+    )
+
+
+def _solid(body: Primitive) -> Any:
+    """TopoDS_Solid of a body, without its chamfer."""
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism, BRepPrimAPI_MakeRevol
+    from OCP.gp import gp_Ax1, gp_Dir, gp_Pln, gp_Pnt, gp_Vec
+
+    if isinstance(body, Prism):
+        level = gp_Pln(gp_Pnt(0, 0, body.bottom), gp_Dir(0, 0, 1))
+        base = _face(level, [_wire(contour, body.bottom) for contour in (body.outer, *body.holes)])
+        return BRepPrimAPI_MakePrism(base, gp_Vec(0, 0, body.top - body.bottom)).Shape()
+    place = gp_Pnt(body.x, body.y, 0)
+    profile = _face(gp_Pln(place, gp_Dir(0, -1, 0)), [_wire(body.profile, None, (body.x, body.y))])
+    return BRepPrimAPI_MakeRevol(profile, gp_Ax1(place, gp_Dir(0, 0, 1))).Shape()
+
+
+def assembled(part: Part, face_only: bool = False) -> tuple[Any, tuple[Any, ...]]:
+    """TopoDS_Solid of a part, and its level faces that are floors of marked bodies.
+
+    With `face_only` it is open: walls and bottom of the part's first body are left out, for one face of a block.
+    """
+    from OCP.BRep import BRep_Builder, BRep_Tool
+    from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
+
+    builder, shell, solid, rims, floors = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid(), _Rims(), []
+    builder.MakeShell(shell)
+    for number, (body, sign, _) in enumerate(signed_bodies(part)):
+        for piece, piece_sign in _pieces(body):
+            for face in explored(piece, "FACE"):
+                if _side(face):
+                    rims.add(face)
+                elif number or not face_only:
+                    builder.Add(shell, face if sign * piece_sign > 0 else face.Reversed())
+    for level in level_faces(part, face_only):
+        face = _level(level, rims)
+        builder.Add(shell, face)
+        if level.marked:
+            floors.append(face)
+    shell.Closed(BRep_Tool.IsClosed_s(shell))
+    builder.MakeSolid(solid)
+    builder.Add(solid, shell)
+    return solid, tuple(floors)
+
+
+class _Rims:
+    """Wires around the caps of bodies, found by one of their corners."""
+
+    def __init__(self) -> None:
+        self._wires: list[Any] = []
+        self._corners: list[tuple[float, float, float]] = []
+        self._owners: list[int] = []
+
+    def add(self, cap: Any) -> None:
+        """Add the wires of a cap."""
+        from OCP.BRep import BRep_Tool
+
+        for wire in explored(cap, "WIRE"):
+            for vertex in explored(wire, "VERTEX"):
+                self._corners.append(BRep_Tool.Pnt_s(vertex).Coord())
+                self._owners.append(len(self._wires))
+            self._wires.append(wire)
+
+    def at(self, contours: Sequence[Contour], z: float) -> list[Any]:
+        """Wires of contours at a height."""
+        starts = np.array([(*contour.points[0], z) for contour in contours])
+        corners = np.array(self._corners)
+        nearest = [int(np.argmin(np.abs(corners - start).max(axis=1))) for start in starts]
+        if np.abs(corners[nearest] - starts).max() > NEAR:
+            raise ValueError(f"a face without an edge at z = {z:.6g} mm")
+        return [self._wires[self._owners[k]] for k in nearest]
+
+
+def _level(level: PlanarFace, rims: _Rims) -> Any:
+    """TopoDS_Face of a level face, with its outside where it should be."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt
+    from OCP.TopoDS import TopoDS
+
+    plane = gp_Pln(gp_Pnt(0, 0, level.z), gp_Dir(0, 0, 1))
+    # Faces of one wire each turn their wires counterclockwise.
+    outer, *holes = (
+        BRepBuilderAPI_MakeFace(plane, wire, True).Face()
+        for wire in rims.at([rim.contour for rim in level.rims], level.z)
+    )
+    maker = BRepBuilderAPI_MakeFace(outer)
+    for hole in holes:
+        maker.Add(TopoDS.Wire_s(explored(hole, "WIRE")[0].Reversed()))
+    face = maker.Face()
+    return face if level.up else TopoDS.Face_s(face.Reversed())
+
+
+def _pieces(body: Primitive) -> list[tuple[Any, int]]:
+    """Solids that make a body, each with 1 or, if it is a hole, -1."""
+    if not (isinstance(body, Prism) and body.chamfer):
+        return [(_solid(body), 1)]
+    holes = [_solid(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
+    return [(_chamfered(body), 1), *((hole, -1) for hole in holes)]
+
+
+def explored(shape: Any, kind: str) -> list[Any]:
+    """Distinct faces, wires or vertices of a TopoDS_Shape, with their orientation in it."""
+    from OCP import TopAbs
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+    from OCP.TopTools import TopTools_IndexedMapOfShape
+
+    shapes = TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, getattr(TopAbs.TopAbs_ShapeEnum, f"TopAbs_{kind}"), shapes)
+    cast = getattr(TopoDS, f"{kind.capitalize()}_s")
+    return [cast(shapes.FindKey(number)) for number in range(1, shapes.Extent() + 1)]
+
+
+def _side(face: Any) -> int:
+    """1 if a face is level with its outside above, -1 if below; 0 if it is not level."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_Plane
+    from OCP.TopAbs import TopAbs_REVERSED
+
+    surface = BRepAdaptor_Surface(face)
+    if surface.GetType() != GeomAbs_Plane:
+        return 0
+    position = surface.Plane().Position()
+    up = position.Direction().Z() * (1 if position.Direct() else -1)
+    if abs(up) < LEVEL:
+        return 0
+    return 1 if (up > 0) != (face.Orientation() == TopAbs_REVERSED) else -1
+
+
+def _chamfered(body: Prism) -> Any:
+    """Prism with a chamfer, without holes, sewn from its faces.
+
+    The kernel's own chamfers fail where sides turn only slightly.
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+    from OCP.BRepLib import BRepLib
+    from OCP.TopoDS import TopoDS
+
+    rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
+    lower, upper = (_solid(Prism(outline, (), body.bottom, z)) for outline, z in ((body.outer, rim), (edge, body.top)))
+    sewing = BRepBuilderAPI_Sewing(NEAR)
+    for face in explored(lower, "FACE"):
+        if _side(face) <= 0:
+            sewing.Add(face)
+    for face in explored(upper, "FACE"):
+        if _side(face) > 0:
+            sewing.Add(face)
+    pairs = list(zip(body.outer.sides, edge.sides, strict=True))
+    whole = body.outer.is_circle
+    for side, inner in pairs[:1] if whole else pairs:
+        sewing.Add(_slant(side, inner, rim, body.top, 2 * pi if whole else 4 * atan(abs(side[2]))))
+    sewing.Perform()
+    solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
+    BRepLib.OrientClosedSolid_s(solid)
+    return solid
+
+
+def _slant(side: Side, inner: Side, low: float, high: float, angle: float) -> Any:
+    """Face of a chamfer between a side and its inward offset: a plane, or a cone for an arc."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakePolygon
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
+    from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pln, gp_Pnt
+
+    (x, y), (u, v), bulge = side
+    (p, q), (r, s), _ = inner
+    if not bulge:
+        corners = [gp_Pnt(x, y, low), gp_Pnt(u, v, low), gp_Pnt(r, s, high), gp_Pnt(p, q, high)]
+        along, wide = gp_Dir(u - x, v - y, 0), high - low
+        # The inward normal of the side plus an equal upward component.
+        normal = gp_Dir(along.Y() * wide, -along.X() * wide, wide)
+        ring = BRepBuilderAPI_MakePolygon(*corners, True).Wire()
+        return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
+    axis = gp_Ax1(gp_Pnt(*center_of(side), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
+    edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
+    return explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]
+
+
+def _face(plane: Any, wires: Sequence[Any]) -> Any:
+    """Face in a given plane, since the plane that Open CASCADE fits to the wire is off by rounding."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+
+    maker = BRepBuilderAPI_MakeFace(plane, wires[0], True)
+    for hole in wires[1:]:
+        maker.Add(hole)
+    return maker.Face()
+
+
+def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0.0, 0.0)) -> Any:
+    """Wire at a height or, if it is None, vertical in the half plane of positive x from the axis."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex, BRepBuilderAPI_MakeWire
+    from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
+
+    def point(x: float, y: float) -> Any:
+        return gp_Pnt(axis[0] + x, axis[1], y) if height is None else gp_Pnt(x, y, height)
+
+    # About this direction, arcs that turn left in the contour turn left in space.
+    left = gp_Dir(0, -1, 0) if height is None else gp_Dir(0, 0, 1)
+    right, along = left.Reversed(), gp_Dir(1, 0, 0)
+    wire = BRepBuilderAPI_MakeWire()
+    vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in contour.points]
+    if (whole := contour.as_circle) is not None:
+        # A single circular edge instead of two half turns halves the faces and is recognized as a circle by readers.
+        x, y, radius = whole
+        circle = gp_Circ(gp_Ax2(point(x, y), left if contour.bulges[0] > 0 else right, along), radius)
+        return BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire()
+    for side, start, end in zip(contour.sides, vertices, (*vertices[1:], vertices[0]), strict=True):
+        (x, y), _, bulge = side
+        if not bulge:
+            wire.Add(BRepBuilderAPI_MakeEdge(start, end).Edge())
+            continue
+        center = center_of(side)
+        circle = gp_Circ(
+            gp_Ax2(point(*center), left if bulge > 0 else right, along), hypot(x - center[0], y - center[1])
+        )
+        wire.Add(BRepBuilderAPI_MakeEdge(circle, start, end).Edge())
+    return wire.Wire()
+
 
 MADE = (".step", ".brep", ".stl", ".3mf")
 """Suffixes of solids that are made, in which plates must not overlap; others are looked at."""
@@ -68,7 +419,7 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     body = designed(only(bodies, suffix))
     made = made_of(body, options.fabrication)
     if suffix in MADE:
-        check_apart(made)
+        check_no_overlap(made)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
     return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options))
 

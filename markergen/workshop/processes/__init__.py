@@ -12,14 +12,17 @@ from functools import lru_cache
 
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
-from markergen.model.substrate_checks import check_holes
+from markergen.model.openings import check_holes
 from markergen.solid.plate import Footprint, plate_of
 from markergen.solid.primitives import Part, Primitive, Prism, cylinder
-from markergen.workshop.dot_geometry import SolidDot, dots_of, tag_ink
+from markergen.workshop.dot_geometry import SolidDot, dots_of, tag_pieces
 from markergen.workshop.engraving import EngravedText, engraving
 from markergen.workshop.iso286 import DiscFit
 from markergen.workshop.manufacturability import Tool, check_apart, check_bores, check_dots, check_tag
 from markergen.workshop.relief import PILLAR, designed_poses, pillars_of
+
+FACE_DOWN = "Print face down on a smooth bed: all of the face is then one plane."
+"""Advice of 3-D prints, which a rig printed as one body cannot follow."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,7 @@ def prepare(
     if around is None:
         check_tag(marker, tool, cutting.corner, cutting.tag_gap)
         # The border of a tag encloses all of it.
-        around = [Footprint("the tag", tuple(ink.corners()), cutting.tag_gap) for ink in tag_ink(marker.tag)[:1]]
+        around = [Footprint("the tag", tuple(ink.corners()), cutting.tag_gap) for ink in tag_pieces(marker.tag)[:1]]
     rim = max((reach(dot) - dot.radius for dot in dots if dot.raised), default=0.0) + tool.wall
     poses = designed_poses(marker) if any(dot.raised for dot in dots) else None
     flat = [footprint for footprint, dot in zip(prints, dots, strict=True) if not dot.raised]
@@ -224,7 +227,7 @@ def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tupl
     """
     gap, wall = cutting.tag_gap, cutting.tool.wall
     parts, pockets = [], []
-    for number, ink in enumerate(tag_ink(marker.tag), start=1):
+    for number, ink in enumerate(tag_pieces(marker.tag), start=1):
         inner, outer = ink.contours(cutting.corner, wall + 2 * gap), ink.contours(cutting.corner, wall, gap)
         parts.append(Part(f"tag-{number}", "dark", (Prism(*inner, -cutting.depth, 0.0),)))
         pockets.append(Prism(*outer, -cutting.depth, 0.0))

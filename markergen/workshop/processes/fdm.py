@@ -5,12 +5,10 @@ from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.manufacturability import depth_of, gap_of, tool_of
-from markergen.workshop.processes import Accuracy, Cutting, Made, inlaid, prepare
+from markergen.workshop.processes import FACE_DOWN, Accuracy, Cutting, Made, inlaid, prepare
 
 DEPTH = 0.6
 """Depth of the inlays in mm: three layers of 0.2 mm, enough to be opaque."""
-
-FACE_DOWN = "Print face down on a smooth bed: all of the face is then one plane."
 
 NOZZLE = 0.4
 """Nozzle diameter in mm of most printers, and their line width."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from markergen.errors import InputError
-from markergen.read.outlines.reader import read_outline
+from markergen.read.outlines.boundary import read_outline
 
 
 @pytest.fixture

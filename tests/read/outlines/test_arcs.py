@@ -8,7 +8,7 @@ from drawings import dxf, svg
 
 from markergen.geometry.contour import area, center_of, radius_of
 from markergen.model.boundary import polygon_from
-from markergen.read.outlines.reader import read_contours, read_outline
+from markergen.read.outlines.boundary import read_contours, read_outline
 
 QUARTER = math.tan(math.pi / 8)
 

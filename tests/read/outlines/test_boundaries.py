@@ -8,8 +8,7 @@ from drawings import AREA_ERROR, DATA, HOLED, area
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.read.outlines.boundary import parse_boundary
-from markergen.read.outlines.reader import read_outline
+from markergen.read.outlines.boundary import parse_boundary, read_outline
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markergen.geometry.outlines import TOLERANCE
+from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.curves import Arc, Bezier, Polyline, Spline, bulge
-from markergen.read.outlines.reader import read_outline
 
 COORDINATE = st.floats(-0.3, 0.3).map(lambda x: round(x, 6))
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)

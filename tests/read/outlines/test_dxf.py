@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawings import DATA, area, bounds, dxf, farthest
 
-from markergen.read.outlines.reader import read_contours, read_outline
+from markergen.read.outlines.boundary import read_contours, read_outline
 
 
 def circle_area(radius):

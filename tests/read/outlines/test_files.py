@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from drawings import AREA_ERROR, DATA, HOLED, PLATE, SQUARE, area, dxf, geojson, region, svg
 
+from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.formats import OUTLINE_FORMATS
-from markergen.read.outlines.reader import read_outline
 
 
 @pytest.mark.parametrize(

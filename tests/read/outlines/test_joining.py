@@ -10,7 +10,7 @@ from drawings import SQUARE, dxf, geojson, svg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.read.outlines.reader import Track, closed_contours, read_contours
+from markergen.read.outlines.boundary import Track, closed_contours, read_contours
 
 
 def track(name, points, closed):

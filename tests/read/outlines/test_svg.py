@@ -7,7 +7,7 @@ from drawings import SQUARE, bounds, geojson, svg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.read.outlines.reader import read_outline
+from markergen.read.outlines.boundary import read_outline
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from drawings import SQUARE, dxf, geojson, svg
 
+from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.formats import UNITS
-from markergen.read.outlines.reader import read_outline
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,13 @@ from markergen.objectives import Setting
 from markergen.presentation import plots
 from markergen.presentation.results import json_bytes
 from markergen.render import DEFAULT_OPTICS
+from markergen.validation import report
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
-from markergen.validation.report import html_report, measured, overview, pose_dome
-from markergen.validation.report.plots import draw_errors
+from markergen.validation.report import html_report, measured, pose_dome
+from markergen.validation.report.measured import sample_pose_errors
 from markergen.validation.report.subject import Subject
-from markergen.validation.validation import validate
+from markergen.validation.validation import run_validation
 from markergen.validation.views import Picture, SyntheticViews
 
 HOSTILE = '</pre><script>alert("x")</script><img src=x onerror=alert(1)> $\\frac{ \ud800'
@@ -44,14 +45,14 @@ def budget(pentagon, few):
 def results(pentagon, few, budget):
     """Real trials and bounds; views drawn from the covariances, as if the detector were perfect."""
     series = SyntheticViews(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
-    found = validate(pentagon, few, runs=3, series=series, workers=1)
+    found = run_validation(pentagon, few, runs=3, series=series, workers=1)
     found["views"] = synthetic_views(pentagon, few, budget)
     return json.loads(json_bytes(found))
 
 
 def synthetic_views(marker, setting, budget):
     poses, rng = setting.poses, np.random.default_rng(1)
-    errors = draw_errors(budget.image + budget.print)
+    errors = sample_pose_errors(budget.image + budget.print)
     every = np.linalg.cholesky(image_covariance(marker, setting.camera, poses, DEFAULT_OPTICS))
     samples = []
     for k in range(2 * len(poses)):
@@ -169,5 +170,5 @@ def quick(monkeypatch):
     def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
         return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
 
-    for module in (overview, measured, pose_dome):
+    for module in (report, measured, pose_dome):
         monkeypatch.setattr(module, "plot", drawn)

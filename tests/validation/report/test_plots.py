@@ -10,20 +10,18 @@ import pytest
 from markergen.model.body import Plate
 from markergen.model.poses import paper
 from markergen.validation.report import measured
+from markergen.validation.report.measured import carried_over, ranked, sample_pose_errors
 from markergen.validation.report.plots import (
     QUANTILE_95,
     budget_over_tilt,
-    carried_over,
     compared,
     distribution,
-    draw_errors,
     ellipse,
     errors_over,
-    ranked,
     share_inside,
     variance_shares,
 )
-from markergen.validation.report.pose_dome import camera_centers, pose_dome, pose_sphere
+from markergen.validation.report.pose_dome import camera_centers, dome_plots, pose_sphere
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
@@ -70,14 +68,14 @@ def test_distribution_is_the_share_below(ax):
 
 
 def test_drawn_errors_have_their_covariance(budget):
-    errors = draw_errors(budget.total[:2])
-    np.testing.assert_array_equal(errors, draw_errors(budget.total[:2]))
+    errors = sample_pose_errors(budget.total[:2])
+    np.testing.assert_array_equal(errors, sample_pose_errors(budget.total[:2]))
     for own, wanted in zip(errors, budget.total[:2], strict=True):
         scale = np.sqrt(np.diag(wanted))
         sampled = np.cov(own.T) / scale / scale[:, None]
         # 20000 draws: a correlation is off by 0.007, one sigma.
         np.testing.assert_allclose(sampled, wanted / scale / scale[:, None], atol=0.04)
-    assert draw_errors(np.full((3, 6, 6), np.inf)).shape == (0, 6)
+    assert sample_pose_errors(np.full((3, 6, 6), np.inf)).shape == (0, 6)
 
 
 def test_shares_of_the_bars_fill_them(results, ax):
@@ -136,7 +134,7 @@ def test_dome_of_very_many_poses_keeps_the_hardest(pentagon, monkeypatch):
     errors["rotation"][[7, 11]] = 3.0, np.inf
     errors["translation"][13] = 1.0
     alone = Plate("marker", pentagon, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
-    turned, *stills = pose_dome([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
+    turned, *stills = dome_plots([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
     data = json.loads(html.unescape(turned.markup.split("'")[1]))
     assert [set(each) for each in data["dots"]] == 5 * [{"x", "y", "z", "diameter", "normal"}]
     assert {"pose 0", "pose 7", "pose 13", "pose 390"} <= set(data["poses"]["words"])

@@ -12,7 +12,7 @@ from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import rms
 from markergen.validation.report import html_report
 from markergen.validation.report.pose_dome import camera_centers
-from markergen.validation.report.subject import number
+from markergen.validation.report.subject import value_text
 
 
 def test_is_one_whole_page_that_loads_nothing_and_says_in_words_what_it_shows(html):
@@ -60,7 +60,7 @@ def test_without_results_there_is_still_a_marker_and_what_to_run(content, pentag
     for option in ("--runs 1000", "--views 100", "--print-sigma"):
         assert option in text
     noise = rms(pose_bounds(pentagon.xyz, few.camera, few.poses, 1.0).rotation_deg)
-    assert f"{number(noise, 2)} deg" in text
+    assert f"{value_text(noise, 2)} deg" in text
     assert "image noise of 1 px alone" in text
 
 

@@ -10,7 +10,8 @@ from markergen.model.marker import ControlPoint
 from markergen.model.poses import PoseDistribution
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import rms
-from markergen.validation.report.subject import advice_sentences, advise, bound, pose_bins, short_axes
+from markergen.validation.report.subject import advise, bound, pose_bins, short_axes
+from markergen.validation.sentences import advice_sentences
 
 
 def test_cells_of_the_table_make_up_the_whole(pentagon, few):

@@ -11,8 +11,9 @@ from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, build_marker
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
-from markergen.workshop.drafting.content import ranges, workpiece
+from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.drawing import around
+from markergen.workshop.drafting.features import ranges
 from markergen.workshop.processes import parts_of
 
 

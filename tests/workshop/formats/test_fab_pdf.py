@@ -14,9 +14,9 @@ from workpieces import MARKERS, case, described, ngon
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions
+from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker_json import to_json
 from markergen.model.substrate import Hole, parse_dowel
 from markergen.verification import verify
 from markergen.workshop.formats.fab_pdf import write_fabrication_sheet
@@ -176,7 +176,7 @@ def test_the_bytes_are_the_same_every_time_and_without_a_cad_kernel():
         "import sys\n"
         "sys.modules['cadquery'] = sys.modules['OCP'] = None\n"
         "from markergen.exporters import EXPORTERS, ExportOptions\n"
-        "from markergen.model.marker_json import from_json\n"
+        "from markergen.model.body_json import from_json\n"
         "sys.stdout.buffer.write(EXPORTERS['.fab.pdf']([from_json(sys.stdin.read())], ExportOptions()).data)\n"
     )
     command, text = [sys.executable, "-c", script], to_json(MARKERS["small"])

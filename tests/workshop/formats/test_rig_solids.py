@@ -14,7 +14,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.verification.step import read_step
 from markergen.workshop.assembly import made_of
 from markergen.workshop.formats.simulators import DENSITY, roll_pitch_yaw
-from markergen.workshop.kernel import solids_of
+from markergen.workshop.formats.solids import solids_of
 from tests.support.rigs import corner, cube, wall
 
 CUBE = cube(0.08)

@@ -4,7 +4,7 @@ from tetrahedra import part
 
 from markergen.solid.primitives import Part, cylinder
 from markergen.workshop.formats.meshes import MeshedPart
-from markergen.workshop.formats.simulators import DENSITY, mass_of, number, numbers
+from markergen.workshop.formats.simulators import DENSITY, decimal, mass_of, numbers
 from markergen.workshop.mesh import meshes_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)
@@ -43,5 +43,5 @@ def test_a_disc_has_the_moments_of_a_cylinder():
 
 
 def test_numbers_have_no_minus_zero():
-    assert number(-1e-18) == "0"
+    assert decimal(-1e-18) == "0"
     assert numbers(np.array([0.1, -0.25, 1e-9])) == "0.1 -0.25 1e-09"

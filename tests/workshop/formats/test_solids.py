@@ -13,8 +13,7 @@ from markergen.model.marker import marker_name
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.primitives import COLORS
-from markergen.workshop.formats.solids import normalize, write_brep, write_step
-from markergen.workshop.kernel import NamedSolid, solids_of
+from markergen.workshop.formats.solids import NamedSolid, normalize, solids_of, write_brep, write_step
 from markergen.workshop.processes import parts_of
 
 MICROMETER = 1e-3
@@ -153,9 +152,9 @@ import sys
 from pathlib import Path
 from markergen.model.marker import marker_name
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker_json import from_json
+from markergen.model.body_json import from_json
 from markergen.workshop.formats.solids import write_brep, write_step
-from markergen.workshop.kernel import solids_of
+from markergen.workshop.formats.solids import solids_of
 from markergen.workshop.processes import parts_of
 marker = from_json(sys.stdin.buffer.read())
 # What addresses order things by is elsewhere.
@@ -167,7 +166,7 @@ Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_br
 
 
 def test_another_process_writes_the_same_bytes(written, tmp_path):
-    from markergen.model.marker_json import to_json
+    from markergen.model.body_json import to_json
 
     marker, solids, data = written
     process = "laser" if len(solids) == 1 else "fdm"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from markergen.maths.information import rotation_bound
+from markergen.validation import report
 from markergen.validation.metrics import rms
-from markergen.validation.report import overview
-from markergen.validation.report.subject import number
-from markergen.validation.tables import shares
+from markergen.validation.report.subject import value_text
+from markergen.validation.sentences import shares
 
 
 def test_answer_is_the_hardest_case(subject, budget, few):
@@ -18,8 +18,8 @@ def test_answer_is_the_hardest_case(subject, budget, few):
     steep, frontal = far & (few.poses.polar_angle_deg > 69), far & (few.poses.polar_angle_deg < 1)
     mm = rms(1e3 * np.sqrt(np.trace(budget.total[steep, 3:, 3:], axis1=1, axis2=2)))
     deg = rms(np.rad2deg(rotation_bound(budget.total))[frontal])
-    first = overview.answer(subject).sentences[0]
-    assert f"{number(mm, 2)} mm (at 1.5 m and 70 deg)" in first
+    first = report.answer(subject).sentences[0]
+    assert f"{value_text(mm, 2)} mm (at 1.5 m and 70 deg)" in first
     said = float(first.split("Plan with ")[1].split(" deg")[0])
     # Four poses with 500 draws, and what first order leaves out.
     assert said == pytest.approx(deg, rel=0.1)
@@ -30,36 +30,36 @@ def test_without_a_headline_the_answer_is_first_order(subject, budget, few):
     without = {key: part for key, part in subject.results.items() if key not in ("headline", "expected")}
     frontal = (few.poses.distance > 1.49) & (few.poses.polar_angle_deg < 1)
     deg = rms(np.rad2deg(rotation_bound(budget.total))[frontal])
-    said = overview.answer(replace(subject, results=without)).sentences
-    assert said[0].startswith(f"Plan with {number(deg, 2)} deg")
+    said = report.answer(replace(subject, results=without)).sentences
+    assert said[0].startswith(f"Plan with {value_text(deg, 2)} deg")
     assert not any("sampled" in line for line in said)
 
 
 def test_shares_in_words():
     parts = shares({"rotation_deg": {"image": 3.0, "print": 4.0, "camera": 0.0, "total": 5.0}}, "rotation_deg")
-    assert overview.in_words(parts) == "print 64 %, image noise 36 %, calibration 0 %"
+    assert report.in_words(parts) == "print 64 %, image noise 36 %, calibration 0 %"
 
 
 def test_command_makes_the_results_again(subject, results):
-    assert overview.command(subject) == (
+    assert report.command(subject) == (
         "markergen validate MARKER.json --camera CAMERA.yaml --poses paper --runs 3 --noise 0.2 --views 160 "
         "--print-sigma 0.1mm --seed 0 --report report.html"
     )
     designed = {**subject.marker.provenance, "camera": subject.setting.camera.as_dict()}
-    own = overview.command(replace(subject, marker=replace(subject.marker, provenance=designed)))
+    own = report.command(replace(subject, marker=replace(subject.marker, provenance=designed)))
     assert "--camera CAMERA.yaml" not in own
     assert "--camera-covariance COVARIANCE" in own
     views = {
         **results["views"], "hidden": 1, "refine": "photometric", "background": "clutter", "stress": {"x": {}},
         "optics": {**results["views"]["optics"], "blur_px": 1.5},
     }  # fmt: skip
-    said = overview.command(replace(subject, results={**results, "views": views}))
+    said = report.command(replace(subject, results={**results, "views": views}))
     for option in ("--hide 1", "--refine photometric", "--background clutter", "--stress", "--optics blur_px=1.5"):
         assert option in said
-    assert "--views 0" in overview.command(replace(subject, results={**results, "views": None}))
+    assert "--views 0" in report.command(replace(subject, results={**results, "views": None}))
 
 
 def test_long_provenance_is_cut_off(pentagon):
     long = replace(pentagon, provenance={"note": "x" * 10_000, "seed": "y" * 10_000})
-    assert len(overview.provenance(long)) < 5000
-    assert all(len(text) < 300 for _, text in overview.origin(long))
+    assert len(report.provenance(long)) < 5000
+    assert all(len(text) < 300 for _, text in report.origin(long))

@@ -12,7 +12,6 @@ from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
-from markergen.presentation.tables import number, percent
 from markergen.validation.expectation import Expectation, expect
 from markergen.validation.metrics import rms, share_interval
 from markergen.validation.views import SyntheticViews
@@ -25,15 +24,12 @@ MODEL = 0.03
 """Relative error of the expected errors, by which the intervals are widened; see `expectation`."""
 LOST = 0.01
 """Share of views without a pose that is not worth a word of disagreement."""
-LEAST_SAID = 1e-3
-"""Share of flips from which it is stated."""
 SERIES, LOOKUPS = 4000, 20_000_000
 """Number of series of views that are drawn for an interval, and the most views in all of them."""
 _KEYS = ("rotation_deg", "translation_mm")
-_UNITS = {"rotation_deg": "deg", "translation_mm": "mm"}
 
 
-def of(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
+def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
     """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
     ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
@@ -56,7 +52,7 @@ def of(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, se
     return plan
 
 
-def of_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
+def plan_for_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
     """Errors to expect of a rig, to first order: by the number of plates in view, and in the hardest case to plan with.
 
     Parameters
@@ -183,77 +179,6 @@ def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = F
     return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
 
 
-def verdict(results: Mapping[str, Any]) -> list[str]:
-    """State what to plan with, first, then how it was computed, and what the views of the same run show."""
-    return _rig_sentences(results) if "rig" in results else sentences(results["headline"])
-
-
-def sentences(claim: Mapping[str, Any]) -> list[str]:
-    """Sentences about a marker's `headline`, with that of `compare_views` under ``views``."""
-    rotated, moved = (claim["hardest"][key] for key in _KEYS)
-    over_all, deg, mm = claim["all"], amount(claim["rotation_deg"]), amount(claim["translation_mm"])
-    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
-    rate = f" ({percent(rotated['flip_rate'])} there)" if rotated["flip_rate"] > LEAST_SAID else ""
-    with_flips = f"RMS, including flips{rate}"
-    views = claim.get("views") or {}
-    # What is claimed is no plan where the views of the same run contradict it.
-    begin, end = (
-        ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
-    )
-    if _place(rotated) == _place(moved):
-        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(rotated)}.{frontal}{end}"
-    else:
-        places = f"{deg} deg (at {_place(rotated)}) and {mm} mm (at {_place(moved)})"
-        plan = f"{begin} {places} {with_flips}: the hardest cases.{frontal}{end}"
-    if rotated["failure_rate"]:
-        plan += f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
-    sentences = [
-        plan,
-        f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
-        f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
-        f"{claim['source']}.",
-    ]
-    if over_all["sampled"]:
-        says = f" (in the hardest it claims {amount(rotated['first_order_deg'])} deg)" if rotated["sampled"] else ""
-        sentences.append(
-            f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
-            f" {claim['draws']} estimates were sampled in each, and are what counts here."
-        )
-    return sentences + (_of_views(claim["views"]) if claim.get("views") else [])
-
-
-def _rig_sentences(results: Mapping[str, Any]) -> list[str]:
-    """State what to plan with of a rig, first, what several plates gain, and what the views found."""
-    plan, poses, views = results["headline"], results["poses"], results["views"]
-    hardest = max(plan["by_plates"], key=lambda name: plan["by_plates"][name]["rotation_deg"] or np.inf)
-
-    def errors(row: Mapping[str, Any]) -> str:
-        return f"{amount(row['rotation_deg'])} deg and {amount(row['translation_mm'])} mm"
-
-    sentences = [
-        f"Plan with {errors(plan)} RMS: the hardest case, with {hardest} plate{'s' * (hardest != '1')} in view.",
-        f"Over all {plan['all']['poses']} poses: {errors(plan['all'])}, with {plan['source']}; the best plate of each "
-        f"alone: {errors(plan['alone'])}.",
-    ]
-    if results["rig"]["relation_exact"]:
-        sentences.append("The relation of the plates is taken as exact: the rig has no relation_covariance.")
-    if poses["served"] < poses["count"]:
-        missed = poses["count"] - poses["served"]
-        sentences.append(f"{missed} of {poses['count']} poses show no plate well enough to find it.")
-    if views:
-        wrong = f", {views['wrong']} with wrong labels" if views["wrong"] else ", none with a wrong label"
-        sentences.append(f"Found in {views['detected']} of {views['count']} views{wrong}.")
-        flipped, seen = views["plates"]["flipped"], views["plates"]["found"]
-        if flipped:
-            sentences.append(f"Of {seen} plates that were found there, {flipped} by themselves have a flipped pose.")
-    return sentences
-
-
-def amount(value: float | None, digits: int = 2) -> str:
-    """Format an error with that many significant digits; a missing or infinite one as a word."""
-    return "unbounded" if value is None or not np.isfinite(value) else number(float(value), digits)
-
-
 def _cell(expected: Expectation, poses: PoseDistribution, chosen: Mask) -> dict[str, Any]:
     return {
         "poses": int(chosen.sum()),
@@ -305,36 +230,3 @@ def _interval(drawn: Array, at: NDArray[np.intp], rng: np.random.Generator) -> t
     tail = (1 - CONFIDENCE) / 8
     low, high = np.sqrt(np.quantile(means, [tail, 1 - tail]))
     return float(low * (1 - MODEL)), float(high * (1 + MODEL))
-
-
-def _of_views(views: Mapping[str, Any]) -> list[str]:
-    sentences, agreed = [], []
-    for name, where in (("hardest", "in the hardest case"), ("all", "over all poses")):
-        for key, unit in _UNITS.items():
-            comparison = views[name][key]
-            if not comparison["count"]:
-                continue
-            line, between = (
-                f"{amount(comparison['rms'])} {unit}",
-                f"{amount(comparison['low'])} to {amount(comparison['high'])}",
-            )
-            if not comparison["agrees"]:
-                sentences.append(
-                    f"The views of this run gave {line} {where} where {amount(comparison['expected'])} was expected: "
-                    f"{_views(comparison['count'])} would give {between}. Rely on the views."
-                )
-            elif key == "rotation_deg":
-                agreed.append(f"{line} {where} in {_views(comparison['count'])}, where {between} was to be expected")
-    if agreed and not sentences:
-        sentences.append(f"The views of this run agree: {'; '.join(agreed)}.")
-    if views["lost"]:
-        sentences.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
-    return sentences
-
-
-def _views(count: int) -> str:
-    return "1 view" if count == 1 else f"{count} views"
-
-
-def _place(cell: Mapping[str, Any]) -> str:
-    return f"{cell['distance'].replace('..', ' to ')} m and {cell['tilt'].replace('..', ' to ')} deg"

@@ -4,7 +4,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
-from markergen.read.measured import read_measured
+from markergen.read.dot_tables import read_measured
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
-from markergen.validation.fail_if import check
+from markergen.validation.result import check_condition
 
 RESULTS = {
     "runs": 100,
@@ -34,7 +34,7 @@ RESULTS = {
     ],
 )
 def test_comparison(expression, passed, message):
-    assert check(expression, RESULTS) == (passed, message)
+    assert check_condition(expression, RESULTS) == (passed, message)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_comparison(expression, passed, message):
 )  # fmt: skip
 def test_malformed(expression):
     with pytest.raises(InputError, match="expected a path, one of > >= < <=, and a number, found"):
-        check(expression, RESULTS)
+        check_condition(expression, RESULTS)
 
 
 @pytest.mark.parametrize(
@@ -65,21 +65,21 @@ def test_malformed(expression):
 )
 def test_path_to_no_number_says_what_there_is(path, message):
     with pytest.raises(InputError) as error:
-        check(f"{path} > 1", RESULTS)
+        check_condition(f"{path} > 1", RESULTS)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_a_key_with_dots_does_not_hide_a_group_of_the_same_beginning():
     results = {"a.b": {"c": 1}, "a": {"b": {"d": 2}}}
-    assert check("a.b.c > 0", results)[0] is False
-    assert check("a.b.d > 1", results)[0] is False
+    assert check_condition("a.b.c > 0", results)[0] is False
+    assert check_condition("a.b.d > 1", results)[0] is False
 
 
 @given(st.text())
 def test_any_text_gives_an_answer_or_one_line(expression):
     try:
-        passed, message = check(expression, RESULTS)
+        passed, message = check_condition(expression, RESULTS)
     except InputError as error:
         message, passed = str(error), None
     assert isinstance(message, str)
@@ -106,12 +106,12 @@ def test_every_number_can_be_reached(results, limit):
     for path, value in leaves(results):
         found.setdefault(path, []).append(value)
     for path, values in found.items():
-        passed, message = check(f"{path} > {limit!r}", results)
+        passed, message = check_condition(f"{path} > {limit!r}", results)
         assert passed in {not value > limit for value in values}
         assert message.startswith(f"{path} = ")
 
 
 def test_a_value_that_does_not_exist_fails_the_check():
-    passed, said = check("estimators.lm.efficiency < 0.9", RESULTS)
+    passed, said = check_condition("estimators.lm.efficiency < 0.9", RESULTS)
     assert not passed
     assert "no value" in said

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
+from markergen.model.body_json import from_json, load_marker_or_rig, load_rig, read_marker, to_json
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker_file import json_schema
-from markergen.model.marker_json import from_json, read_marker, to_json
-from markergen.model.rig_json import load_marker_or_rig, load_rig
 from markergen.model.substrate import Hole, Substrate, parse_dowel
 from markergen.model.tag import Tag
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from markergen.validation import tables
+from markergen.validation import sentences
 
 
 def said(rotation, translation=None, **results):
     budget = {"rotation_deg": rotation, "translation_pct": translation or rotation}
-    return tables.limit_sentences({"budget": budget, **results})
+    return sentences.limit_sentences({"budget": budget, **results})
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ def said(rotation, translation=None, **results):
 def test_what_limits_the_pose_is_the_largest_source(source, word):
     first, *rest = said({"image": 0.1, "print": 0.1, "camera": 0.1} | {source: 1.0})
     assert first.startswith("Of image noise, the print and the calibration, ")
-    assert f", {word} limits the rotation and the translation: {tables.REMEDIES[source]}." in first
+    assert f", {word} limits the rotation and the translation: {sentences.REMEDIES[source]}." in first
     assert first.endswith("Improving anything else of these would gain next to nothing.")
     assert not rest
 
@@ -41,6 +41,8 @@ def test_a_calibration_that_was_not_counted_is_named_with_its_cost():
 
 
 def test_shares_of_the_variance_add_up():
-    parts = tables.shares({"rotation_deg": {"image": 3.0, "print": 4.0, "camera": 0.0, "total": 5.0}}, "rotation_deg")
+    parts = sentences.shares(
+        {"rotation_deg": {"image": 3.0, "print": 4.0, "camera": 0.0, "total": 5.0}}, "rotation_deg"
+    )
     assert parts == pytest.approx({"image": 0.36, "print": 0.64, "camera": 0.0})
-    assert tables.shares({"rotation_deg": dict.fromkeys(parts, 0.0)}, "rotation_deg") == {}
+    assert sentences.shares({"rotation_deg": dict.fromkeys(parts, 0.0)}, "rotation_deg") == {}

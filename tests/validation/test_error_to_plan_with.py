@@ -10,9 +10,11 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
 from markergen.presentation.results import plain
-from markergen.validation import fail_if, headline
+from markergen.validation import error_to_plan_with
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
+from markergen.validation.result import check_condition
+from markergen.validation.sentences import marker_plan
 from markergen.validation.views import SyntheticViews
 
 POSES = paper()
@@ -25,7 +27,7 @@ def expected(make_ngon):
 
 @pytest.fixture(scope="module")
 def found(expected):
-    return headline.headline(expected, POSES, "image noise")
+    return error_to_plan_with.headline(expected, POSES, "image noise")
 
 
 def views_of(expected, factor=1.0, lost=0, seed=0):
@@ -41,7 +43,7 @@ def views_of(expected, factor=1.0, lost=0, seed=0):
 
 
 def test_plan_is_the_largest_of_all_cells(expected, found):
-    cells = headline.cells_of(POSES)
+    cells = error_to_plan_with.cells_of(POSES)
     assert len(cells) == 20
     for key in ("rotation_deg", "translation_mm"):
         values = getattr(expected, key)
@@ -50,14 +52,14 @@ def test_plan_is_the_largest_of_all_cells(expected, found):
     hardest = found["hardest"]["rotation_deg"]
     assert (hardest["distance"], hardest["tilt"], hardest["poses"]) == ("1.5", "0", 20)
     assert found["all"]["rotation_deg"] == pytest.approx(rms(expected.rotation_deg))
-    first = headline.sentences(found)[0]
+    first = marker_plan(found)[0]
     assert first.startswith(f"Plan with {found['rotation_deg']:.2g} deg")
     assert "at 1.5 m and 0 deg" in first
     assert first.endswith("Seen frontally, a small tilt hardly changes the image.")
 
 
 def test_what_was_sampled_is_said(expected, found):
-    said = " ".join(headline.sentences(found))
+    said = " ".join(marker_plan(found))
     assert f"does not hold in {expected.sampled.sum()} of the 400 poses" in said
     assert f"{found['draws']} estimates were sampled" in said
     assert f"claims {found['hardest']['rotation_deg']['first_order_deg']:.2g} deg" in said
@@ -65,7 +67,7 @@ def test_what_was_sampled_is_said(expected, found):
 
 def test_views_as_expected_agree_as_often_as_promised(expected, found):
     disagreed = [
-        headline.compare_views(expected, POSES, views_of(expected, seed=k), found, 0)["disagreements"] > 0
+        error_to_plan_with.compare_views(expected, POSES, views_of(expected, seed=k), found, 0)["disagreements"] > 0
         for k in range(12)
     ]
     # One percent, less the 3 % by which the intervals are widened: three of 12 have a probability of 2e-4.
@@ -74,49 +76,49 @@ def test_views_as_expected_agree_as_often_as_promised(expected, found):
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
 def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
-    views = headline.compare_views(expected, POSES, views_of(expected, factor), found, 0)
+    views = error_to_plan_with.compare_views(expected, POSES, views_of(expected, factor), found, 0)
     assert views["disagreements"] >= 2
     each = views["all"]["rotation_deg"]
     assert each["count"] == 400
     assert not each["low"] <= each["rms"] <= each["high"]
-    said = headline.sentences({**found, "views": views})
+    said = marker_plan({**found, "views": views})
     line = f"The views of this run gave {each['rms']:.2g} deg over all poses where {each['expected']:.2g} was expected"
     assert any(sentence.startswith(line) for sentence in said)
     assert said[0].startswith("Expect ")
     assert said[0].endswith("say otherwise.")
     assert not any("agree:" in sentence for sentence in said)
     results = json.loads(json.dumps(plain({"headline": {**found, "views": views}})))
-    assert not fail_if.check("headline.views.disagreements > 0", results)[0]
-    assert not fail_if.check("headline.rotation_deg > 0.01", results)[0]
+    assert not check_condition("headline.views.disagreements > 0", results)[0]
+    assert not check_condition("headline.rotation_deg > 0.01", results)[0]
     with pytest.raises(InputError, match="known there"):
-        fail_if.check("headline.views.none > 0", results)
+        check_condition("headline.views.none > 0", results)
 
 
 def test_views_that_agree_are_told_as_well(expected, found):
-    views = headline.compare_views(expected, POSES, views_of(expected), found, 0)
+    views = error_to_plan_with.compare_views(expected, POSES, views_of(expected), found, 0)
     assert views["disagreements"] == 0
-    assert any("The views of this run agree: " in line for line in headline.sentences({**found, "views": views}))
+    assert any("The views of this run agree: " in line for line in marker_plan({**found, "views": views}))
 
 
 def test_views_without_a_pose_are_counted(expected, found):
-    few = headline.compare_views(expected, POSES, views_of(expected, lost=2), found, 0)
+    few = error_to_plan_with.compare_views(expected, POSES, views_of(expected, lost=2), found, 0)
     assert (few["lost"], few["disagreements"]) == (2, 0)
-    many = headline.compare_views(expected, POSES, views_of(expected, lost=40), found, 0)
+    many = error_to_plan_with.compare_views(expected, POSES, views_of(expected, lost=40), found, 0)
     assert many["lost_interval"][0] > 0.01
     assert many["disagreements"] >= 1
-    assert any("In 40 views of this run" in line for line in headline.sentences({**found, "views": many}))
+    assert any("In 40 views of this run" in line for line in marker_plan({**found, "views": many}))
 
 
 def test_no_view_in_the_hardest_cell(expected, found):
     seen = views_of(expected)
-    cell = headline.cells_of(POSES)["1.5", "0"]
+    cell = error_to_plan_with.cells_of(POSES)["1.5", "0"]
     seen["samples"] = [each for each in seen["samples"] if not cell[each["pose"]]]
     seen["count"] = len(seen["samples"])
-    views = headline.compare_views(expected, POSES, seen, found, 0)
+    views = error_to_plan_with.compare_views(expected, POSES, seen, found, 0)
     assert views["hardest"]["rotation_deg"] == {
         "count": 0, "rms": None, "expected": None, "low": None, "high": None, "agrees": None
     }  # fmt: skip
-    assert headline.sentences({**found, "views": views})
+    assert marker_plan({**found, "views": views})
 
 
 def test_an_interval_of_gaussian_errors_is_that_of_chi_square():
@@ -124,8 +126,8 @@ def test_an_interval_of_gaussian_errors_is_that_of_chi_square():
     from scipy.stats import chi2
 
     drawn = np.abs(np.random.default_rng(0).standard_normal((1, 100_000)))
-    low, high = headline._interval(drawn, np.zeros(50, dtype=int), np.random.default_rng(1))
-    tail = (1 - headline.CONFIDENCE) / 8
+    low, high = error_to_plan_with._interval(drawn, np.zeros(50, dtype=int), np.random.default_rng(1))
+    tail = (1 - error_to_plan_with.CONFIDENCE) / 8
     exact = np.sqrt(chi2.ppf([tail, 1 - tail], 50) / 50)
     # The quantiles of 4000 series, of which five are beyond.
     assert [low / 0.97, high / 1.03] == pytest.approx(exact, rel=0.04)

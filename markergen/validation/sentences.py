@@ -1,0 +1,340 @@
+"""What the results of a validation say, in sentences, for terminal and report alike."""
+# tests: tests/validation/test_sentences.py tests/validation/test_error_to_plan_with.py
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
+from markergen.presentation.tables import number, percent
+from markergen.units import format_length
+from markergen.validation.error_to_plan_with import middle
+from markergen.validation.metrics import mean_nees_interval
+
+if TYPE_CHECKING:
+    from markergen.model.marker import Marker
+    from markergen.model.poses import PoseDistribution
+    from markergen.validation.report.subject import Advice
+
+_POSE_UNITS = {"rotation_deg": "deg", "translation_mm": "mm"}
+LEAST_SAID = 1e-3
+"""Share of flips from which it is stated."""
+SOURCES = ("image", "print", "camera", "total")
+"""Sources of an error budget, and their total."""
+NAMES = {"image": "image noise", "print": "the print", "camera": "the calibration"}
+"""Sources of an error budget, in sentences."""
+REMEDIES = {
+    "image": (
+        "let the dots cover more pixels (a larger marker, a shorter distance, a longer focal length, more pixels), or "
+        "get more light and a sharper focus"
+    ),
+    "print": (
+        "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
+        "really are"
+    ),
+    "measured": (
+        "measure it again, for rotations with more photographs from other directions, for distances with more lengths "
+        "(markergen calibrate --measured), or make the marker larger"
+    ),
+    "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
+}
+"""How to reduce the error of each source."""
+DOMINANT = 0.9
+"""Share of the variance above which improving any other source gains less than 5 % of the error."""
+_UNITS = ("px", "grey", "deg")
+
+
+def plan_sentences(results: Mapping[str, Any]) -> list[str]:
+    """State what to plan with, first, then how it was computed, and what the views of the same run show."""
+    return _rig_plan(results) if "rig" in results else marker_plan(results["headline"])
+
+
+def detail_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Return what the command prints between the tables and `plan_sentences`."""
+    if "rig" in results:
+        return limit_sentences(results)
+    return [*trial_sentences(results), *view_sentences(results)]
+
+
+def marker_plan(claim: Mapping[str, Any]) -> list[str]:
+    """Sentences about a marker's `headline`, with that of `compare_views` under ``views``."""
+    rotated, moved = (claim["hardest"][key] for key in _POSE_UNITS)
+    over_all, deg, mm = claim["all"], amount(claim["rotation_deg"]), amount(claim["translation_mm"])
+    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
+    rate = f" ({percent(rotated['flip_rate'])} there)" if rotated["flip_rate"] > LEAST_SAID else ""
+    with_flips = f"RMS, including flips{rate}"
+    views = claim.get("views") or {}
+    # What is claimed is no plan where the views of the same run contradict it.
+    begin, end = (
+        ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
+    )
+    if _place(rotated) == _place(moved):
+        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(rotated)}.{frontal}{end}"
+    else:
+        places = f"{deg} deg (at {_place(rotated)}) and {mm} mm (at {_place(moved)})"
+        plan = f"{begin} {places} {with_flips}: the hardest cases.{frontal}{end}"
+    if rotated["failure_rate"]:
+        plan += f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
+    sentences = [
+        plan,
+        f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
+        f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
+        f"{claim['source']}.",
+    ]
+    if over_all["sampled"]:
+        says = f" (in the hardest it claims {amount(rotated['first_order_deg'])} deg)" if rotated["sampled"] else ""
+        sentences.append(
+            f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
+            f" {claim['draws']} estimates were sampled in each, and are what counts here."
+        )
+    return sentences + (_agreement(claim["views"]) if claim.get("views") else [])
+
+
+def _rig_plan(results: Mapping[str, Any]) -> list[str]:
+    """State what to plan with of a rig, first, what several plates gain, and what the views found."""
+    plan, poses, views = results["headline"], results["poses"], results["views"]
+    hardest = max(plan["by_plates"], key=lambda name: plan["by_plates"][name]["rotation_deg"] or np.inf)
+
+    def errors(row: Mapping[str, Any]) -> str:
+        return f"{amount(row['rotation_deg'])} deg and {amount(row['translation_mm'])} mm"
+
+    sentences = [
+        f"Plan with {errors(plan)} RMS: the hardest case, with {hardest} plate{'s' * (hardest != '1')} in view.",
+        f"Over all {plan['all']['poses']} poses: {errors(plan['all'])}, with {plan['source']}; the best plate of each "
+        f"alone: {errors(plan['alone'])}.",
+    ]
+    if results["rig"]["relation_exact"]:
+        sentences.append("The relation of the plates is taken as exact: the rig has no relation_covariance.")
+    if poses["served"] < poses["count"]:
+        missed = poses["count"] - poses["served"]
+        sentences.append(f"{missed} of {poses['count']} poses show no plate well enough to find it.")
+    if views:
+        wrong = f", {views['wrong']} with wrong labels" if views["wrong"] else ", none with a wrong label"
+        sentences.append(f"Found in {views['detected']} of {views['count']} views{wrong}.")
+        flipped, seen = views["plates"]["flipped"], views["plates"]["found"]
+        if flipped:
+            sentences.append(f"Of {seen} plates that were found there, {flipped} by themselves have a flipped pose.")
+    return sentences
+
+
+def _agreement(views: Mapping[str, Any]) -> list[str]:
+    sentences, agreed = [], []
+    for name, where in (("hardest", "in the hardest case"), ("all", "over all poses")):
+        for key, unit in _POSE_UNITS.items():
+            comparison = views[name][key]
+            if not comparison["count"]:
+                continue
+            line, between = (
+                f"{amount(comparison['rms'])} {unit}",
+                f"{amount(comparison['low'])} to {amount(comparison['high'])}",
+            )
+            if not comparison["agrees"]:
+                sentences.append(
+                    f"The views of this run gave {line} {where} where {amount(comparison['expected'])} was expected: "
+                    f"{_views(comparison['count'])} would give {between}. Rely on the views."
+                )
+            elif key == "rotation_deg":
+                agreed.append(f"{line} {where} in {_views(comparison['count'])}, where {between} was to be expected")
+    if agreed and not sentences:
+        sentences.append(f"The views of this run agree: {'; '.join(agreed)}.")
+    if views["lost"]:
+        sentences.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
+    return sentences
+
+
+def trial_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Comment on skipped estimators, label margins, and the calibration of the covariance."""
+    sentences = []
+    if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
+        measured = (results.get("budget") or {}).get("print_measured")
+        why = "the heights of the dots were measured" if measured else "the dots are not in one"
+        sentences.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
+    sentences += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
+    tilted = {
+        angle: row
+        for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
+        if row["mean"] is not None and float(angle.split("..")[0]) >= 17.5
+    }
+    if tilted:
+        count = sum(row["count"] for row in tilted.values())
+        mean = sum(row["mean"] * row["count"] for row in tilted.values()) / count
+        low, high = mean_nees_interval(count)
+        sentences.append(
+            f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
+            f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
+        )
+    return sentences
+
+
+def view_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Name dots that are too small, summarize the views, the failures, and what to improve first."""
+    sentences = []
+    views, dots = results["views"], results.get("dots")
+    if dots and dots["too_small"]:
+        sentences.append(
+            f"In {percent(dots['too_small'])} of the poses dots are hardly found: one is {number(dots['least_px'], 2)} "
+            f"px across, of {dots['needed_px']:g} px that it takes; use larger dots, a longer lens, or nearer poses."
+        )
+    if views:
+        sentences.append(detection_sentence(views))
+        sentences += [
+            f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
+            for view in views["failures"][:5]
+        ]
+    sentences += limit_sentences(results)
+    return sentences
+
+
+def detection_sentence(views: Mapping[str, Any]) -> str:
+    """State how many views were detected, and how far off the dots' centers are."""
+    count, detected, wrong = (views.get(key) or 0 for key in ("count", "detected", "wrong"))
+    line = f"{detected} of {count} rendered views detected, {wrong or 'none'} with wrong labels"
+    centers, uncorrected = ((views.get(key) or {}).get("rms") for key in ("point_px", "uncorrected_px"))
+    if centers is not None:
+        line += f"; the dots' centers are off by {number(centers)} px RMS"
+    if uncorrected is not None:
+        line += f" ({number(uncorrected)} px without the correction for perspective)"
+    return f"{line}."
+
+
+def image_sentences(views: Mapping[str, Any]) -> list[str]:
+    """Compare what was measured in the views' images with what their noise allows; state their optics."""
+    sentences = [detection_sentence(views)]
+    centers, least = (views.get("point_px") or {}).get("rms"), views.get("image_bound_px")
+    if centers is not None and least:
+        sentences.append(f"That is {number(centers / least)} times the least that the noise of the image allows.")
+    nees = views.get("nees") or {}
+    if nees.get("coverage") is not None and nees.get("coverage_interval"):
+        low, high = (100 * end for end in nees["coverage_interval"])
+        sentences.append(
+            f"The truth lies inside the detector's own 95 % region in {100 * nees['coverage']:.3g} % of "
+            f"{nees['count']} views; the 99 % interval of that share is {low:.3g} to {high:.3g} %."
+        )
+    optics = [_with_unit(key, value) for key, value in (views.get("optics") or {}).items() if value]
+    if optics:
+        sentences.append(f"Optics: {', '.join(optics)}.")
+    return sentences
+
+
+def limit_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Say what limits the pose of all that was counted, what was not counted, and what that would cost."""
+    budget = results["budget"]
+    shares_of = {
+        what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
+    }
+    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in shares_of.items() if parts}
+    exact = budget.get("camera_exact", not any(parts.get("camera") for parts in shares_of.values()))
+    counted = [name for name in SOURCES[:3] if not (exact and name == "camera")]
+    sentences = []
+    for name in dict.fromkeys(first.values()):
+        limited = [what for what, largest in first.items() if largest == name]
+        remedy = REMEDIES["measured" if name == "print" and budget.get("print_measured") else name]
+        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
+        if all(shares_of[what][name] > DOMINANT for what in limited):
+            line += " Improving anything else of these would gain next to nothing."
+        sentences.append(line)
+    if first and exact:
+        sentences.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
+    # Its first line is what the verdict says of all poses.
+    if more := "; ".join((budget.get("outlook") or "").splitlines()[1:]):
+        sentences.append(f"{more[0].upper()}{more[1:]}.")
+    return sentences
+
+
+def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
+    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty if all are 0."""
+    parts = budget.get(key) or {}
+    squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
+    total = sum(squares.values())
+    return {name: part / total for name, part in squares.items()} if total else {}
+
+
+def advice_sentences(advice: "Advice", marker: "Marker", poses: "PoseDistribution") -> list[str]:
+    """Advice as sentences."""
+    least = max(point.feature.least_pixels for point in marker.control_points)
+    now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
+    where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
+    sentence = (
+        f"{where} the dot that looks smallest, of {now}, is {number(worst.thinnest_px, 2)} px across its short axis "
+        f"({number(worst.center_px, 2)} px at the marker's center)"
+    )
+    if worst.thinnest_px >= PIXELS:
+        enough = f"{format_length(worst.diameter)} would do for the {PIXELS:g} px that detection wants"
+        return [f"{sentence}, the least of all poses: large enough, {enough}."]
+    if not np.isfinite(worst.diameter):
+        return [f"{where} the image of a dot is no ellipse: no size helps, leave such poses out."]
+    sentences = [f"{sentence}: use {format_length(worst.diameter)} for the {PIXELS:g} px that detection wants."]
+    share = f"{PERCENTILE:g} % of the poses"
+    if most.thinnest_px >= PIXELS:
+        sentences.append(f"For {share} {now} is enough: {number(most.thinnest_px, 3)} px or more.")
+    else:
+        sentences.append(
+            f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
+            f"Smaller dots are found as well, down to {least:g} px, but with less margin."
+        )
+    room = format_length(np.floor(advice.largest * 1e4) / 1e4)
+    if worst.diameter > advice.largest:
+        factor = worst.diameter / marker.dot_diameter
+        sentences.append(
+            f"With a clearance of {100 * CLEARANCE:g} % of their diameter, {len(marker)} dots of up to {room} fit in "
+            f"this boundary. For larger ones scale the whole marker to {100 * factor:.0f} %, come nearer, or use a "
+            "longer focal length."
+        )
+    else:
+        sentences.append(
+            f"Up to {room} there is room for {len(marker)} dots in this boundary: design it again with "
+            f"--dot {worst.diameter * 1e3:.6g}mm. Larger dots are measured better, but sit closer together."
+        )
+    return sentences
+
+
+def amount(value: float | None, digits: int = 2) -> str:
+    """Format an error with that many significant digits; a missing or infinite one as a word."""
+    return "unbounded" if value is None or not np.isfinite(value) else number(float(value), digits)
+
+
+def at(distance: float, tilt_deg: float) -> str:
+    """Describe a viewpoint: ``At 1.5 m and 70 deg``."""
+    return f"At {distance:.3g} m and {tilt_deg:.3g} deg"
+
+
+def _views(count: int) -> str:
+    return "1 view" if count == 1 else f"{count} views"
+
+
+def _place(cell: Mapping[str, Any]) -> str:
+    return f"{cell['distance'].replace('..', ' to ')} m and {cell['tilt'].replace('..', ' to ')} deg"
+
+
+def _cost(results: Mapping[str, Any]) -> str:
+    """What an inexact calibration would cost, where the results say it."""
+    headline: Mapping[str, Any] = results.get("headline") or {}
+    off = headline.get("calibration") or {}
+    if off.get("rotation_deg") is None:
+        return ""
+    then, now = (
+        f"{number(errors['rotation_deg'], 2)} deg and {number(errors['translation_pct'], 2)} %"
+        for errors in (off, headline["all"])
+    )
+    return (
+        f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
+        f"the errors over all poses would be {then} instead of {now}"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    sources = [NAMES[name] for name in names]
+    return " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
+
+
+def _sentence(line: str) -> str:
+    return f"{line[0].upper()}{line[1:]}."
+
+
+def _with_unit(key: str, value: Any) -> str:
+    """Format blur_px = 0.7 as ``blur 0.7 px``."""
+    *parts, last = key.split("_")
+    unit = f" {last}" if parts and last in _UNITS else ""
+    name = " ".join(parts if unit else [*parts, last])
+    return f"{name} {value:g}{unit}" if isinstance(value, int | float) else f"{name} {value}{unit}"

@@ -1,0 +1,448 @@
+"""Datums, tolerances and callouts of the fabrication drawing: what is measured from where, and how true it has to be.
+
+Datum A is the plate's face, from which depths and heights are measured. B and C fix the origin and the x axis in it, by
+the first that a marker has of: two dowel holes, a lower and a left edge, a round rim and a hole, two holes. Coordinates
+in the marker frame are theoretically exact; positions have round zones about them (ISO 1101, ISO 5459).
+"""
+# tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations, groupby
+from math import atan2, degrees, dist, hypot
+
+from markergen.drawing.scene import Box, union
+from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.marker import Marker
+from markergen.solid.plate import plate_of
+from markergen.solid.primitives import OFF, SAME, Prism, mm, span_of
+from markergen.workshop.dot_geometry import SolidDot, dots_of
+from markergen.workshop.drafting.drawing import (
+    Callout,
+    Control,
+    Datum,
+    DrawingTable,
+    millimeters,
+)
+from markergen.workshop.drafting.features import (
+    DIAMETER,
+    MOST_KINDS,
+    PLUS_MINUS,
+    PlateHole,
+    alike,
+    centered,
+    holes_of,
+    is_plain,
+    listed_outlines,
+    ranges,
+    recesses_of,
+    use_words,
+)
+from markergen.workshop.iso286 import SizeLimits
+from markergen.workshop.processes import Made
+
+RECESS = 0.2
+"""Excess in mm of a recess's size, and diameter of its position's zone."""
+MOST_PLACES = 2
+"""Maximum number of holes of a kind whose places are told in their callout; the table has them all."""
+
+STRAIGHT = 0.25
+"""Minimum length of a datum edge, as a share of the plate's size along it."""
+
+APART = 0.25
+"""Minimum distance of a hole from a rim's center, as a share of its radius, to fix the direction of the x axis."""
+
+
+LOCATING = 0.04
+"""Maximum diameter in mm of the zones of dowel holes."""
+
+PROFILE = 0.2
+"""Width in mm of the zone of outlines that dimensions alone do not describe."""
+
+
+def datums_of(marker: Marker, made: Made) -> tuple[Datum, ...]:
+    """Datum A, and B and C as far as the plate has features for them; A alone for several plates."""
+    face = Datum("A", "face", "face with the dots", f"z = {millimeters(made.face)}")
+    plate = plate_of(marker)
+    if len(plate.outlines) > 1:
+        return (face,)
+    outer, holes = plate.outlines[0][0], holes_of(marker)
+    dowels = [hole for hole in holes if hole.use == "dowel"]
+    if len(dowels) > 1:
+        return (face, *map(_bored, "BC", _farthest(dowels)))
+    if edges := _edges(outer):
+        return (face, *edges)
+    if rim := outer.as_circle:
+        x, y, radius = rim
+        aside = sorted(holes, key=lambda hole: (hole.use == "drawn", hole.use == "mount"))
+        aside = [hole for hole in aside if dist(hole.place, (x, y)) > APART * radius]
+        axis = Datum("B", "rim", f"rim {DIAMETER}{millimeters(2 * radius)}", _axis(x, y), (x, y))
+        return (face, axis, *(_bored("C", hole) for hole in aside[:1]))
+    return (face, *map(_bored, "BC", _farthest(holes))) if len(holes) > 1 else (face,)
+
+
+def _farthest(holes: Sequence[PlateHole]) -> tuple[PlateHole, PlateHole]:
+    return max(combinations(holes, 2), key=lambda pair: round(dist(pair[0].place, pair[1].place), 6))
+
+
+def _bored(letter: str, hole: PlateHole) -> Datum:
+    return Datum(letter, "hole", f"hole {hole.label}", _axis(*hole.place), hole.place)
+
+
+def _axis(x: float, y: float) -> str:
+    return f"x = {millimeters(x)}, y = {millimeters(y)}"
+
+
+def _edges(outer: Contour) -> tuple[Datum, ...]:
+    """A straight edge along x, the lower one if it is long enough, and one along y, the left one."""
+    left, bottom, right, top = box(outer)
+    datums = []
+    for letter, along, size, name in (("B", 0, right - left, "y"), ("C", 1, top - bottom, "x")):
+        best: tuple[float, Datum] | None = None
+        for a, b, bulge in outer.sides:
+            step = b[along] - a[along]
+            if bulge or abs(b[1 - along] - a[1 - along]) > SAME or abs(step) < STRAIGHT * size:
+                continue
+            # A counterclockwise outline has its outside on the right.
+            outward = -1.0 if (step > 0) == (along == 0) else 1.0
+            out = (0.0, outward) if along == 0 else (outward, 0.0)
+            low, high = sorted((a, b), key=lambda point: point[along])
+            # Clear of the dimensions, which end at the lower left and at the origin.
+            at = (low[0] + 3 * high[0]) / 4, (low[1] + 3 * high[1]) / 4
+            which = (("lower", "upper"), ("left", "right"))[along][outward > 0]
+            place = f"{name} = {millimeters(a[1 - along])}"
+            rank = round(abs(step), 6) * (1.0 if outward > 0 else 1.5)
+            if best is None or rank > best[0]:
+                best = rank, Datum(letter, "edge", f"{which} edge", place, at, out)
+        if best:
+            datums.append(best[1])
+    return tuple(datums) if len(datums) == 2 else ()
+
+
+def letters(datums: Sequence[Datum]) -> tuple[str, ...]:
+    """Letters of datums, in their order."""
+    return tuple(datum.letter for datum in datums)
+
+
+def located(zone: float, datums: Sequence[Datum], of: str = "") -> Control:
+    """Position within a zone of a diameter in mm.
+
+    Where the datums leave a freedom, the features form one pattern: CZ, combined zone (ISO 5458).
+    """
+    combined = "" if len(datums) == 3 else " CZ"
+    return Control("position", f"{DIAMETER}{millimeters(zone)}{combined}", letters(datums), of)
+
+
+def flat(made: Made) -> Control:
+    """Flatness of the plate's face."""
+    return Control("flatness", millimeters(made.accuracy.flatness))
+
+
+def dot_controls(made: Made, datums: Sequence[Datum]) -> tuple[Control, ...]:
+    """Positions of what is made for the dots and, where discs have play in it, of the finished dots."""
+    accuracy = made.accuracy
+    if not accuracy.position:
+        return ()
+    if not accuracy.play:
+        return (located(accuracy.position, datums),)
+    return (located(accuracy.position, datums, "pockets"), located(zone_of_dots(made), datums, "dots"))
+
+
+def zone_of_dots(made: Made) -> float:
+    """Diameter of the zone of finished dots' centers, mm: the pocket's, and the play to both sides; whole microns."""
+    return round(2 * made.accuracy.center + 1e-9, 3)
+
+
+def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[Control, str]:
+    """Tolerance of a hole with the letter of the datum that it is, if any."""
+    zone = min(made.accuracy.position or LOCATING, LOCATING) if hole.use == "dowel" else hole.zone
+    hole_datum = next((datum for datum in datums if datum.kind == "hole" and datum.at == hole.place), None)
+    if hole_datum is None:
+        return located(zone, datums), ""
+    before = datums[: datums.index(hole_datum)]
+    if len(before) == 1:
+        return Control("perpendicularity", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
+    return Control("position", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
+
+
+def tolerance_tables(marker: Marker, made: Made, datums: Sequence[Datum], general: str) -> tuple[DrawingTable, ...]:
+    """Tables of the datums, if any, of all tolerances, and of fits, if any."""
+    return (
+        *([_datum_table(datums)] if datums else []),
+        _tolerance_table(made, datums, general),
+        *_fit_table(marker, made),
+    )
+
+
+def _datum_table(datums: Sequence[Datum]) -> DrawingTable:
+    """Datum features, and where they are in the marker frame."""
+    rows = tuple((datum.letter, datum.words, datum.place) for datum in datums)
+    return DrawingTable("Datums, and the marker frame in them", ("datum", "feature", "marker frame, exact"), rows,
+                        (0, 1, 2))  # fmt: skip
+
+
+def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> DrawingTable:
+    """All tolerances in words."""
+    accuracy = made.accuracy
+    to = " to " + ", ".join(letters(datums))
+    rows = [("where nothing is stated", general)]
+    rows.append(("face A", f"flatness {millimeters(accuracy.flatness)}"))
+    rows.append(("thickness of the plate", f"{PLUS_MINUS}{millimeters(accuracy.thickness)}"))
+    if accuracy.position:
+        what = "axes of pockets" if accuracy.play else "centers of dots"
+        rows.append((what + to, f"position {DIAMETER}{millimeters(accuracy.position)}"))
+        if accuracy.play:
+            rows.append(("finished dots" + to, f"position {DIAMETER}{millimeters(zone_of_dots(made))}"))
+        if not any(kind == "dot" for kind, _ in made.fits):
+            rows.append(("diameters of dots", f"{PLUS_MINUS}{millimeters(accuracy.diameter)}"))
+    if any(body.span[0] > span_bottom(made) + SAME for body in made.cut):
+        rows.append(("depth of pockets or recess", f"+{millimeters(accuracy.depth)} / 0"))
+    elif made.marked:
+        deep = _over(accuracy.depth) if accuracy.depth else f"at most {millimeters(made.depth)}"
+        rows.append(("depth of the engraved dots", deep))
+    if made.add:
+        rows.append(("tops of pillars above A", f"{PLUS_MINUS}{millimeters(accuracy.height)}"))
+    if made.engraved:
+        rows.append(("depth of the engraving on the back", _over(0.1)))
+    return DrawingTable("Tolerances, mm", ("what", "tolerance"), (*rows, *made.tolerances), (0, 1))
+
+
+def span_bottom(made: Made) -> float:
+    """Height of the plate's back."""
+    return min(part.span[0] for part in made.parts if part.is_plate)
+
+
+def _over(most: float) -> str:
+    return f"+{millimeters(most)} / 0"
+
+
+def _fit_table(marker: Marker, made: Made) -> list[DrawingTable]:
+    """Limits of discs, pockets and holes with a tolerance class; none if there are none."""
+    rows: list[tuple[str, SizeLimits]] = []
+    for kind, fit in made.fits:
+        disc, pocket = ("disc", "pocket of the disc") if kind == "dot" else ("core of the ring", "bore of the ring")
+        rows += [(disc, fit.disc), (pocket, fit.pocket)]
+    for hole in holes_of(marker):
+        limits = hole.limits
+        label = "hole for a dowel pin" if hole.use == "dowel" else f"hole for screw {hole.name}"
+        if limits and (label, limits) not in rows:
+            rows.append((label, limits))
+    cells = tuple(
+        (
+            what,
+            f"{DIAMETER}{millimeters(hole_fit.diameter)} {hole_fit.name}",
+            hole_fit.deviations,
+            f"{hole_fit.least:.3f}",
+            f"{hole_fit.most:.3f}",
+        )
+        for what, hole_fit in rows
+    )
+    headings = ("feature", "diameter, class", "deviations", "smallest", "largest")
+    return [DrawingTable("Fits and limits (ISO 286), mm", headings, cells, (0, 1))] if cells else []
+
+
+def callouts_of(marker: Marker, fabrication: Fabrication, made: Made, datums: Sequence[Datum]) -> tuple[Callout, ...]:
+    """Callouts of the dots, the holes, outlines that need one, recesses and the tag."""
+    return (
+        *_dot_callouts(dots_of(marker), fabrication, made, datums),
+        *_hole_callouts(holes_of(marker), made, datums, _box(marker)),
+        *_outline_callouts(marker, made, datums),
+        *_recess_callouts(made, datums),
+        *_tag_callout(marker),
+    )
+
+
+def _dot_callouts(
+    dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
+) -> list[Callout]:
+    callouts = []
+    kinds, controls = alike(dots), dot_controls(made, datums)
+    if len(kinds) > MOST_KINDS:
+        places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
+        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
+    # S stands for a sphere (ISO 129).
+    sphere = "S" if PROCESSES[fabrication.process].balls else ""
+    for (radius, inner), group in kinds:
+        names = f"{'ring' if inner else 'dot'}{'s' if len(group) > 1 else ''} {ranges([dot.id for dot in group])}"
+        places = tuple((dot.x, dot.y, dot.radius) for dot in group)
+        lines = _dot_lines(_times(group), f"{sphere}{DIAMETER}", radius, inner, group[0], made)
+        callouts.append(Callout((*lines, names), places, controls=controls))
+    return callouts
+
+
+def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot, made: Made) -> list[str]:
+    """Diameters of a kind of dot, with their fits or tolerances."""
+    outer, core = millimeters(2 * radius), millimeters(2 * inner)
+    fits = {(kind, round(fit.disc.diameter, 6)): fit for kind, fit in made.fits}
+    bottom = span_of(made.parts)[0]
+    through = any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+    if (fit := fits.get(("dot", round(2 * radius, 6)))) and not through:
+        bore = fits.get(("core", round(2 * inner, 6)))
+        lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
+        lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
+        return lines
+    off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
+    ring = f" / {DIAMETER}{core}" if inner else ""
+    return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
+
+
+def _box(marker: Marker) -> Box:
+    """Box around the plates."""
+    return union(*(box(outer) for outer, *_ in plate_of(marker).outlines))
+
+
+def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:
+    """Callouts of holes of a kind; a hole that is a datum has its own."""
+
+    def kind(hole: PlateHole) -> tuple[str, str, float, float]:
+        return hole.use, hole.name, hole.radius, hole.sink
+
+    def as_datum(hole: PlateHole) -> str:
+        return hole_control(hole, made, datums)[1]
+
+    callouts = []
+    kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
+    if many := len(kinds) > MOST_KINDS:
+        rest = [hole for hole in holes if not as_datum(hole)]
+        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in rest)
+        zones: dict[Control, list[str]] = {}
+        for hole in rest:
+            zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
+        controls = [replace(control, of=_labels(names) if len(zones) > 1 else "") for control, names in zones.items()]
+        callouts.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
+    for kind_holes in kinds:
+        pitch, first = _pitch(kind_holes, plate)
+        for letter, group in groupby(sorted(kind_holes, key=as_datum), key=as_datum):
+            if not many or letter:
+                callouts.append(_hole_callout(list(group), len(kind_holes), pitch, first, made, datums))
+    return callouts
+
+
+def _hole_callout(
+    group: Sequence[PlateHole], count: int, pitch: float, angle: float, made: Made, datums: Sequence[Datum]
+) -> Callout:
+    """Callout of holes, which may be some of the `count` that are evenly spaced on their pitch circle."""
+    first = group[0]
+    control, letter = hole_control(first, made, datums)
+    limits = f" {first.limits.words}" if first.limits else ""
+    names = _labels([hole.label for hole in group])
+    lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
+    if first.sink:
+        lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
+    if pitch:
+        on = f"on a circle [{DIAMETER}{millimeters(2 * pitch)}]"
+        if len(group) <= MOST_PLACES:
+            at = ", ".join(f"[{round(_angle(hole), 3):g}\xb0]" for hole in group)
+            lines += [f"{names}, {on}", f"at {at}"]
+        elif len(group) == count:
+            lines += [f"{names}, {on}", f"from [{angle:g}\xb0], evenly spaced"]
+        else:
+            lines += [f"{names} of {count} evenly spaced", f"from [{angle:g}\xb0], {on}"]
+    elif len(group) <= MOST_PLACES:
+        lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
+    else:
+        lines.append(f"{names}, places in the table")
+    places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in group)
+    return Callout(tuple(lines), places, pitch, (control,), letter)
+
+
+def _pitch(holes: Sequence[PlateHole], plate: Box) -> tuple[float, float]:
+    """Radius of the circle about the origin that holes are evenly spaced on, and the first one's angle in degrees.
+
+    Both are 0 if there is none, or if it leaves the plate: then the places are told one by one.
+    """
+    radii = [hypot(*hole.place) for hole in holes]
+    room = min(-plate[0], -plate[1], plate[2], plate[3])
+    if len(holes) < 2 or min(radii) < SAME or max(radii) - min(radii) > 1e-5 or max(radii) > room:
+        return 0.0, 0.0
+    angles = sorted(map(_angle, holes))
+    step = 360 / len(holes)
+    even = all(abs(angle - angles[0] - k * step) < 1e-4 for k, angle in enumerate(angles))
+    return (round(radii[0], 6), round(angles[0], 3)) if even else (0.0, 0.0)
+
+
+def _angle(hole: PlateHole) -> float:
+    """Direction of a hole from the origin, from 0 to below 360 degrees."""
+    return round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360
+
+
+def _labels(names: Sequence[str]) -> str:
+    """``H1 to H4``."""
+    return ", ".join(
+        " to ".join(f"H{number}" for number in run.split(" to "))
+        for run in ranges([int(name[1:]) for name in names]).split(", ")
+    )
+
+
+def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[Callout]:
+    """Callouts of the radii of outlines, and of an outline or a hole that needs a table."""
+    plates = plate_of(marker).outlines
+    arcs: dict[float, list[tuple[float, float, float]]] = {}
+    for contour in (ring for plate in plates for ring in plate):
+        sides = contour.sides
+        for k, side in enumerate(sides) if contour.as_circle is None else ():
+            # Consecutive arcs of one circle, as for more than half a turn, count once.
+            if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
+                (x, y), (u, v), bulge = side
+                middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
+                arcs.setdefault(round(radius_of(side), 4), []).append(middle)
+    callouts = [
+        Callout((f"{_times(centers)}R{millimeters(r)}",), tuple(centers)) for r, centers in sorted(arcs.items())
+    ]
+    if len(arcs) > MOST_KINDS:
+        places = tuple(place for centers in arcs.values() for place in centers)
+        callouts = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
+    profile = Control("profile", millimeters(PROFILE), letters(datums))
+    for outline in listed_outlines(marker, made):
+        x, y = max(flattened(outline.contour, OFF))
+        lines, control = [outline.words, "see the table"], profile
+        if outline.recess:
+            lines.append(_depth_words(outline.recess, made))
+            # The zone is outside of the outline, by which the recess may only be larger.
+            control = replace(profile, zone=f"{millimeters(RECESS / 2)} UZ-{millimeters(RECESS / 4)}")
+        callouts.append(Callout(tuple(lines), ((x, y, 0.0),), controls=(control,)))
+    return callouts
+
+
+def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
+    callouts = []
+    for recess in filter(is_plain, recesses_of(made)):
+        left, bottom, right, top = recess.box
+        over = f" +{millimeters(RECESS)} / 0"
+        size = (
+            f"recess {DIAMETER}{millimeters(right - left)}{over}"
+            if recess.outer.as_circle
+            else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
+        )
+        middle = (left + right) / 2, (bottom + top) / 2
+        at = (f"center at x [{millimeters(middle[0])}], y [{millimeters(middle[1])}]",) if hypot(*middle) > SAME else ()
+        lines = (size, *at, _depth_words(recess, made))
+        control = located(RECESS, datums)
+        if not recess.outer.as_circle:
+            control = replace(control, zone=control.zone.removeprefix(DIAMETER))
+        # On the rim, away from the axes.
+        x, y = max((x, y) for x, y in flattened(recess.outer, OFF) if y <= (bottom + 3 * top) / 4)
+        callouts.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
+    return callouts
+
+
+def _depth_words(recess: Prism, made: Made) -> str:
+    return f"{millimeters(recess.top - recess.bottom)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat"
+
+
+def _times(places: Sequence[object]) -> str:
+    return f"{len(places)}x " if len(places) > 1 else ""
+
+
+def _tag_callout(marker: Marker) -> list[Callout]:
+    if marker.tag is None:
+        return []
+    side = mm(marker.tag.side)
+    x, y = (mm(center) for center in marker.tag.center)
+    lines = (
+        f"tag {marker.tag}",
+        f"black square {millimeters(side)} x {millimeters(side)}",
+        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
+    )
+    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),))]
