@@ -1,0 +1,120 @@
+/* What the files of the detector share. Plain C99 without state: any number of threads may call it.
+
+   Frames: pixel centers at whole coordinates, x right, y down; normalized coordinates (X/z, Y/z) of a camera without lens
+   distortion; T_camera_body maps body to camera, X_camera = R X_body + t, in m. Symmetric 2 x 2 matrices are xx, xy, yy. */
+
+#ifndef MARKERGEN_DETECTOR_H
+#define MARKERGEN_DETECTOR_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NO_MEMORY = -1 };
+
+/* ---- image.c ---- */
+
+/* Grey levels, `stride` bytes from one row to the next. `wide`: uint16 instead of uint8. `inverted`: the pixels are read as
+   the highest level of their type minus themselves, so that light dots are dark ones. */
+typedef struct {
+    const uint8_t *rows;
+    int64_t height, width, stride;
+    int wide, inverted;
+} Image;
+
+enum { ROUGH, FITTED, REFUSED };
+
+/* A dark ellipse in an image: the outline of a disk or ring. */
+typedef struct {
+    double center[2], semi[2], angle; /* px, px with the longer semi-axis first, rad of the longer one from x */
+    double covariance[3];             /* of the center, px^2 */
+    double light, dark, blur;         /* grey levels outside and inside; standard deviation of the edge, px */
+    double hole;                      /* 0 for a disk, 1 for a ring with a hole of half its size, 0.5 where both look alike */
+    double doubt;                     /* how unlike a dot's the edge is, from 0 */
+    double side;                      /* of the pixels that it was measured in, px of the image */
+    int32_t state;                    /* ROUGH, FITTED to the grey levels, or REFUSED by that fit: then as rough as before */
+    int32_t known;                    /* whether a ray reaches it: only then it has what follows; see undo_lens */
+    double at[2], shape[3];           /* center c and E, (x - c)' E^-1 (x - c) = 1 on the outline, normalized */
+    double spread[3];                 /* covariance of `at` */
+} Blob;
+
+/* Blobs of an image, those most like dots first, of dots of `smallest` px across and more: the pyramid starts at the level
+   in which these are 5 px. Returns their number and writes *blobs, to be freed, or returns NO_MEMORY. At most `most` are
+   returned. */
+int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
+
+/* ---- fit.c ---- */
+
+/* Fits blobs, of which `which` (count) are the numbers, to the grey levels, in place, and sets their state. Their lens is
+   to be undone again. Returns 0 or NO_MEMORY. */
+int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t count);
+
+/* ---- lens.c ---- */
+
+enum { PINHOLE, BROWN_CONRADY, EQUIDISTANT, SAMPLED };
+enum { COEFFICIENTS = 14 };
+
+typedef struct {
+    int64_t width, height;
+    double fx, fy, cx, cy;
+    int lens, count;           /* kind, number of coefficients */
+    double c[COEFFICIENTS];    /* in OpenCV's order */
+    double reach;              /* largest radius of normalized coordinates on which the lens is one-to-one */
+    int64_t columns, rows;     /* of a sampled map */
+    const double *map;         /* (rows, columns, 2): normalized coordinates at even steps over the image, nan where no ray is */
+} Camera;
+
+/* Normalized coordinates of a pixel: 1, or 0 where no ray reaches it. */
+int lens_ray(const Camera *camera, double x, double y, double *ray);
+/* Pixel of normalized coordinates, with the derivatives (2, 2) by them unless J is NULL; nan beyond the lens's reach. */
+void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *J);
+/* Fills in what `known` stands for of `count` blobs, all or those of `which`. */
+void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t count);
+
+/* ---- pose.c ---- */
+
+typedef struct {
+    double R[9], t[3];
+    double focal; /* factor on normalized coordinates, 1 with a known camera */
+} Pose;
+
+/* A dot of a body. */
+typedef struct {
+    double xyz[3];    /* m, in the body: of a flat plate in one plane, for the search */
+    double place[3];  /* m, in the body, as measured on the print, for the pose */
+    double normal[3]; /* of its plate, in the body */
+    double radius;    /* m */
+    double print[9];  /* covariance of `place` in the body, m^2 */
+    int32_t ring, plate, id, constellation;
+} Dot;
+
+/* A dot with the blob in which it is seen. */
+typedef struct {
+    int64_t dot, blob;
+} Match;
+
+/* Predicted image of a dot: center and shape of its ellipse, image of its center, normalized; cosine of the angle between
+   its normal and the way to the camera; whether it is seen from the front, before the camera. */
+typedef struct {
+    double center[2], shape[3], point[2], depth, facing;
+    int seen;
+} Outline;
+
+void outline_of(const Dot *dot, const double *place, const Pose *pose, Outline *outline);
+
+/* Levenberg-Marquardt on weighted distances between measured and predicted centers, from `pose`, which it replaces. seen (m,
+   2), weight (m, 3) the inverse covariances, zero for those that do not count. `places`: 1 for `place`, 0 for `xyz`.
+   `focal`: standard deviation of the logarithm of the focal length about 1, 0 for none. Returns chi2, INFINITY if dots are
+   not seen from the front; `normal` (7, 7), unless NULL, is J'WJ of (w, dt, log focal) at the end: R <- exp([w]x) R. */
+double refine_pose(const Dot *dots, const Match *matches, int64_t m, const double *seen, const double *weight, int places,
+                   double focal, int steps, double tolerance, Pose *pose, double *normal);
+
+/* The pose with nearly the same image of the flat dots matched: the normal reflected about the line of sight. */
+void mirrored_pose(const Dot *dots, const Match *matches, int64_t m, const Pose *pose, Pose *mirrored);
+
+/* Solves N x = b, N (n, n) symmetric positive, for each of `count` b (n); N is replaced by its factor. */
+void solve_positive(int n, double *N, double *columns, int count, double least);
+
+#endif
