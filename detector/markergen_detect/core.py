@@ -1,0 +1,91 @@
+"""The compiled core: its structures, as detector.h has them, and how it is loaded."""
+
+import ctypes
+import functools
+from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int64, c_void_p
+from pathlib import Path
+
+import numpy as np
+
+PINHOLE, BROWN_CONRADY, EQUIDISTANT, SAMPLED = range(4)
+COEFFICIENTS = 14
+ROUGH, FITTED, REFUSED = range(3)
+
+BLOB = np.dtype(
+    [
+        ("center", "f8", 2),
+        ("semi", "f8", 2),
+        ("angle", "f8"),
+        ("covariance", "f8", 3),
+        *((name, "f8") for name in ("light", "dark", "blur", "hole", "doubt", "side")),
+        ("state", "i4"),
+        ("known", "i4"),
+        ("at", "f8", 2),
+        ("shape", "f8", 3),
+        ("spread", "f8", 3),
+    ],
+    align=True,
+)
+POSE = np.dtype([("R", "f8", (3, 3)), ("t", "f8", 3), ("focal", "f8")], align=True)
+DOT = np.dtype(
+    [
+        *((name, "f8", 3) for name in ("xyz", "place", "normal")),
+        ("radius", "f8"),
+        ("print", "f8", (3, 3)),
+        *((name, "i4") for name in ("ring", "plate", "id", "constellation")),
+    ],
+    align=True,
+)
+MATCH = np.dtype([("dot", "i8"), ("blob", "i8")], align=True)
+
+
+class ImageStruct(Structure):
+    """`Image` of detector.h."""
+
+    _fields_ = [
+        ("rows", c_void_p),
+        *((name, c_int64) for name in ("height", "width", "stride")),
+        ("wide", c_int),
+        ("inverted", c_int),
+    ]
+
+
+class CameraStruct(Structure):
+    """`Camera` of detector.h."""
+
+    _fields_ = [
+        ("width", c_int64),
+        ("height", c_int64),
+        *((name, c_double) for name in ("fx", "fy", "cx", "cy")),
+        ("lens", c_int),
+        ("count", c_int),
+        ("c", c_double * COEFFICIENTS),
+        ("reach", c_double),
+        ("columns", c_int64),
+        ("rows", c_int64),
+        ("map", c_void_p),
+    ]
+
+
+@functools.cache
+def library() -> ctypes.CDLL:
+    """Return the compiled library.
+
+    Raises
+    ------
+    ImportError
+        If it is missing, or of another version than these structures.
+    """
+    for name in ("libdetect.so", "libdetect.dll"):
+        path = Path(__file__).with_name(name)
+        if path.is_file():
+            break
+    else:
+        raise ImportError("markergen_detect has no compiled core; `pip install ./detector` builds it")
+    loaded = ctypes.CDLL(str(path))
+    loaded.detector_source.restype = c_char_p
+    loaded.detector_sizes.argtypes, loaded.detector_sizes.restype = [c_void_p, c_int64], c_int64
+    loaded.lens_ray.argtypes = [POINTER(CameraStruct), c_double, c_double, c_void_p]
+    loaded.lens_pixel.argtypes, loaded.lens_pixel.restype = [POINTER(CameraStruct), c_void_p, c_void_p, c_void_p], None
+    loaded.undo_lens.argtypes, loaded.undo_lens.restype = [POINTER(CameraStruct), c_void_p, c_void_p, c_int64], None
+    return loaded

@@ -1,0 +1,389 @@
+/* Lenses: pixels to rays and back, and blobs as a camera without lens distortion sees them.
+
+   With r^2 = x^2 + y^2 of normalized coordinates, Brown-Conrady with all of OpenCV's coefficients is
+
+       s = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6),    q = p2 x + p1 y,
+       x' = s x + 2 q x + p2 r^2 + s1 r^2 + s2 r^4,    y' = s y + 2 q y + p1 r^2 + s3 r^2 + s4 r^4,
+
+   then the homography of a sensor tilted by tau_x and tau_y. Equidistant is s = a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) / r
+   with a = atan r. Both are used below the radius `reach` alone, where their Jacobian is positive definite. */
+
+#include "detector.h"
+
+enum {
+    SAMPLES = 32,      /* of a fitted outline; centers differ by less than 1e-5 px with 64, and cost 12 us */
+    FEW_SAMPLES = 8,   /* of a rough one: 0.001 px, 0.1 px where it is fifteen times as long as wide; 3 us */
+    FIT_STEPS = 3,     /* of Gauss-Newton on an ellipse; likewise with 5 */
+    NEWTON_STEPS = 100 /* most need 2 or 3; near the end of the domain, where J is singular, a step halves the error */
+};
+
+static const double TOLERANCE = 1e-13; /* of the inverse's residual, as a share of 1 + r' */
+static const double FARTHEST = 1e9;    /* r' that any lens may have: its square is a number */
+static const double CENTER = 1e-12;    /* r^2 below which atan r / r = 1 - r^2 / 3 */
+
+/* Radial scale s and its derivative by r^2. */
+static double radial(const Camera *camera, double square, double *slope)
+{
+    const double *c = camera->c;
+    if (camera->lens == EQUIDISTANT) {
+        double r = sqrt(square), a = atan(r), a2 = a * a;
+        double s = square < CENTER ? 1 - square / 3 : a / r;
+        s *= 1 + a2 * (c[0] + a2 * (c[1] + a2 * (c[2] + a2 * c[3])));
+        double grown = (1 + a2 * (3 * c[0] + a2 * (5 * c[1] + a2 * (7 * c[2] + a2 * 9 * c[3])))) / (1 + square);
+        *slope = square < CENTER ? c[0] - 1. / 3 : (grown - s) / (2 * square);
+        return s;
+    }
+    double above = 1 + square * (c[0] + square * (c[1] + square * c[4]));
+    *slope = c[0] + square * (2 * c[1] + square * 3 * c[4]);
+    if (camera->count < 8)
+        return above;
+    double below = 1 / (1 + square * (c[5] + square * (c[6] + square * c[7])));
+    above *= below;
+    *slope = (*slope - above * (c[5] + square * (2 * c[6] + square * 3 * c[7]))) * below;
+    return above;
+}
+
+/* The lens before its sensor is tilted, and its derivatives (2, 2): 0 beyond its reach. */
+static int bend(const Camera *camera, const double *at, double *bent, double *J)
+{
+    double x = at[0], y = at[1], square = x * x + y * y, slope;
+    if (!(square < camera->reach * camera->reach))
+        return 0;
+    double s = radial(camera, square, &slope);
+    bent[0] = s * x, bent[1] = s * y;
+    J[0] = s + 2 * slope * x * x, J[3] = s + 2 * slope * y * y, J[1] = J[2] = 2 * slope * x * y;
+    if (camera->lens == BROWN_CONRADY) {
+        const double *c = camera->c;
+        double p1 = c[2], p2 = c[3], twice = 2 * (p2 * x + p1 * y), cross = 2 * (p1 * x + p2 * y);
+        bent[0] += twice * x + p2 * square, bent[1] += twice * y + p1 * square;
+        J[0] += 6 * p2 * x + 2 * p1 * y, J[3] += 6 * p1 * y + 2 * p2 * x, J[1] += cross, J[2] += cross;
+        if (camera->count >= 12) {
+            double sx = 2 * c[8] + 4 * c[9] * square, sy = 2 * c[10] + 4 * c[11] * square;
+            bent[0] += square * (c[8] + c[9] * square), bent[1] += square * (c[10] + c[11] * square);
+            J[0] += sx * x, J[1] += sx * y, J[2] += sy * x, J[3] += sy * y;
+        }
+    }
+    return 1;
+}
+
+/* Homography T of a tilted sensor, as OpenCV's: 0 where it is not tilted. */
+static int tilt(const Camera *camera, double *T)
+{
+    if (camera->lens != BROWN_CONRADY || camera->count < 14 || (camera->c[12] == 0 && camera->c[13] == 0))
+        return 0;
+    double cx = cos(camera->c[12]), sx = sin(camera->c[12]), cy = cos(camera->c[13]), sy = sin(camera->c[13]);
+    double R[9] = {cy, sy * sx, -sy * cx, 0, cx, sx, sy, -cy * sx, cy * cx};
+    for (int j = 0; j < 3; j++) {
+        T[j] = R[8] * R[j] - R[2] * R[6 + j];
+        T[3 + j] = R[8] * R[3 + j] - R[5] * R[6 + j];
+        T[6 + j] = R[6 + j];
+    }
+    return 1;
+}
+
+static void cross(const double *a, const double *b, double *product)
+{
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        product[i] = a[j] * b[k] - a[k] * b[j];
+    }
+}
+
+/* Inverse of `bend` by damped Newton steps from `ray`, which it replaces: 0 where there is none. */
+static int straighten(const Camera *camera, double u, double v, double *ray)
+{
+    double tolerance = TOLERANCE * (1 + hypot(u, v)), least = INFINITY;
+    double x = ray[0], y = ray[1], from[2] = {x, y}, step[2] = {0, 0};
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        double at[2] = {x, y}, bent[2], J[4], error = INFINITY, dx = 0, dy = 0;
+        if (bend(camera, at, bent, J)) {
+            dx = u - bent[0], dy = v - bent[1];
+            error = dx * dx + dy * dy;
+        }
+        if (error <= tolerance * tolerance) {
+            ray[0] = x, ray[1] = y;
+            return 1;
+        }
+        if (error < least) {
+            double det = J[0] * J[3] - J[1] * J[2];
+            from[0] = x, from[1] = y, least = error;
+            step[0] = (J[3] * dx - J[1] * dy) / det, step[1] = (J[0] * dy - J[2] * dx) / det;
+        } else /* J is positive definite, so that a fraction of the step reduces the residual */
+            step[0] /= 2, step[1] /= 2;
+        x = from[0] + step[0], y = from[1] + step[1];
+    }
+    return 0;
+}
+
+/* A point on the ray's side that s alone takes to (u, v): the start of Newton's method. 0 where none can be. */
+static int begin(const Camera *camera, double u, double v, double *ray)
+{
+    double rho = hypot(u, v), reach = camera->reach * (1 - 1e-12), low = 0, high = reach, slope;
+    double r = fmin(rho, reach);
+    if (camera->lens == EQUIDISTANT)
+        r = rho < 1.5 ? fmin(tan(rho), reach) : reach / 2;
+    for (int i = 0; i < NEWTON_STEPS && rho > 0; i++) {
+        double s = radial(camera, r * r, &slope), error = s * r - rho, was = r;
+        if (!isfinite(error))
+            return 0;
+        if (error > 0)
+            high = r;
+        else
+            low = r;
+        r -= error / (s + 2 * r * r * slope);
+        if (!(r > low && r < high)) /* bisected as angles, since the reach may be a million */
+            r = tan((atan(low) + atan(high)) / 2);
+        if (fabs(r - was) <= 1e-6 * (1 + r))
+            break;
+    }
+    ray[0] = rho > 0 ? u * r / rho : 0, ray[1] = rho > 0 ? v * r / rho : 0;
+    return 1;
+}
+
+/* Node and weights of cubic interpolation between four of `count` nodes, with the weights' derivatives by the place. */
+static int64_t cubic(double place, int64_t count, double *w, double *d)
+{
+    int64_t first = (int64_t)place - 1;
+    first = first > count - 4 ? count - 4 : first;
+    first = first < 0 ? 0 : first;
+    double t = place - (double)first, a = t, b = t - 1, c = t - 2, e = t - 3;
+    w[0] = -b * c * e / 6, w[1] = a * c * e / 2, w[2] = -a * b * e / 2, w[3] = a * b * c / 6;
+    d[0] = -(b * c + b * e + c * e) / 6, d[1] = (a * c + a * e + c * e) / 2;
+    d[2] = -(a * b + a * e + b * e) / 2, d[3] = (a * b + a * c + b * c) / 6;
+    return first;
+}
+
+/* Ray of a pixel from a sampled map, and its derivatives (2, 2) by the pixel: 0 outside, and where nodes have no ray. The
+   nodes' first and last lines are the image's edges, at -0.5 and width - 0.5. */
+static int sampled(const Camera *camera, double x, double y, double *ray, double *J)
+{
+    double sx = (double)(camera->columns - 1) / (double)camera->width, px = (x + 0.5) * sx;
+    double sy = (double)(camera->rows - 1) / (double)camera->height, py = (y + 0.5) * sy;
+    if (camera->columns < 4 || camera->rows < 4 || !(px >= 0 && px <= (double)(camera->columns - 1)) ||
+        !(py >= 0 && py <= (double)(camera->rows - 1)))
+        return 0;
+    double wx[4], dx[4], wy[4], dy[4];
+    int64_t column = cubic(px, camera->columns, wx, dx), row = cubic(py, camera->rows, wy, dy);
+    ray[0] = ray[1] = J[0] = J[1] = J[2] = J[3] = 0;
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            const double *node = camera->map + 2 * ((row + i) * camera->columns + column + j);
+            for (int k = 0; k < 2; k++) {
+                ray[k] += wy[i] * wx[j] * node[k];
+                J[2 * k] += wy[i] * dx[j] * sx * node[k], J[2 * k + 1] += dy[i] * sy * wx[j] * node[k];
+            }
+        }
+    return isfinite(ray[0]) && isfinite(ray[1]);
+}
+
+/* Inverse of `sampled` by damped Newton steps from the nearest of some hundred nodes: 0 outside the image. */
+static int search_map(const Camera *camera, const double *ray, double *pixel, double *J)
+{
+    int64_t skip = (camera->columns > camera->rows ? camera->columns : camera->rows) / 16 + 1;
+    double least = INFINITY, at[2], from[2] = {NAN, NAN}, step[2] = {0, 0};
+    for (int64_t i = 0; i < camera->rows; i += skip)
+        for (int64_t j = 0; j < camera->columns; j += skip) {
+            const double *node = camera->map + 2 * (i * camera->columns + j);
+            double dx = node[0] - ray[0], dy = node[1] - ray[1];
+            if (dx * dx + dy * dy < least) {
+                least = dx * dx + dy * dy;
+                pixel[0] = (double)j * (double)camera->width / (double)(camera->columns - 1) - 0.5;
+                pixel[1] = (double)i * (double)camera->height / (double)(camera->rows - 1) - 0.5;
+            }
+        }
+    if (!isfinite(least))
+        return 0;
+    least = INFINITY;
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        double side[2] = {(double)camera->width - 0.5, (double)camera->height - 0.5};
+        for (int k = 0; k < 2; k++) /* a step may leave the image and come back along its edge */
+            pixel[k] = fmin(fmax(pixel[k], -0.5), side[k]);
+        double error = NAN;
+        if (sampled(camera, pixel[0], pixel[1], at, J)) {
+            double dx = ray[0] - at[0], dy = ray[1] - at[1], det = J[0] * J[3] - J[1] * J[2];
+            error = dx * dx + dy * dy;
+            if (error <= 1e-24 * (1 + ray[0] * ray[0] + ray[1] * ray[1]))
+                return 1;
+            if (error < least) {
+                least = error, from[0] = pixel[0], from[1] = pixel[1];
+                step[0] = (J[3] * dx - J[1] * dy) / det, step[1] = (J[0] * dy - J[2] * dx) / det;
+                pixel[0] += step[0], pixel[1] += step[1];
+                continue;
+            }
+        }
+        step[0] /= 2, step[1] /= 2;
+        pixel[0] = from[0] + step[0], pixel[1] = from[1] + step[1];
+        if (!isfinite(pixel[0]) || !isfinite(pixel[1]))
+            return 0;
+    }
+    return 0;
+}
+
+/* `lens_ray` with a guess of the ray in `ray`, if `guessed`. */
+static int ray_from(const Camera *camera, double x, double y, int guessed, double *ray)
+{
+    double J[4], T[9];
+    if (camera->lens == SAMPLED)
+        return sampled(camera, x, y, ray, J);
+    double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
+    if (camera->lens == PINHOLE) {
+        ray[0] = u, ray[1] = v;
+        return isfinite(u) && isfinite(v);
+    }
+    if (tilt(camera, T)) {
+        /* p ~ T^-1 (u, v, 1): the columns of T's adjugate are the cross products of its rows. */
+        double A[3][3], p[3];
+        cross(T + 3, T + 6, A[0]), cross(T + 6, T, A[1]), cross(T, T + 3, A[2]);
+        for (int i = 0; i < 3; i++)
+            p[i] = A[0][i] * u + A[1][i] * v + A[2][i];
+        if (!(p[2] * (A[0][0] * T[0] + A[0][1] * T[1] + A[0][2] * T[2]) > 0))
+            return 0;
+        u = p[0] / p[2], v = p[1] / p[2];
+    }
+    if (!(hypot(u, v) < FARTHEST))
+        return 0;
+    if (guessed && straighten(camera, u, v, ray))
+        return 1;
+    return begin(camera, u, v, ray) && straighten(camera, u, v, ray);
+}
+
+int lens_ray(const Camera *camera, double x, double y, double *ray)
+{
+    return ray_from(camera, x, y, 0, ray);
+}
+
+void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *J)
+{
+    double d[2] = {ray[0], ray[1]}, D[4] = {1, 0, 0, 1}, T[9];
+    int seen = isfinite(ray[0]) && isfinite(ray[1]);
+    if (camera->lens == SAMPLED) {
+        seen = seen && search_map(camera, ray, pixel, D);
+        double det = D[0] * D[3] - D[1] * D[2], inverse[4] = {D[3] / det, -D[1] / det, -D[2] / det, D[0] / det};
+        memcpy(D, inverse, sizeof D);
+    } else {
+        if (seen && camera->lens != PINHOLE)
+            seen = bend(camera, ray, d, D);
+        if (seen && tilt(camera, T)) {
+            double w = T[6] * d[0] + T[7] * d[1] + T[8], H[4], B[4];
+            double p[2] = {(T[0] * d[0] + T[1] * d[1] + T[2]) / w, (T[3] * d[0] + T[4] * d[1] + T[5]) / w};
+            seen = w > 0;
+            memcpy(B, D, sizeof B);
+            for (int i = 0; i < 2; i++)
+                for (int j = 0; j < 2; j++)
+                    H[2 * i + j] = (T[3 * i + j] - p[i] * T[6 + j]) / w;
+            for (int i = 0; i < 2; i++)
+                for (int j = 0; j < 2; j++)
+                    D[2 * i + j] = H[2 * i] * B[j] + H[2 * i + 1] * B[2 + j];
+            d[0] = p[0], d[1] = p[1];
+        }
+        pixel[0] = camera->fx * d[0] + camera->cx, pixel[1] = camera->fy * d[1] + camera->cy;
+        D[0] *= camera->fx, D[1] *= camera->fx, D[2] *= camera->fy, D[3] *= camera->fy;
+    }
+    if (!seen)
+        pixel[0] = pixel[1] = D[0] = D[1] = D[2] = D[3] = NAN;
+    if (J)
+        memcpy(J, D, sizeof D);
+}
+
+/* Ellipse with the least weighted squared distance from points near its outline, which stand at even steps of its
+   parameter. With center c and symmetric M, which maps the ellipse to the unit circle, the distance is (rho - 1) / |grad rho|
+   to first order, with rho = |M (x - c)|, as in the fit to the grey levels. Writes c and E = M^-2. */
+static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], const double *weight, double *c, double *E)
+{
+    double A[4] = {0, 0, 0, 0}, m[3];
+    c[0] = c[1] = 0;
+    for (int i = 0; i < count; i++)
+        c[0] += points[i][0] / count, c[1] += points[i][1] / count;
+    /* The first harmonic of the points gives the axes. */
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 4; k++)
+            A[k] += 2 * (points[i][k / 2] - c[k / 2]) * circle[i][k % 2] / count;
+    /* M = (A A')^(-1/2); the root of a 2 x 2 matrix S is (S + sqrt(det S) I) / sqrt(trace S + 2 sqrt(det S)). */
+    double s[3] = {A[0] * A[0] + A[1] * A[1], A[0] * A[2] + A[1] * A[3], A[2] * A[2] + A[3] * A[3]};
+    double det = fabs(A[0] * A[3] - A[1] * A[2]), scale = sqrt(s[0] + s[2] + 2 * det) * det;
+    m[0] = (s[2] + det) / scale, m[1] = -s[1] / scale, m[2] = (s[0] + det) / scale;
+    for (int step = 0; step < FIT_STEPS; step++) {
+        double N[5][5] = {{0}}, b[5] = {0};
+        for (int i = 0; i < count; i++) {
+            double x = points[i][0] - c[0], y = points[i][1] - c[1];
+            double u = m[0] * x + m[1] * y, v = m[1] * x + m[2] * y, rho = sqrt(u * u + v * v);
+            u /= rho, v /= rho;
+            double gx = m[0] * u + m[1] * v, gy = m[1] * u + m[2] * v, w = weight[i] / (gx * gx + gy * gy);
+            double row[5] = {-gx, -gy, u * x, u * y + v * x, v * y};
+            for (int j = 0; j < 5; j++) {
+                b[j] += w * row[j] * (1 - rho);
+                for (int k = 0; k <= j; k++)
+                    N[j][k] += w * row[j] * row[k];
+            }
+        }
+        solve_positive(5, N[0], b, 1, 1e-300);
+        c[0] += b[0], c[1] += b[1], m[0] += b[2], m[1] += b[3], m[2] += b[4];
+    }
+    det = m[0] * m[2] - m[1] * m[1];
+    double inverse[3] = {m[2] / det, -m[1] / det, m[0] / det};
+    E[0] = inverse[0] * inverse[0] + inverse[1] * inverse[1];
+    E[1] = inverse[1] * (inverse[0] + inverse[2]);
+    E[2] = inverse[1] * inverse[1] + inverse[2] * inverse[2];
+    return isfinite(c[0]) && isfinite(c[1]) && E[0] > 0 && E[0] * E[2] > E[1] * E[1];
+}
+
+/* S -> J S J' of a symmetric (xx, xy, yy). */
+static void carry(const double *J, const double *S, double *carried)
+{
+    double a = J[0] * S[0] + J[1] * S[1], b = J[0] * S[1] + J[1] * S[2];
+    double c = J[2] * S[0] + J[3] * S[1], d = J[2] * S[1] + J[3] * S[2];
+    carried[0] = a * J[0] + b * J[1], carried[1] = a * J[2] + b * J[3], carried[2] = c * J[2] + d * J[3];
+}
+
+static int undo_one(const Camera *camera, int count, double (*circle)[2], Blob *blob)
+{
+    double cosine = cos(blob->angle), sine = sin(blob->angle), J[4], pixel[2];
+    /* Half axes as columns. */
+    double axes[4] = {cosine * blob->semi[0], -sine * blob->semi[1], sine * blob->semi[0], cosine * blob->semi[1]};
+    if (!(blob->semi[1] > 0 && isfinite(blob->semi[0]) && isfinite(blob->angle)))
+        return 0;
+    if (!lens_ray(camera, blob->center[0], blob->center[1], blob->at))
+        return 0;
+    if (camera->lens == SAMPLED) {
+        double ray[2];
+        sampled(camera, blob->center[0], blob->center[1], ray, J);
+    } else {
+        lens_pixel(camera, blob->at, pixel, J);
+        double det = J[0] * J[3] - J[1] * J[2], inverse[4] = {J[3] / det, -J[1] / det, -J[2] / det, J[0] / det};
+        memcpy(J, inverse, sizeof J);
+    }
+    carry(J, blob->covariance, blob->spread);
+    if (camera->lens == PINHOLE) {
+        double square[3] = {axes[0] * axes[0] + axes[1] * axes[1], axes[0] * axes[2] + axes[1] * axes[3],
+                            axes[2] * axes[2] + axes[3] * axes[3]};
+        carry(J, square, blob->shape);
+        return 1;
+    }
+    /* A distorted ellipse is none: points of the blob's outline, weighted by their arc length as in the fit to the grey
+       levels, are fitted anew. */
+    double points[SAMPLES][2], weight[SAMPLES];
+    for (int i = 0; i < count; i++) {
+        double u = circle[i][0], v = circle[i][1];
+        double dx = axes[0] * u + axes[1] * v, dy = axes[2] * u + axes[3] * v;
+        points[i][0] = blob->at[0] + J[0] * dx + J[1] * dy, points[i][1] = blob->at[1] + J[2] * dx + J[3] * dy;
+        if (!ray_from(camera, blob->center[0] + dx, blob->center[1] + dy, 1, points[i]))
+            return 0;
+        dx = axes[1] * u - axes[0] * v, dy = axes[3] * u - axes[2] * v;
+        weight[i] = sqrt(dx * dx + dy * dy);
+    }
+    return fit_ellipse(count, points, circle, weight, blob->at, blob->shape);
+}
+
+void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t count)
+{
+    double circle[SAMPLES][2], coarse[FEW_SAMPLES][2];
+    for (int i = 0; i < SAMPLES; i++)
+        circle[i][0] = cos(2 * acos(-1.) * i / SAMPLES), circle[i][1] = sin(2 * acos(-1.) * i / SAMPLES);
+    for (int i = 0; i < FEW_SAMPLES; i++)
+        memcpy(coarse[i], circle[i * (SAMPLES / FEW_SAMPLES)], sizeof coarse[i]);
+    for (int64_t i = 0; i < count; i++) {
+        Blob *blob = blobs + (which ? which[i] : i);
+        int fitted = blob->state == FITTED;
+        blob->known = undo_one(camera, fitted ? SAMPLES : FEW_SAMPLES, fitted ? circle : coarse, blob);
+    }
+}
