@@ -117,4 +117,50 @@ void mirrored_pose(const Dot *dots, const Match *matches, int64_t m, const Pose 
 /* Solves N x = b, N (n, n) symmetric positive, for each of `count` b (n); N is replaced by its factor. */
 void solve_positive(int n, double *N, double *columns, int count, double least);
 
+/* ---- label.c ---- */
+
+typedef struct {
+    double R[9], t[3]; /* T_body_plate */
+} Plate;
+
+/* Dots on one plate, of about one size, from pairs of which poses are guessed. */
+typedef struct {
+    int64_t plate, count;
+    const int64_t *dots;   /* (count) their numbers in the layout */
+    const double *points;  /* (count, 3) m, in the plate */
+    int64_t pair_count;
+    const int64_t *pairs;  /* (pair_count, 2) ordered pairs, places in `dots`, by the next one's order */
+    const double *ratio;   /* (pair_count) their lateral distances in radii of the first, ascending */
+    int64_t near_count;
+    const int64_t *near;   /* (count, near_count) the dots nearest to each, places in `dots` */
+    int32_t flat;          /* whether all are at one height */
+} Constellation;
+
+/* The geometry of a body; members of a family, which differ by their tags alone, share one. */
+typedef struct {
+    int64_t count, plate_count, constellation_count;
+    const Dot *dots;
+    const Plate *plates;
+    const Constellation *constellations;
+    double reach;      /* in radii of a dot: within it another blob can be taken for the dot, and for no other */
+    double extent;     /* largest distance of a dot from their middle, m */
+    double middle[3];  /* of the dots, m */
+    double print;      /* standard deviation of a dot's place, m */
+    int32_t flat;      /* whether all dots are in one plane */
+    int32_t ringed;    /* whether some are rings */
+} Layout;
+
+/* Which blob each dot of a layout is seen in. */
+typedef struct {
+    int64_t count;     /* dots that have a blob */
+    int64_t *labels;   /* (n) blobs, -1 for none */
+    Pose pose;
+    double evidence;   /* logarithm of its likelihood ratio to clutter: see evidence_of */
+    double chi2;       /* of centers and outlines */
+    double sigma, beyond; /* RMS by which centers miss, and the most likely standard deviation beyond their own, px */
+    int64_t missing;   /* dots that should be seen and have no blob */
+} Labeling;
+
+typedef struct Scene Scene;
+
 #endif

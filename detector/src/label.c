@@ -1,0 +1,1321 @@
+/* Which blobs are the dots of a body: guessed poses, the labelings that they lead to, and the evidence for each.
+
+   A labeling is judged by the logarithm of its likelihood ratio to clutter (evidence_of), so everything that tells for or
+   against it has one unit: places and outlines in standard deviations, kinds where they are known, dots that are missing.
+   The average of the ratio over all images of clutter is one, so clutter exceeds e^x in at most e^-x of them: the expected
+   number of accidental finds is at most e^-evidence (A. A. Markov's inequality; the idea of bounding it by what is in the
+   image is that of A. Desolneux, L. Moisan and J.-M. Morel). */
+
+#include "label.h"
+
+/* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
+   semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
+   ink changes less. Tolerated error of a guess at a near dot: a share of its distance, and px; and the logarithm of a size. */
+static const double SLACK = 0.2, SLACK_PX = 0.4, GROWTH = 0.75, DRIFT = 0.2, DRIFT_PX = 1.5, ALIKE = 0.4;
+
+/* Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring. */
+static const double DOUBTFUL = 0.25;
+
+/* Farthest from its place that a blob is taken for a dot: radii of the blob are Layout.reach, or at most NEAR_REACH once a
+   pose was fitted; plus px. */
+static const double GUESS_PX = 2, NEAR_REACH = 0.5, NEAR_PX = 1;
+
+/* Largest difference of the logarithms of a dot's and a blob's size. */
+static const double SIZE = 0.6;
+
+/* Standard deviation that a place has beyond its own while poses are searched, px: blur and perspective displace a rough
+   center by this. */
+static const double SEARCH_PX = 0.2;
+
+static const double PI = 3.14159265358979323846;
+
+static double larger(double a, double b) { return a > b ? a : b; }
+static double smaller(double a, double b) { return a < b ? a : b; }
+
+static void symmetric_root(const double *e, double *root)
+{
+    const double area = sqrt(larger(e[0] * e[2] - e[1] * e[1], 0)), scale = sqrt(e[0] + e[2] + 2 * area);
+    root[0] = (e[0] + area) / scale;
+    root[1] = e[1] / scale;
+    root[2] = (e[2] + area) / scale;
+}
+
+/* ---- the scene ---- */
+
+/* Eigenvalues, ascending, and eigenvectors as columns of a symmetric matrix (3, 3), by C. G. J. Jacobi's rotations. */
+static void eigen(double A[3][3], double *values, double V[3][3])
+{
+    memset(V, 0, 9 * sizeof(double));
+    V[0][0] = V[1][1] = V[2][2] = 1;
+    for (int sweep = 0; sweep < 12; sweep++) {
+        const double off = fabs(A[0][1]) + fabs(A[0][2]) + fabs(A[1][2]);
+        if (!(off > 1e-18 * (fabs(A[0][0]) + fabs(A[1][1]) + fabs(A[2][2]))))
+            break;
+        for (int p = 0; p < 2; p++)
+            for (int q = p + 1; q < 3; q++) {
+                if (A[p][q] == 0)
+                    continue;
+                const double theta = (A[q][q] - A[p][p]) / (2 * A[p][q]);
+                const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
+                const double c = 1 / sqrt(t * t + 1), s = t * c, apq = A[p][q];
+                A[p][p] -= t * apq;
+                A[q][q] += t * apq;
+                A[p][q] = A[q][p] = 0;
+                const int r = 3 - p - q;
+                const double arp = A[r][p], arq = A[r][q];
+                A[r][p] = A[p][r] = c * arp - s * arq;
+                A[r][q] = A[q][r] = s * arp + c * arq;
+                for (int k = 0; k < 3; k++) {
+                    const double vp = V[k][p], vq = V[k][q];
+                    V[k][p] = c * vp - s * vq;
+                    V[k][q] = s * vp + c * vq;
+                }
+            }
+    }
+    int order[3] = {0, 1, 2};
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2 - i; j++)
+            if (A[order[j]][order[j]] > A[order[j + 1]][order[j + 1]]) {
+                const int swapped = order[j];
+                order[j] = order[j + 1];
+                order[j + 1] = swapped;
+            }
+    double W[3][3];
+    memcpy(W, V, sizeof W);
+    for (int i = 0; i < 3; i++) {
+        values[i] = A[order[i]][order[i]];
+        for (int k = 0; k < 3; k++)
+            V[k][i] = W[k][order[i]];
+    }
+}
+
+/* Both poses of a disk of radius 1 that is seen as an ellipse, up to the rotation about its normal.
+
+   The ellipse's dual conic D is proportional to I - n n' - P P' (see outline_of). With eigenvalues m1 >= m2 > 0 > m3 of D and
+   a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with s^2 = a (b - 1)/(b - a), and P follows from
+   P P' = I - D/m1 - n n'. */
+static void circle_poses(const double *c, const double *e, double (*position)[3], double (*normal)[3])
+{
+    double D[3][3] = {{e[0] - c[0] * c[0], e[1] - c[0] * c[1], -c[0]}, {e[1] - c[0] * c[1], e[2] - c[1] * c[1], -c[1]},
+                      {-c[0], -c[1], -1}}, A[3][3], V[3][3], m[3];
+    memcpy(A, D, sizeof A);
+    eigen(A, m, V);
+    const double a = 1 - m[1] / m[2], b = 1 - m[0] / m[2], square = a * (b - 1) / (b - a);
+    const double s = sqrt(smaller(larger(square, 0), 1)), k = sqrt(1 - s * s);
+    for (int side = 0; side < 2; side++) {
+        double n[3], gram[3], facing = 0;
+        for (int i = 0; i < 3; i++)
+            n[i] = (side ? -s : s) * V[i][1] + k * V[i][0];
+        for (int i = 0; i < 3; i++)
+            gram[i] = (i == 2) - D[i][2] / m[2] - n[i] * n[2];
+        const double depth = sqrt(larger(gram[2], 1e-12));
+        for (int i = 0; i < 3; i++) {
+            position[side][i] = gram[i] / depth;
+            facing += n[i] * position[side][i];
+        }
+        for (int i = 0; i < 3; i++)
+            normal[side][i] = facing > 0 ? -n[i] : n[i];
+    }
+}
+
+static void show_blob(Scene *scene, int64_t k, double focal)
+{
+    const Blob *blob = scene->blobs + k;
+    Shown *shown = scene->shown + k;
+    double at[2] = {blob->at[0] / focal, blob->at[1] / focal}, e[3];
+    for (int i = 0; i < 3; i++)
+        e[i] = blob->shape[i] / (focal * focal);
+    circle_poses(at, e, shown->position, shown->normal);
+    const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300), half = (e[0] + e[2]) / 2;
+    shown->area = sqrt(det);
+    shown->size = log(det) / 4;
+    const double shorter = sqrt(larger(half - sqrt(larger(half * half - det, 0)), 1e-300));
+    shown->slack = SLACK + SLACK_PX / (scene->px * focal * shorter);
+}
+
+/* Numbers the blobs by squares of the image, and prepares what poses are guessed from. */
+int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, int64_t count)
+{
+    memset(scene, 0, sizeof *scene);
+    scene->camera = camera;
+    scene->calibrated = calibrated;
+    scene->px = sqrt(camera->fx * camera->fy);
+    scene->blobs = blobs;
+    scene->count = count;
+    scene->focal = 1;
+    const double area = (double)camera->width * (double)camera->height;
+    scene->side = larger(sqrt(area / (double)(count + 16)), 8) / scene->px;
+    double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    for (int64_t k = 0; k < count; k++)
+        for (int a = 0; a < 2 && blobs[k].known; a++) {
+            low[a] = smaller(low[a], blobs[k].at[a]);
+            high[a] = larger(high[a], blobs[k].at[a]);
+        }
+    if (!(low[0] <= high[0]))
+        low[0] = low[1] = high[0] = high[1] = 0;
+    /* Wide lenses stretch the corners: more squares than this do not help. */
+    scene->columns = (int64_t)smaller((high[0] - low[0]) / scene->side, 255) + 1;
+    scene->rows = (int64_t)smaller((high[1] - low[1]) / scene->side, 255) + 1;
+    scene->side = larger(larger((high[0] - low[0]) / (double)scene->columns, (high[1] - low[1]) / (double)scene->rows), scene->side);
+    scene->low[0] = low[0];
+    scene->low[1] = low[1];
+    scene->shown = malloc((size_t)(count + 1) * sizeof *scene->shown);
+    scene->taken = calloc((size_t)count + 1, 1);
+    scene->first = calloc((size_t)(scene->columns * scene->rows) + 2, sizeof *scene->first);
+    scene->member = malloc((size_t)(count + 1) * sizeof *scene->member);
+    scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
+    if (!scene->shown || !scene->taken || !scene->first || !scene->member || !scene->owner)
+        return NO_MEMORY;
+    int32_t *end = scene->first + 1;
+    for (int64_t k = 0; k < count; k++) {
+        scene->owner[k] = -1;
+        scene->shown[k].clutter = -1;
+        scene->taken[k] = !blobs[k].known;
+        if (blobs[k].known)
+            end[square_of(scene, blobs[k].at)]++;
+    }
+    for (int64_t s = 0; s < scene->columns * scene->rows; s++)
+        end[s] += end[s - 1];
+    for (int64_t k = count - 1; k >= 0; k--)
+        if (blobs[k].known)
+            scene->member[--end[square_of(scene, blobs[k].at)]] = (int32_t)k;
+    /* Now end[s] is where square s begins, which is first[s + 1]; move them down. */
+    memmove(scene->first, end, (size_t)(scene->columns * scene->rows) * sizeof *end);
+    int32_t known = 0;
+    for (int64_t k = 0; k < count; k++)
+        known += blobs[k].known;
+    scene->first[scene->columns * scene->rows] = known;
+    for (int64_t k = 0; k < count; k++)
+        if (blobs[k].known) {
+            update_blob(scene, k);
+            show_blob(scene, k, 1);
+        }
+    return 0;
+}
+
+void scene_free(Scene *scene)
+{
+    free(scene->shown);
+    free(scene->taken);
+    free(scene->first);
+    free(scene->member);
+    free(scene->owner);
+}
+
+/* Takes over a blob that is better known now. Its square stays: it moves by less than the reach of any search. */
+void update_blob(Scene *scene, int64_t k)
+{
+    Shown *shown = scene->shown + k;
+    symmetric_root(scene->blobs[k].shape, shown->root);
+    for (int i = 0; i < 3; i++)
+        shown->root[i] *= scene->px;
+    shown->mean = (shown->root[0] + shown->root[2]) / 2;
+    const Blob *blob = scene->blobs + k;
+    /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
+       refuses; with half of it, dots under print of 600 dpi are lost, with twice, a board's dot of twice the size is. */
+    const double least = blob->state == FITTED ? 0.08 : blob->state == REFUSED ? 0.3 : 0.15 * larger(blob->side, 1);
+    const double share = blob->state == FITTED ? 0.015 : 0.03;
+    shown->sigma = hypot(least, share * shown->mean);
+}
+
+/* ---- evidence ---- */
+
+/* Density of clutter at a blob, per px^2 of place and px^3 of the root of its shape: what the other blobs of the image show,
+   half of it near them, and of what none shows, a broad guess. Those of the labeling itself are no clutter.
+
+   With a as the image's area and R the root of a shape, sizes s from 1 to 500 px are equally likely on a logarithmic scale,
+   and R - s I has a standard deviation of 0.3 s along each of two axes. */
+static double density(const Scene *scene, int64_t k, int64_t o)
+{
+    const Shown *shown = scene->shown + k, *other = scene->shown + o;
+    const double h = larger(hypot(shown->sigma, other->sigma), 0.1 * shown->mean);
+    const double xx = shown->root[0] - other->root[0], xy = shown->root[1] - other->root[1];
+    const double yy = shown->root[2] - other->root[2], square = (xx * xx + 2 * xy * xy + yy * yy) / (h * h);
+    if (square > 25)
+        return 0;
+    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, w = 0.1 * (double)scene->camera->width;
+    const double dx = (a[0] - b[0]) * scene->px / w, dy = (a[1] - b[1]) * scene->px / w;
+    const double area = (double)scene->camera->width * (double)scene->camera->height;
+    const double place = 0.5 / area + 0.5 / (2 * PI * w * w) * exp(-0.5 * (dx * dx + dy * dy));
+    return place * exp(-0.5 * square) / (15.7496099457 * h * h * h); /* (2 pi)^1.5 */
+}
+
+static double clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n)
+{
+    Shown *shown = scene->shown + k;
+    if (shown->clutter < 0) {
+        shown->clutter = 0;
+        for (int64_t o = 0; o < scene->count; o++)
+            if (o != k && !scene->taken[o])
+                shown->clutter += density(scene, k, o);
+    }
+    double others = shown->clutter;
+    for (int64_t i = 0; i < n; i++)
+        if (labels[i] >= 0 && labels[i] != k)
+            others -= density(scene, k, labels[i]);
+    const double area = (double)scene->camera->width * (double)scene->camera->height;
+    const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
+    const double round = exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)) / (2 * PI * spread * spread);
+    /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
+    const double broad = larger(round, 0.0111 / (2 * PI * spread * spread)) / (sqrt(2) * s * 6.2);
+    return larger(others, 0) + broad / area;
+}
+
+/* Standard deviations that places may have beyond their own, px, with how likely each is: lens, print and refraction are
+   never quite as the files say. */
+static const double BEYOND[] = {0.04, 0.13, 0.4, 1.3}, BEYOND_SHARE[] = {0.4, 0.3, 0.2, 0.1};
+enum { BEYONDS = 4 };
+
+/* Ink spreads, and bright surroundings eat into dark dots: standard deviation of the logarithm of a common factor. */
+static const double INK = 0.1;
+
+/* A dot in plain view is missed for reasons other than its size in 4 % of cases (hidden, in a highlight); one seen flat or of
+   few pixels, in 40 %. */
+static const double MISSED = 0.04, MISSED_AT_LIMIT = 0.4;
+static const double PLAIN_PX = 6, LIMIT_PX = 3.5, PLAIN_FACING = 0.35, LIMIT_FACING = 0.12, EDGE_PX = 3;
+
+/* Probability ratio of a kind that is seen: from e^4 for the one to e^-4 for the other, 1 where none is seen. */
+static double kind_evidence(const Dot *dot, const Blob *blob)
+{
+    const double told = smaller(larger(8 * (blob->hole - 0.5), -4), 4);
+    return dot->ring ? told : -told;
+}
+
+/* Whether a dot lies inside the image with all its outline, and a margin. */
+static int in_frame(const Scene *scene, const Outline *drawn)
+{
+    double pixel[2];
+    lens_pixel(scene->camera, drawn->center, pixel, NULL);
+    const double wide = sqrt(drawn->shape[0]) * scene->camera->fx + EDGE_PX;
+    const double tall = sqrt(drawn->shape[2]) * scene->camera->fy + EDGE_PX;
+    return pixel[0] - wide >= 0 && pixel[0] + wide <= (double)scene->camera->width - 1 && pixel[1] - tall >= 0 &&
+           pixel[1] + tall <= (double)scene->camera->height - 1;
+}
+
+static double shorter_px(const Scene *scene, const double *shape)
+{
+    const double half = (shape[0] + shape[2]) / 2, det = shape[0] * shape[2] - shape[1] * shape[1];
+    return scene->px * sqrt(larger(half - sqrt(larger(half * half - det, 0)), 0));
+}
+
+/* Derivatives (2, 7) of a dot's image by (w, dt, log focal), px. */
+static void pixel_rows(const Scene *scene, const Dot *dot, const Pose *pose, double J[2][7])
+{
+    const double *X = dot->xyz, *R = pose->R, *t = pose->t;
+    double p[3];
+    for (int a = 0; a < 3; a++)
+        p[a] = R[3 * a] * X[0] + R[3 * a + 1] * X[1] + R[3 * a + 2] * X[2];
+    const double s = 1 / (p[2] + t[2]), x = s * (p[0] + t[0]), y = s * (p[1] + t[1]), f = scene->px * pose->focal;
+    const double a = s * p[0], b = s * p[1], c = s * p[2];
+    const double u[7] = {-x * b, c + x * a, -b, s, 0, -x * s, x}, v[7] = {-y * b - c, y * a, a, 0, s, -y * s, y};
+    for (int q = 0; q < 7; q++) {
+        J[0][q] = f * u[q];
+        J[1][q] = f * v[q];
+    }
+}
+
+/* The evidence for a labeling with a fitted pose: the logarithm of
+
+       prod over dots N(r; S) N(dR; s) P(kind) / clutter  x  prod over missing dots P(missed)  x  (2 pi)^3 det(N)^-1/2 p(pose),
+
+   averaged over standard deviations that places may have beyond their own. S is the covariance of the place, from image and
+   print; dR the difference of the outline's root, px, but for a common factor; the last two are P.-S. Laplace's integral over
+   poses, whose prior p is even over directions, over the image and over the logarithm of the distance within a factor of
+   100. Dots outside the frame have no part in it. `each` (n), unless NULL, has every dot's own part. */
+double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work, double *each)
+{
+    const Pose *pose = &labeling->pose;
+    const int parameters = scene->calibrated ? 6 : 7;
+    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
+    double offset = 0;
+    memset(N, 0, sizeof N);
+    labeling->count = labeling->missing = 0;
+    labeling->evidence = -INFINITY;
+    double missed = 0;
+    for (int64_t i = 0; i < layout->count; i++) {
+        Outline *drawn = work->drawn + i;
+        outline_of(layout->dots + i, layout->dots[i].xyz, pose, drawn);
+        if (each)
+            each[i] = 0;
+        if (labeling->labels[i] < 0) {
+            if (!drawn->seen || drawn->facing < LIMIT_FACING || !in_frame(scene, drawn))
+                continue;
+            const double across = 2 * shorter_px(scene, drawn->shape);
+            if (across < LIMIT_PX)
+                continue;
+            const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING;
+            labeling->missing += plain;
+            missed += log(plain ? MISSED : MISSED_AT_LIMIT);
+            continue;
+        }
+        if (!drawn->seen)
+            return -INFINITY;
+        const Shown *shown = scene->shown + labeling->labels[i];
+        double root[3];
+        symmetric_root(drawn->shape, root);
+        const double ratio = 0.5 * log((shown->root[0] * shown->root[2] - shown->root[1] * shown->root[1]) /
+                                       larger((root[0] * root[2] - root[1] * root[1]) * scene->px * scene->px, 1e-300));
+        const double weight = 2 * shown->mean * shown->mean / (shown->sigma * shown->sigma);
+        common += weight * ratio;
+        weights += weight;
+        labeling->count++;
+    }
+    common /= weights;
+    shapes -= 0.5 * common * common / (INK * INK) + 0.5 * log(weights * INK * INK);
+    const double factor = exp(common) * scene->px;
+    for (int64_t i = 0; i < layout->count; i++) {
+        const int64_t k = labeling->labels[i];
+        if (k < 0)
+            continue;
+        const Outline *drawn = work->drawn + i;
+        const Shown *shown = scene->shown + k;
+        const Blob *blob = scene->blobs + k;
+        double root[3], J[2][7];
+        symmetric_root(drawn->shape, root);
+        const double xx = shown->root[0] - factor * root[0], xy = shown->root[1] - factor * root[1];
+        const double yy = shown->root[2] - factor * root[2];
+        const double square = (xx * xx + 2 * xy * xy + yy * yy) / (shown->sigma * shown->sigma);
+        /* One outline in ten is three times as far off. */
+        const double shape = log(0.9 * exp(-0.5 * square) + 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300) -
+                             1.5 * log(2 * PI * shown->sigma * shown->sigma);
+        const double kind = kind_evidence(layout->dots + i, blob);
+        const double clutter = log(clutter_of(scene, k, labeling->labels, layout->count));
+        shapes += shape - clutter;
+        kinds += kind + log(1 - MISSED);
+        chi2 += square;
+        const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
+        const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
+        pixel_rows(scene, layout->dots + i, pose, J);
+        for (int b = 0; b < BEYONDS; b++) {
+            const double more = BEYOND[b] * BEYOND[b] + print * print;
+            const double a = wide * blob->spread[0] + more, c = wide * blob->spread[1], d = wide * blob->spread[2] + more;
+            const double det = a * d - c * c, W[3] = {d / det, -c / det, a / det};
+            const double miss = W[0] * x * x + 2 * W[1] * x * y + W[2] * y * y;
+            const double place = -0.5 * miss - 0.5 * log(4 * PI * PI * det);
+            sum[b] += place;
+            if (each && b == 2)
+                each[i] = place + shape - clutter + kind;
+            if (b == 0)
+                chi2 += miss;
+            double *M = N[b];
+            for (int p = 0; p < parameters; p++) {
+                const double u = W[0] * J[0][p] + W[1] * J[1][p], v = W[1] * J[0][p] + W[2] * J[1][p];
+                for (int q = 0; q <= p; q++)
+                    M[parameters * p + q] += u * J[0][q] + v * J[1][q];
+            }
+        }
+        offset += x * x + y * y;
+    }
+    const double *m = layout->middle, *R = pose->R;
+    const double z = R[6] * m[0] + R[7] * m[1] + R[8] * m[2] + pose->t[2];
+    if (!(z > 0) || labeling->count < LEAST_DOTS)
+        return -INFINITY;
+    const Camera *camera = scene->camera;
+    const double frustum = (double)camera->width / camera->fx * (double)camera->height / camera->fy / (pose->focal * pose->focal);
+    double prior = -log(4 * PI * PI) - log(4.6 * 2.25 * frustum * z * z * z);
+    if (parameters == 7)
+        prior -= 0.5 * log(2 * PI) + 0.5 * log(pose->focal) * log(pose->focal);
+    double total = -INFINITY;
+    int best = 0;
+    for (int b = 0; b < BEYONDS; b++) {
+        double determinant = 0;
+        if (parameters == 7)
+            N[b][48] += 1;
+        for (int i = 0; i < parameters; i++)
+            for (int j = 0; j <= i; j++) {
+                double entry = N[b][parameters * i + j];
+                for (int q = 0; q < j; q++)
+                    entry -= N[b][parameters * i + q] * N[b][parameters * j + q];
+                N[b][parameters * i + j] = i == j ? sqrt(larger(entry, 1e-300)) : entry / N[b][parameters * j + j];
+            }
+        for (int i = 0; i < parameters; i++)
+            determinant += log(N[b][(parameters + 1) * i]);
+        sum[b] += 0.5 * parameters * log(2 * PI) - determinant + log(BEYOND_SHARE[b]);
+        if (sum[b] > total) {
+            total = sum[b];
+            best = b;
+        }
+    }
+    double ratio = 0;
+    for (int b = 0; b < BEYONDS; b++)
+        ratio += exp(sum[b] - total);
+    labeling->sigma = sqrt(offset / (double)(2 * labeling->count - 6 > 1 ? 2 * labeling->count - 6 : 1));
+    labeling->chi2 = chi2;
+    labeling->beyond = BEYOND[best];
+    labeling->evidence = total + log(ratio) + shapes + kinds + missed + prior;
+    if (!(labeling->evidence < INFINITY))
+        labeling->evidence = -INFINITY;
+    return labeling->evidence;
+}
+
+/* ---- labelings ---- */
+
+/* The blob nearest to the place of a dot, in units of what is allowed, -1 if none is in reach. */
+static int64_t nearest_blob(const Scene *scene, const Dot *dot, const Outline *drawn, double reach, double margin, double *least)
+{
+    const double semi = sqrt(larger(drawn->shape[0], drawn->shape[2])), far = reach * 1.9 * semi + margin;
+    const double size = 0.25 * log(larger(drawn->shape[0] * drawn->shape[2] - drawn->shape[1] * drawn->shape[1], 1e-300));
+    const double x = drawn->center[0], y = drawn->center[1], reach2 = reach * reach, margin2 = margin * margin;
+    int64_t which = -1, from[2], to[2];
+    *least = 1;
+    if (!squares_around(scene, drawn->center, far, from, to))
+        return -1;
+    for (int64_t row = from[1]; row <= to[1]; row++) {
+        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
+        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
+        for (; member < end; member++) {
+            const Blob *blob = scene->blobs + *member;
+            const double dx = blob->at[0] - x, dy = blob->at[1] - y;
+            if (!(fabs(dx) < far && fabs(dy) < far) || scene->taken[*member])
+                continue;
+            const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
+            const double yy = reach2 * blob->shape[2] + margin2;
+            const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
+            const double own = scene->shown[*member].size + log(scene->focal);
+            if (square < *least && fabs(own - size) < SIZE + SLACK_PX / larger(scene->px * exp(size), 0.3) &&
+                !(dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL)) {
+                *least = square;
+                which = *member;
+            }
+        }
+    }
+    return which;
+}
+
+/* Labels dots, all or those with a distance in `among` up to `within`; returns how many have a blob. */
+static int64_t label(const Scene *scene, const Layout *layout, const Pose *pose, double reach, double margin,
+                     const double *among, double within, Work *work, int64_t *labels)
+{
+    int64_t count = 0;
+    for (int64_t i = 0; i < layout->count; i++) {
+        labels[i] = -1;
+        if (among && !(among[i] <= within))
+            continue;
+        outline_of(layout->dots + i, layout->dots[i].xyz, pose, work->drawn + i);
+        if (!work->drawn[i].seen || work->drawn[i].facing < LIMIT_FACING / 2)
+            continue;
+        const int64_t k = nearest_blob(scene, layout->dots + i, work->drawn + i, reach, margin, work->least + i);
+        if (k < 0)
+            continue;
+        /* Of two dots with the same blob, the farther one gets none. */
+        const int64_t other = scene->owner[k];
+        if (other >= 0) {
+            if (work->least[other] <= work->least[i])
+                continue;
+            labels[other] = -1;
+        }
+        scene->owner[k] = i;
+        labels[i] = k;
+    }
+    for (int64_t i = 0; i < layout->count; i++)
+        if (labels[i] >= 0) {
+            scene->owner[labels[i]] = -1;
+            count++;
+        }
+    return count;
+}
+
+static int64_t matches_of(const Scene *scene, const Layout *layout, const int64_t *labels, Work *work)
+{
+    int64_t m = 0;
+    const double more = (SEARCH_PX * SEARCH_PX) / (scene->px * scene->px);
+    for (int64_t i = 0; i < layout->count; i++) {
+        if (labels[i] < 0)
+            continue;
+        const Blob *blob = scene->blobs + labels[i];
+        const double a = blob->spread[0] + more, b = blob->spread[1], c = blob->spread[2] + more, det = a * c - b * b;
+        work->matches[m] = (Match){i, labels[i]};
+        work->seen[2 * m] = blob->at[0];
+        work->seen[2 * m + 1] = blob->at[1];
+        work->weight[3 * m] = c / det;
+        work->weight[3 * m + 1] = -b / det;
+        work->weight[3 * m + 2] = a / det;
+        m++;
+    }
+    return m;
+}
+
+enum { FIT_STEPS = 8 };
+static const double FIT_TOLERANCE = 1e-4;
+
+static double fit(const Scene *scene, const Layout *layout, int64_t m, Work *work, Pose *pose)
+{
+    return refine_pose(layout->dots, work->matches, m, work->seen, work->weight, 0, scene->calibrated ? 0 : 1, FIT_STEPS,
+                       FIT_TOLERANCE, pose, NULL);
+}
+
+/* Whether all dots matched are on one plate. */
+static int on_one_plate(const Layout *layout, const Work *work, int64_t m)
+{
+    for (int64_t i = 1; i < m; i++)
+        if (layout->dots[work->matches[i].dot].plate != layout->dots[work->matches[0].dot].plate)
+            return 0;
+    return 1;
+}
+
+/* Fits the pose of a labeling, from its pose and from the mirrored one, and keeps the better. */
+void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
+{
+    const int64_t m = matches_of(scene, layout, labeling->labels, work);
+    Pose other;
+    labeling->count = m;
+    labeling->evidence = -INFINITY;
+    if (m < LEAST_DOTS)
+        return;
+    const int mirrors = on_one_plate(layout, work, m);
+    if (mirrors)
+        mirrored_pose(layout->dots, work->matches, m, &labeling->pose, &other);
+    const double chi2 = fit(scene, layout, m, work, &labeling->pose);
+    evidence_of(scene, layout, labeling, work, NULL);
+    if (!mirrors)
+        return;
+    /* Outlines tell them apart, too: where centers fit far worse, they have no say. */
+    const double mirrored = fit(scene, layout, m, work, &other);
+    if (!(mirrored < 4 * chi2 + 100) && labeling->evidence > -INFINITY)
+        return;
+    Labeling second = *labeling;
+    second.pose = other;
+    if (evidence_of(scene, layout, &second, work, NULL) > labeling->evidence)
+        *labeling = second;
+}
+
+/* Leaves out dots, one by one, whose blobs are more likely clutter. */
+static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
+{
+    for (int round = 0; round < 3 && labeling->count > LEAST_DOTS; round++) {
+        int64_t worst = -1;
+        double least = -3;
+        evidence_of(scene, layout, labeling, work, work->each);
+        for (int64_t i = 0; i < layout->count; i++)
+            if (labeling->labels[i] >= 0 && work->each[i] < least) {
+                least = work->each[i];
+                worst = i;
+            }
+        if (worst < 0)
+            return;
+        Labeling fewer = *labeling;
+        fewer.labels = work->trial;
+        memcpy(fewer.labels, labeling->labels, (size_t)layout->count * sizeof *fewer.labels);
+        fewer.labels[worst] = -1;
+        fit_labeling(scene, layout, &fewer, work);
+        if (!(fewer.evidence > labeling->evidence))
+            return;
+        memcpy(labeling->labels, fewer.labels, (size_t)layout->count * sizeof *fewer.labels);
+        fewer.labels = labeling->labels;
+        *labeling = fewer;
+    }
+}
+
+/* Labels again where the fitted pose has the dots, until nothing changes. */
+void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
+{
+    const double reach = smaller(NEAR_REACH, layout->reach);
+    fit_labeling(scene, layout, labeling, work);
+    for (int round = 0; round < 3 && labeling->count >= LEAST_DOTS; round++) {
+        int64_t *labels = work->next;
+        label(scene, layout, &labeling->pose, reach, NEAR_PX / scene->px, NULL, 0, work, labels);
+        if (!memcmp(labels, labeling->labels, (size_t)layout->count * sizeof *labels))
+            break;
+        Labeling next = *labeling;
+        next.labels = labels;
+        fit_labeling(scene, layout, &next, work);
+        if (!(next.evidence > labeling->evidence))
+            break;
+        memcpy(labeling->labels, labels, (size_t)layout->count * sizeof *labels);
+        next.labels = labeling->labels;
+        *labeling = next;
+    }
+    if (labeling->count > LEAST_DOTS)
+        trim(scene, layout, labeling, work);
+}
+
+static uint64_t digest(const int64_t *labels, int64_t n)
+{
+    uint64_t hash = 14695981039346656037u;
+    for (int64_t i = 0; i < n; i++)
+        hash = (hash ^ (uint64_t)(labels[i] + 2)) * 1099511628211u;
+    return hash;
+}
+
+/* Whether labels were tried before; they are now. Of many, some are forgotten: they are tried twice. */
+static int tried(Work *work, const int64_t *labels, int64_t n)
+{
+    const uint64_t hash = digest(labels, n) | 1;
+    uint64_t *place = work->tried + (hash >> 3) % TRIED;
+    if (*place == hash)
+        return 1;
+    *place = hash;
+    return 0;
+}
+
+/* Adds a labeling to the best ones, if it is among these and not there yet; returns its place or -1. */
+static int64_t keep(Pool *pool, const Layout *layout, const Labeling *labeling)
+{
+    const size_t size = (size_t)layout->count * sizeof *labeling->labels;
+    if (!(labeling->evidence > -INFINITY))
+        return -1;
+    for (int64_t i = 0; i < pool->count; i++)
+        if (!memcmp(pool->best[i].labels, labeling->labels, size)) {
+            if (!(labeling->evidence > pool->best[i].evidence))
+                return -1;
+            int64_t *labels = pool->best[i].labels;
+            pool->best[i] = *labeling;
+            pool->best[i].labels = labels;
+            return i;
+        }
+    int64_t place = pool->count;
+    if (place == KEPT) {
+        place = 0;
+        for (int64_t i = 1; i < KEPT; i++)
+            if (pool->best[i].evidence < pool->best[place].evidence)
+                place = i;
+        if (!(labeling->evidence > pool->best[place].evidence))
+            return -1;
+    } else
+        pool->count++;
+    int64_t *labels = pool->best[place].labels;
+    memcpy(labels, labeling->labels, size);
+    pool->best[place] = *labeling;
+    pool->best[place].labels = labels;
+    return place;
+}
+
+/* The labeling to which a guess leads, grown from the dot that it starts from. Returns its place in the pool or -1. */
+static int64_t follow(const Scene *scene, const Layout *layout, const Guess *guess, Work *work, Pool *pool)
+{
+    const Constellation *part = layout->constellations + guess->constellation;
+    const double *origin = layout->dots[part->dots[guess->start]].xyz;
+    Labeling labeling = {0};
+    labeling.labels = work->labels;
+    labeling.pose = guess->pose;
+    double within = INFINITY, farthest = 0;
+    for (int64_t i = 0; i < layout->count; i++) {
+        const double *X = layout->dots[i].xyz, x = X[0] - origin[0], y = X[1] - origin[1], z = X[2] - origin[2];
+        work->apart[i] = sqrt(x * x + y * y + z * z);
+        farthest = larger(farthest, work->apart[i]);
+    }
+    if (part->near_count < layout->count - 1) {
+        within = 0;
+        const int64_t *near = part->near + part->near_count * guess->start;
+        for (int64_t j = 0; j < part->near_count; j++)
+            within = larger(within, work->apart[part->dots[near[j]]]);
+        within *= 1 + 1e-9;
+    }
+    /* Far from where it starts, a guess is not good enough to tell dots from their neighbors: it grows by 1.6 each time; by
+       2.5, boards of 300 dots lose their corners. */
+    int64_t count = 0;
+    for (int round = 0; round < 40; round++) {
+        count = label(scene, layout, &labeling.pose, layout->reach, GUESS_PX / scene->px, work->apart, within, work, labeling.labels);
+        if (count < LEAST_DOTS && within < farthest) {
+            within *= 1.6;
+            if (round > 3)
+                return -1;
+            continue;
+        }
+        if (count < LEAST_DOTS)
+            return -1;
+        if (!(within < farthest))
+            break;
+        if (tried(work, labeling.labels, layout->count))
+            return -1;
+        const int64_t m = matches_of(scene, layout, labeling.labels, work);
+        Pose other = labeling.pose;
+        const int mirrors = round == 0 && on_one_plate(layout, work, m);
+        if (mirrors)
+            mirrored_pose(layout->dots, work->matches, m, &labeling.pose, &other);
+        const double chi2 = fit(scene, layout, m, work, &labeling.pose);
+        if (mirrors && fit(scene, layout, m, work, &other) < chi2)
+            labeling.pose = other;
+        within *= 1.6;
+    }
+    if (tried(work, labeling.labels, layout->count))
+        return -1;
+    settle(scene, layout, &labeling, work);
+    return keep(pool, layout, &labeling);
+}
+
+/* ---- guesses ---- */
+
+/* How much longer an ellipse is than that of a disk with a normal there: the image of a small disk is proportional to
+   G = A (I - n n') A', A = [I, -x]. */
+static double stretched(const double *e, double area, double x, double y, const double *n)
+{
+    const double ax = n[0] - x * n[2], ay = n[1] - y * n[2];
+    const double xx = 1 + x * x - ax * ax, yy = 1 + y * y - ay * ay, xy = x * y - ax * ay;
+    const double det = larger(xx * yy - xy * xy, 1e-12);
+    const double ratio = (e[0] * yy + e[2] * xx - 2 * e[1] * xy) / (2 * area * sqrt(det));
+    return ratio > 1 ? acosh(ratio) : 0;
+}
+
+/* Whether any blob of about the size of a dot is near its place. */
+static int has_blob(const Scene *scene, double x, double y, double gate, double size)
+{
+    int64_t from[2], to[2];
+    const double center[2] = {x, y};
+    if (!squares_around(scene, center, gate, from, to))
+        return 0;
+    for (int64_t row = from[1]; row <= to[1]; row++) {
+        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
+        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
+        for (; member < end; member++) {
+            const double dx = scene->blobs[*member].at[0] - x, dy = scene->blobs[*member].at[1] - y;
+            if (dx * dx + dy * dy < gate * gate && fabs(scene->shown[*member].size - size) < ALIKE && !scene->taken[*member])
+                return 1;
+        }
+    }
+    return 0;
+}
+
+static void add_guess(Work *work, const Guess *guess)
+{
+    if (work->guess_count < GUESSES) {
+        work->guesses[work->guess_count++] = *guess;
+        return;
+    }
+    /* Full: one with fewer votes goes; if there is none near, this one does. */
+    for (int64_t tries = 0; tries < 16; tries++) {
+        work->replaced = (work->replaced + 7919) % GUESSES;
+        Guess *other = work->guesses + work->replaced;
+        if (other->votes < guess->votes || (other->votes == guess->votes && other->quality > guess->quality)) {
+            *other = *guess;
+            return;
+        }
+    }
+}
+
+/* Poses guessed from blob `i` as the first and `j` as the second of a pair of dots: the outline of the first gives the plane,
+   twice, up to the rotation about its normal; the ray through the second meets that plane where its dot is. */
+static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, Work *work)
+{
+    const Constellation *part = layout->constellations + which;
+    const Plate *plate = layout->plates + part->plate;
+    const Shown *first = scene->shown + i, *second = scene->shown + j;
+    const double f = scene->focal, x = scene->blobs[j].at[0] / f, y = scene->blobs[j].at[1] / f;
+    const double allowed = hypot(first->slack, second->slack), limit = exp(allowed), growth = exp(2 * GROWTH * allowed);
+    double e[3];
+    for (int a = 0; a < 3; a++)
+        e[a] = scene->blobs[j].shape[a] / (f * f);
+    for (int side = 0; side < 2; side++) {
+        const double *p = first->position[side], *n = first->normal[side];
+        const double toward = n[0] * x + n[1] * y + n[2];
+        work->steps++;
+        if (!(toward < 0) || !(stretched(e, second->area, x, y, n) < allowed))
+            continue;
+        const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
+        int64_t low = 0, high = part->pair_count;
+        if (part->flat) {
+            const double deep = away / toward, qx = deep * x - p[0], qy = deep * y - p[1], qz = deep - p[2];
+            const double far = sqrt(qx * qx + qy * qy + qz * qz);
+            low = lower_bound(part->ratio, part->pair_count, far / limit);
+            high = lower_bound(part->ratio, part->pair_count, far * limit);
+        }
+        for (int64_t k = low; k < high; k++) {
+            const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
+            const Dot *A = layout->dots + part->dots[a], *C = layout->dots + part->dots[c];
+            work->steps++;
+            if ((A->ring ? scene->blobs[i].hole < DOUBTFUL : scene->blobs[i].hole > 1 - DOUBTFUL) ||
+                (C->ring ? scene->blobs[j].hole < DOUBTFUL : scene->blobs[j].hole > 1 - DOUBTFUL))
+                continue;
+            const double r = A->radius, *X = part->points + 3 * a, *Y = part->points + 3 * c;
+            const double step[3] = {Y[0] - X[0], Y[1] - X[1], Y[2] - X[2]};
+            const double lateral = step[0] * step[0] + step[1] * step[1], depth = (away * r + step[2]) / toward;
+            double u[3] = {depth * x - r * p[0] - step[2] * n[0], depth * y - r * p[1] - step[2] * n[1],
+                           depth - r * p[2] - step[2] * n[2]};
+            const double far = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+            const double size = C->radius * C->radius * -toward / (depth * depth * second->area);
+            if (!(depth > 0 && lateral < far * limit * limit && lateral * limit * limit > far && size < growth && size * growth > 1))
+                continue;
+            const double scale = sqrt(lateral / far), length = sqrt(far), span = sqrt(lateral);
+            for (int d = 0; d < 3; d++)
+                u[d] /= length;
+            const double v[3] = {n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]};
+            const double cosine = step[0] / span, sine = step[1] / span;
+            double R[9], t[3];
+            for (int d = 0; d < 3; d++) {
+                R[3 * d] = cosine * u[d] - sine * v[d];
+                R[3 * d + 1] = sine * u[d] + cosine * v[d];
+                R[3 * d + 2] = n[d];
+                /* The distance between dots tells the scale better than the size of one. */
+                t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
+            }
+            const int64_t least = part->near_count / 2 > 2 ? part->near_count / 2 : part->near_count > 2 ? 2 : part->near_count;
+            int64_t votes = 0;
+            for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
+                const int64_t b = part->near[part->near_count * a + l];
+                const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
+                const double px = R[0] * Z[0] + R[1] * Z[1] + R[2] * Z[2] + t[0];
+                const double py = R[3] * Z[0] + R[4] * Z[1] + R[5] * Z[2] + t[1];
+                const double pz = R[6] * Z[0] + R[7] * Z[1] + R[8] * Z[2] + t[2];
+                const double facing = -(px * n[0] + py * n[1] + pz * n[2]), radius = layout->dots[part->dots[b]].radius;
+                work->steps++;
+                if (b == c) {
+                    votes++;
+                    continue;
+                }
+                if (!(pz > 0 && facing > 0))
+                    continue;
+                const double gate = f * (DRIFT * sqrt(dx * dx + dy * dy + dz * dz) / pz + DRIFT_PX / (scene->px * f));
+                votes += has_blob(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)) / 1);
+            }
+            if (votes < least)
+                continue;
+            Guess guess = {{{0}, {0}, f}, votes, hypot(0.5 * log(lateral / far), 0.5 * log(size)) / allowed, which, a};
+            /* T_camera_body = T_camera_plate T_plate_body. */
+            for (int row = 0; row < 3; row++) {
+                guess.pose.t[row] = t[row];
+                for (int column = 0; column < 3; column++) {
+                    double entry = 0;
+                    for (int d = 0; d < 3; d++)
+                        entry += R[3 * row + d] * plate->R[3 * column + d];
+                    guess.pose.R[3 * row + column] = entry;
+                }
+                for (int column = 0; column < 3; column++)
+                    guess.pose.t[row] -= guess.pose.R[3 * row + column] * plate->t[column];
+            }
+            add_guess(work, &guess);
+        }
+    }
+}
+
+/* The up to `most` nearest of the blobs before the i-th, in px. */
+static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_t most, double far, Work *work)
+{
+    const double *at = scene->blobs[i].at;
+    int64_t count = 0;
+    int64_t column = (int64_t)((at[0] - scene->low[0]) / scene->side), row = (int64_t)((at[1] - scene->low[1]) / scene->side);
+    const int64_t rings = scene->columns > scene->rows ? scene->columns : scene->rows;
+    for (int64_t ring = 0; ring <= rings; ring++) {
+        if (((double)ring - 1) * scene->side > far)
+            break;
+        /* All in the squares inside of this ring are nearer than those outside of it. */
+        if (count >= most && work->near[most - 1].distance < (double)(ring - 1) * scene->side * (double)(ring - 1) * scene->side)
+            break;
+        for (int64_t y = row - ring; y <= row + ring; y++) {
+            if (y < 0 || y >= scene->rows)
+                continue;
+            const int64_t step = y == row - ring || y == row + ring || ring == 0 ? 1 : 2 * ring;
+            for (int64_t x = column - ring; x <= column + ring; x += step) {
+                if (x < 0 || x >= scene->columns)
+                    continue;
+                const int64_t square = y * scene->columns + x;
+                for (int32_t q = scene->first[square]; q < scene->first[square + 1]; q++) {
+                    const int64_t j = scene->member[q];
+                    if (j >= before)
+                        break; /* members are in order */
+                    if (scene->taken[j])
+                        continue;
+                    const double dx = scene->blobs[j].at[0] - at[0], dy = scene->blobs[j].at[1] - at[1];
+                    const double distance = dx * dx + dy * dy;
+                    work->steps++;
+                    if (distance > far * far || (count >= most && distance >= work->near[most - 1].distance))
+                        continue;
+                    int64_t place = count < most ? count++ : most - 1;
+                    for (; place > 0 && work->near[place - 1].distance > distance; place--)
+                        work->near[place] = work->near[place - 1];
+                    work->near[place] = (Near){distance, j};
+                }
+            }
+        }
+    }
+    return count;
+}
+
+static int by_votes(const void *a, const void *b)
+{
+    const Guess *x = a, *y = b;
+    if (x->votes != y->votes)
+        return x->votes > y->votes ? -1 : 1;
+    if (x->quality != y->quality)
+        return x->quality < y->quality ? -1 : 1;
+    return x->start < y->start ? -1 : x->start > y->start;
+}
+
+static int is_whole(const Layout *layout, const Labeling *labeling)
+{
+    return labeling->missing == 0 && 4 * labeling->count >= 3 * layout->count && labeling->evidence > SURE;
+}
+
+/* Follows the pending guesses, the most likely first; returns 1 if the search may end. */
+static int follow_all(const Scene *scene, const Layout *layout, int64_t most, int64_t strong, Work *work, Pool *pool)
+{
+    qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_votes);
+    int64_t done = 0;
+    for (; done < work->guess_count && done < most && work->guesses[done].votes >= strong; done++) {
+        work->steps += 30 * layout->count;
+        const int64_t place = follow(scene, layout, work->guesses + done, work, pool);
+        if (place < 0)
+            continue;
+        while (hop(scene, layout, pool, work))
+            ;
+        if (is_whole(layout, best_of(pool))) {
+            work->guess_count = 0;
+            return 1;
+        }
+    }
+    memmove(work->guesses, work->guesses + done, (size_t)(work->guess_count - done) * sizeof *work->guesses);
+    work->guess_count -= done;
+    return 0;
+}
+
+const Labeling *best_of(const Pool *pool)
+{
+    static const Labeling none = {.evidence = -INFINITY};
+    const Labeling *best = &none;
+    for (int64_t i = 0; i < pool->count; i++)
+        if (pool->best[i].evidence > best->evidence)
+            best = pool->best + i;
+    return best;
+}
+
+/* Few dots pair with each of the nearest 16 blobs, many with the nearest 10, which are their neighbors. */
+enum { MANY_DOTS = 16, NEAR_BLOBS = 16, NEAREST_BLOBS = 10, RINGED_BLOBS = 40 };
+
+/* Finds the labelings of the blobs that are not taken, the best `pool`. Blobs come the most dot-like first, and pairs with
+   those before: after n + 4 of them, twice as many, and so on, the guesses made so far are followed. */
+void search(Scene *scene, const Layout *layout, const Budget *budget, Work *work, Pool *pool)
+{
+    work->guess_count = work->replaced = 0;
+    memset(work->tried, 0, TRIED * sizeof *work->tried);
+    work->cut = 0;
+    const int64_t from = work->steps;
+    int64_t free = 0, next = layout->count + 4, after = -1;
+    double largest = 0;
+    for (int64_t c = 0; c < layout->constellation_count; c++)
+        if (layout->constellations[c].pair_count)
+            largest = larger(largest, layout->constellations[c].ratio[layout->constellations[c].pair_count - 1]);
+    for (int64_t i = 0; i < scene->count; i++) {
+        if (!scene->taken[i]) {
+            const double hole = scene->blobs[i].hole;
+            const int ring = layout->ringed && hole > 1 - DOUBTFUL;
+            const int64_t most = ring ? RINGED_BLOBS : layout->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
+            /* The factor of 2 covers the perspective of near views, in which radii shrink toward the far side. */
+            const double far = 2 * largest * scene->shown[i].mean / scene->px * 2;
+            int64_t count = partners_of(scene, i, i, most, far, work);
+            if (layout->ringed && !ring)
+                for (int64_t k = 0, rings = 0; k < i && rings < 8; k++)
+                    if (!scene->taken[k] && scene->blobs[k].hole > 1 - DOUBTFUL) {
+                        int there = 0;
+                        for (int64_t q = 0; q < count; q++)
+                            there |= work->near[q].blob == k;
+                        if (!there && count < NEARS)
+                            work->near[count++] = (Near){0, k};
+                        rings++;
+                    }
+            for (int64_t q = 0; q < count; q++)
+                for (int32_t c = 0; c < layout->constellation_count; c++) {
+                    guess_pair(scene, layout, c, i, work->near[q].blob, work);
+                    guess_pair(scene, layout, c, work->near[q].blob, i, work);
+                }
+            free++;
+        }
+        const int last = i + 1 == scene->count;
+        const int over = work->steps - from > budget->steps || (budget->late && budget->late(budget));
+        if (free < next && !last && !over)
+            continue;
+        int64_t strong = LAST_VOTES;
+        if (!last && !over) {
+            strong = INT64_MAX;
+            for (int64_t c = 0; c < layout->constellation_count; c++) {
+                const int64_t near = layout->constellations[c].near_count, votes = near - near / 4;
+                strong = votes < strong ? votes : strong;
+            }
+        }
+        if (follow_all(scene, layout, last || over ? LAST_FOLLOWED : FOLLOWED, strong, work, pool))
+            return;
+        if (over && !last) {
+            work->cut = 1;
+            return;
+        }
+        /* What is found already is looked for among twice as many blobs, and no more. */
+        if (after >= 0 && free > after)
+            return;
+        if (after < 0 && best_of(pool)->evidence > SURE)
+            after = next;
+        next *= 2;
+    }
+}
+
+/* ---- rivals ---- */
+
+/* A pose moved within the plane of a plate: dots at `from` come to where those at `to` are, turned by the angle. */
+static void moved_pose(const Plate *plate, const Pose *pose, const double *from, const double *to, double cosine, double sine,
+                       Pose *moved)
+{
+    /* In the plate X -> T X + s with T a rotation about z: T_camera_body' = T_camera_body T_body_plate (T, s) T_plate_body. */
+    const double s[3] = {to[0] - cosine * from[0] + sine * from[1], to[1] - sine * from[0] - cosine * from[1], 0};
+    const double T[9] = {cosine, -sine, 0, sine, cosine, 0, 0, 0, 1}, *P = plate->R, *p = plate->t;
+    double A[9], B[9], b[3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            A[3 * i + j] = P[3 * i] * T[j] + P[3 * i + 1] * T[3 + j] + P[3 * i + 2] * T[6 + j];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            B[3 * i + j] = A[3 * i] * P[3 * j] + A[3 * i + 1] * P[3 * j + 1] + A[3 * i + 2] * P[3 * j + 2];
+    for (int i = 0; i < 3; i++)
+        b[i] = P[3 * i] * s[0] + P[3 * i + 1] * s[1] + P[3 * i + 2] * s[2] + p[i] -
+               (B[3 * i] * p[0] + B[3 * i + 1] * p[1] + B[3 * i + 2] * p[2]);
+    moved->focal = pose->focal;
+    for (int i = 0; i < 3; i++) {
+        moved->t[i] = pose->t[i] + pose->R[3 * i] * b[0] + pose->R[3 * i + 1] * b[1] + pose->R[3 * i + 2] * b[2];
+        for (int j = 0; j < 3; j++)
+            moved->R[3 * i + j] = pose->R[3 * i] * B[j] + pose->R[3 * i + 1] * B[3 + j] + pose->R[3 * i + 2] * B[6 + j];
+    }
+}
+
+/* The constellation most of whose dots have a blob. */
+static const Constellation *main_part(const Layout *layout, const int64_t *labels)
+{
+    const Constellation *best = layout->constellations;
+    int64_t most = -1;
+    for (int64_t c = 0; c < layout->constellation_count; c++) {
+        int64_t count = 0;
+        for (int64_t i = 0; i < layout->constellations[c].count; i++)
+            count += labels[layout->constellations[c].dots[i]] >= 0;
+        if (count > most) {
+            most = count;
+            best = layout->constellations + c;
+        }
+    }
+    return best;
+}
+
+/* Blobs that some dots, spread over the layout, would have with a pose; `want` that many are enough to know. */
+static int64_t probe(const Scene *scene, const Layout *layout, const Pose *pose, int64_t every)
+{
+    int64_t hits = 0;
+    for (int64_t i = 0; i < layout->count; i += every) {
+        Outline drawn;
+        double least;
+        outline_of(layout->dots + i, layout->dots[i].xyz, pose, &drawn);
+        if (drawn.seen)
+            hits += nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &least) >= 0;
+    }
+    return hits;
+}
+
+/* Other labelings of a labeling's dots: the plate is moved onto itself so that any pair of dots comes to where a pair of
+   labeled neighbors is. Those that label at least `least` dots are fitted and kept. */
+static void rigid_rivals(const Scene *scene, const Layout *layout, const Labeling *chosen, int64_t least, int64_t most, Work *work, Pool *pool)
+{
+    const Constellation *part = main_part(layout, chosen->labels);
+    const Pose pose = chosen->pose;
+    const int64_t every = layout->count > 40 ? layout->count / 20 : 1, probes = (layout->count + every - 1) / every;
+    /* Two bases: a rival may lack one of the dots of the first. */
+    int64_t used[2] = {-1, -1};
+    for (int base = 0; base < 2; base++) {
+        int64_t first = -1, second = -1;
+        for (int64_t k = part->pair_count - 1; k >= 0 && first < 0; k--) {
+            const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
+            if (chosen->labels[part->dots[a]] >= 0 && chosen->labels[part->dots[c]] >= 0 && a != used[0] && a != used[1] &&
+                c != used[0] && c != used[1]) {
+                first = a;
+                second = c;
+            }
+        }
+        if (first < 0)
+            return;
+        used[0] = first;
+        used[1] = second;
+        const double *A = part->points + 3 * first, *C = part->points + 3 * second, x = C[0] - A[0], y = C[1] - A[1];
+        const double length = hypot(x, y);
+        int64_t tries = 0;
+        for (int64_t k = 0; k < part->pair_count && tries < most; k++) {
+            const double *B = part->points + 3 * part->pairs[2 * k], *D = part->points + 3 * part->pairs[2 * k + 1];
+            const double u = D[0] - B[0], v = D[1] - B[1], span = hypot(u, v);
+            if ((part->pairs[2 * k] == first && part->pairs[2 * k + 1] == second) || fabs(log(span / length)) > 0.25)
+                continue;
+            Pose moved;
+            moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / (span * length), (u * y - v * x) / (span * length),
+                       &moved);
+            work->steps += 4 * probes;
+            if (probe(scene, layout, &moved, every) * layout->count < least * probes - layout->count)
+                continue;
+            Labeling rival = {0};
+            rival.labels = work->labels;
+            rival.pose = moved;
+            const int64_t count = label(scene, layout, &moved, layout->reach, GUESS_PX / scene->px, NULL, 0, work, rival.labels);
+            if (count < least || count < LEAST_DOTS || tried(work, rival.labels, layout->count))
+                continue;
+            tries++;
+            settle(scene, layout, &rival, work);
+            keep(pool, layout, &rival);
+        }
+    }
+}
+
+/* Of few dots, any affine map of the plate near a rotation, since their outlines tell the tilt only roughly: one that takes
+   any three dots to three labeled ones. */
+static void affine_rivals(const Scene *scene, const Layout *layout, const Labeling *chosen, int64_t least, Work *work, Pool *pool)
+{
+    const Constellation *part = main_part(layout, chosen->labels);
+    int64_t labeled[FEW_DOTS], m = 0, base[3] = {-1, -1, -1};
+    for (int64_t i = 0; i < part->count && m < FEW_DOTS; i++)
+        if (chosen->labels[part->dots[i]] >= 0)
+            labeled[m++] = i;
+    double widest = 0, shortest = INFINITY;
+    for (int64_t a = 0; a < m; a++) {
+        shortest = smaller(shortest, shorter_px(scene, scene->blobs[chosen->labels[part->dots[labeled[a]]]].shape));
+        for (int64_t b = a + 1; b < m; b++)
+            for (int64_t c = b + 1; c < m; c++) {
+                const double *A = part->points + 3 * labeled[a], *B = part->points + 3 * labeled[b], *C = part->points + 3 * labeled[c];
+                const double area = fabs((B[0] - A[0]) * (C[1] - A[1]) - (B[1] - A[1]) * (C[0] - A[0]));
+                if (area > widest) {
+                    widest = area;
+                    base[0] = labeled[a];
+                    base[1] = labeled[b];
+                    base[2] = labeled[c];
+                }
+            }
+    }
+    if (base[0] < 0)
+        return;
+    const double limit = 0.2 + 1 / larger(shortest, 0.5), most = exp(2 * limit);
+    const double *A = part->points + 3 * base[0], *B = part->points + 3 * base[1], *C = part->points + 3 * base[2];
+    for (int64_t a = 0; a < part->count; a++)
+        for (int64_t b = 0; b < part->count; b++)
+            for (int64_t c = 0; c < part->count; c++) {
+                if (a == b || b == c || a == c || (a == base[0] && b == base[1] && c == base[2]))
+                    continue;
+                const double *P = part->points + 3 * a, *Q = part->points + 3 * b, *S = part->points + 3 * c;
+                const double p = Q[0] - P[0], q = S[0] - P[0], r = Q[1] - P[1], s = S[1] - P[1], det = p * s - q * r;
+                if (!(fabs(det) > 0.02 * widest))
+                    continue;
+                /* L [Q - P, S - P] = [B - A, C - A]. */
+                const double bx = B[0] - A[0], by = B[1] - A[1], cx = C[0] - A[0], cy = C[1] - A[1];
+                const double L[4] = {(bx * s - cx * r) / det, (cx * p - bx * q) / det, (by * s - cy * r) / det, (cy * p - by * q) / det};
+                const double area = L[0] * L[3] - L[1] * L[2];
+                const double half = (L[0] * L[0] + L[1] * L[1] + L[2] * L[2] + L[3] * L[3]) / 2;
+                const double longest = half + sqrt(larger(half * half - area * area, 0));
+                work->steps++;
+                if (!(area > 0 && longest < most && area * area / longest > 1 / most))
+                    continue;
+                Labeling rival = {0};
+                int64_t count = 0;
+                rival.labels = work->labels;
+                for (int64_t i = 0; i < layout->count; i++)
+                    rival.labels[i] = -1;
+                for (int64_t i = 0; i < part->count; i++) {
+                    const double *X = part->points + 3 * i;
+                    const double x = A[0] + L[0] * (X[0] - P[0]) + L[1] * (X[1] - P[1]);
+                    const double y = A[1] + L[2] * (X[0] - P[0]) + L[3] * (X[1] - P[1]);
+                    double nearest = 1;
+                    int64_t which = -1;
+                    for (int64_t l = 0; l < m; l++) {
+                        const int64_t dot = part->dots[labeled[l]];
+                        const double *Y = part->points + 3 * labeled[l], radius = layout->dots[dot].radius;
+                        const double far = layout->reach * radius + GUESS_PX * radius / larger(shortest, 0.5);
+                        const double square = ((x - Y[0]) * (x - Y[0]) + (y - Y[1]) * (y - Y[1])) / (far * far);
+                        if (square < nearest) {
+                            nearest = square;
+                            which = chosen->labels[dot];
+                        }
+                    }
+                    int there = 0;
+                    for (int64_t l = 0; l < i; l++)
+                        there |= which >= 0 && rival.labels[part->dots[l]] == which;
+                    if (which >= 0 && !there) {
+                        rival.labels[part->dots[i]] = which;
+                        count++;
+                    }
+                }
+                if (count < least || count < LEAST_DOTS || tried(work, rival.labels, layout->count))
+                    continue;
+                const double cosine = L[0] + L[3], sine = L[2] - L[1], norm = hypot(cosine, sine);
+                moved_pose(layout->plates + part->plate, &chosen->pose, P, A, cosine / norm, sine / norm, &rival.pose);
+                fit_labeling(scene, layout, &rival, work);
+                keep(pool, layout, &rival);
+            }
+}
+
+/* Goes on from the best labeling of a board to one of more dots, such as by a row: returns 1 if there was one. */
+int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work)
+{
+    const Labeling *best = best_of(pool);
+    if (layout->count <= MANY_DOTS || best->missing == 0 || !(best->evidence > SURE))
+        return 0;
+    const double before = best->evidence;
+    rigid_rivals(scene, layout, best, best->count, 200, work, pool);
+    return best_of(pool)->evidence > before + 1;
+}
+
+/* Adds to a pool the labelings that may rival its best one. */
+void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool)
+{
+    Labeling chosen = *best_of(pool);
+    if (!(chosen.evidence > -INFINITY))
+        return;
+    memcpy(work->chosen, chosen.labels, (size_t)layout->count * sizeof *chosen.labels);
+    chosen.labels = work->chosen;
+    memset(work->tried, 0, TRIED * sizeof *work->tried);
+    tried(work, chosen.labels, layout->count);
+    const int64_t lack = 1 + chosen.count / 16, least = chosen.count - lack > LEAST_DOTS ? chosen.count - lack : LEAST_DOTS;
+    if (layout->count <= FEW_DOTS)
+        affine_rivals(scene, layout, &chosen, least, work, pool);
+    else
+        rigid_rivals(scene, layout, &chosen, least, 64, work, pool);
+}
+
+/* Whether two labelings of the same layout give a blob two labels, and not in single dots only. */
+int contradict(const Layout *layout, const Labeling *one, const Labeling *other)
+{
+    int64_t same = 0, shared = 0;
+    for (int64_t i = 0; i < layout->count; i++) {
+        if (one->labels[i] < 0)
+            continue;
+        same += other->labels[i] == one->labels[i];
+        for (int64_t j = 0; j < layout->count; j++)
+            shared += other->labels[j] == one->labels[i];
+    }
+    const int64_t fewer = one->count < other->count ? one->count : other->count;
+    return shared > 0 && 10 * same < 6 * fewer;
+}
+
+/* ---- memory ---- */
+
+int work_for(Work *work, int64_t dots, int64_t blobs)
+{
+    const size_t n = (size_t)dots + 1, b = (size_t)blobs + 1;
+    memset(work, 0, sizeof *work);
+    work->drawn = malloc(n * sizeof *work->drawn);
+    work->numbers = malloc(9 * n * sizeof *work->numbers);
+    work->indices = malloc(4 * n * sizeof *work->indices);
+    work->matches = malloc(n * sizeof *work->matches);
+    work->guesses = malloc(GUESSES * sizeof *work->guesses);
+    work->near = malloc(NEARS * sizeof *work->near);
+    work->tried = malloc(TRIED * sizeof *work->tried);
+    (void)b;
+    if (!work->drawn || !work->numbers || !work->indices || !work->matches || !work->guesses || !work->near || !work->tried)
+        return NO_MEMORY;
+    work->seen = work->numbers;
+    work->weight = work->numbers + 2 * n;
+    work->least = work->numbers + 5 * n;
+    work->each = work->numbers + 6 * n;
+    work->apart = work->numbers + 7 * n;
+    work->labels = work->indices;
+    work->next = work->indices + n;
+    work->trial = work->indices + 2 * n;
+    work->chosen = work->indices + 3 * n;
+    return 0;
+}
+
+void work_free(Work *work)
+{
+    free(work->drawn);
+    free(work->numbers);
+    free(work->indices);
+    free(work->matches);
+    free(work->guesses);
+    free(work->near);
+    free(work->tried);
+}
+
+int pool_for(Pool *pool, int64_t dots)
+{
+    pool->count = 0;
+    pool->memory = malloc((size_t)(KEPT * dots + 1) * sizeof *pool->memory);
+    if (!pool->memory)
+        return NO_MEMORY;
+    for (int64_t i = 0; i < KEPT; i++)
+        pool->best[i].labels = pool->memory + i * dots;
+    return 0;
+}

@@ -1,0 +1,129 @@
+/* Labelings: what label.c offers to detect.c. */
+
+#ifndef MARKERGEN_LABEL_H
+#define MARKERGEN_LABEL_H
+
+#include "detector.h"
+
+enum { LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEARS = 64, TRIED = 4096 };
+
+/* Guesses that are followed at a time; in the end, with so few votes and so many. */
+enum { FOLLOWED = 64, LAST_FOLLOWED = 256, LAST_VOTES = 2 };
+
+/* Least evidence: the expected number of accidental finds is below 1e-6. */
+static const double SURE = 13.8;
+
+typedef struct {
+    double root[3], mean, sigma;         /* symmetric root of the shape, half its trace, standard deviation of its entries: px */
+    double area, size, slack;            /* root of the shape's determinant, half its logarithm, tolerance of guesses */
+    double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with this outline */
+    double clutter;                      /* see clutter_of; -1: not asked yet */
+} Shown;
+
+/* The blobs of an image, by squares of `side`, in normalized coordinates. */
+struct Scene {
+    const Camera *camera;
+    int calibrated;
+    double px, focal; /* px per unit; focal length that guesses are made with */
+    Blob *blobs;
+    int64_t count;
+    Shown *shown;
+    uint8_t *taken;
+    int64_t *owner; /* of each blob while labels are given: -1 */
+    int64_t columns, rows;
+    double low[2], side;
+    int32_t *first, *member;
+};
+
+typedef struct {
+    Pose pose;
+    int64_t votes;
+    double quality;
+    int32_t constellation;
+    int64_t start;
+} Guess;
+
+typedef struct {
+    double distance;
+    int64_t blob;
+} Near;
+
+/* Memory of a search, and how much it did. */
+typedef struct {
+    Outline *drawn;
+    double *numbers, *seen, *weight, *least, *each, *apart;
+    int64_t *indices, *labels, *next, *trial, *chosen;
+    Match *matches;
+    Guess *guesses;
+    int64_t guess_count, replaced, steps;
+    Near *near;
+    uint64_t *tried;
+    int cut;
+} Work;
+
+typedef struct {
+    int64_t count;
+    Labeling best[KEPT];
+    int64_t *memory;
+} Pool;
+
+/* Ends a search that takes too long: after so many steps, or when `late` says so. */
+typedef struct Budget {
+    int64_t steps;
+    int (*late)(const struct Budget *);
+    double until;
+} Budget;
+
+int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, int64_t count);
+void scene_free(Scene *scene);
+void update_blob(Scene *scene, int64_t k);
+void scene_focal(Scene *scene, double focal);
+int work_for(Work *work, int64_t dots, int64_t blobs);
+void work_free(Work *work);
+int pool_for(Pool *pool, int64_t dots);
+void search(Scene *scene, const Layout *layout, const Budget *budget, Work *work, Pool *pool);
+void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
+void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
+double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work, double *each);
+int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
+void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool);
+int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
+const Labeling *best_of(const Pool *pool);
+
+static inline int64_t square_of(const Scene *scene, const double *at)
+{
+    int64_t x = (int64_t)((at[0] - scene->low[0]) / scene->side), y = (int64_t)((at[1] - scene->low[1]) / scene->side);
+    x = x < 0 ? 0 : x >= scene->columns ? scene->columns - 1 : x;
+    y = y < 0 ? 0 : y >= scene->rows ? scene->rows - 1 : y;
+    return y * scene->columns + x;
+}
+
+/* Squares that a circle about a place meets; 0 if there are none. A blob may have left its square by a little. */
+static inline int squares_around(const Scene *scene, const double *at, double far, int64_t *from, int64_t *to)
+{
+    const double more = far + 0.02 * scene->side, side = scene->side;
+    const double left = (at[0] - more - scene->low[0]) / side, right = (at[0] + more - scene->low[0]) / side;
+    const double top = (at[1] - more - scene->low[1]) / side, bottom = (at[1] + more - scene->low[1]) / side;
+    if (!(right >= 0 && bottom >= 0 && left < (double)scene->columns && top < (double)scene->rows))
+        return 0;
+    from[0] = left > 0 ? (int64_t)left : 0;
+    from[1] = top > 0 ? (int64_t)top : 0;
+    to[0] = right < (double)scene->columns - 1 ? (int64_t)right : scene->columns - 1;
+    to[1] = bottom < (double)scene->rows - 1 ? (int64_t)bottom : scene->rows - 1;
+    return 1;
+}
+
+static inline int64_t lower_bound(const double *values, int64_t count, double value)
+{
+    int64_t low = 0, high = count;
+    while (low < high) {
+        const int64_t middle = (low + high) / 2;
+        if (values[middle] < value)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+#endif
