@@ -163,4 +163,65 @@ typedef struct {
 
 typedef struct Scene Scene;
 
+/* ---- detect.c ---- */
+
+/* A body that is looked for: a layout with dark or light dots, and a tag or none. */
+typedef struct {
+    int64_t layout;
+    int64_t family, tag; /* of its tag, which tells it from others of the layout; -1 for none */
+    double corners[4][3]; /* of the tag's black square, m, in the body */
+} Member;
+
+typedef struct {
+    int64_t layout_count, member_count;
+    const Layout *layouts;
+    const Member *members;
+    int32_t light; /* whether the dots are light */
+} Model;
+
+typedef struct {
+    double smallest;  /* diameter of the smallest dots, px */
+    int64_t blobs;    /* most that are looked at */
+    int64_t copies;   /* most of each body */
+    int64_t steps;    /* of the search for each body, before it is cut */
+    double deadline;  /* s from now after which nothing more is begun; 0 for none */
+} Options;
+
+enum {
+    FOUND,
+    FEW,        /* fewer blobs than dots that a pose takes */
+    UNFIT,      /* no labeling fits: `count` dots of the best one, of which `missing` more should be seen */
+    UNSURE,     /* the best labeling might be an accident */
+    AMBIGUOUS,  /* labels: another labeling of the same dots is about as likely */
+    CLAIMED,    /* another body fits the same dots about as well: `rival` */
+    MIRRORED,   /* the mirrored layout fits */
+    OTHER_TAG,  /* the tag at its place is another one: `tag` */
+    HIDDEN_TAG, /* no tag is read where its tag should be, and others differ by their tags alone */
+    CONTRADICTED /* a plate is where, or as, it should not be */
+};
+
+typedef struct {
+    int32_t member, state, cut;
+    int64_t rival, tag;
+    int64_t count, missing;
+    double evidence, margin; /* of the labeling; how much less the next other one has */
+    double sigma;            /* RMS by which the places miss, px */
+    Pose pose;
+    int64_t *dots;           /* (count) of the layout */
+    int64_t *blobs;          /* (count) */
+} Finding;
+
+typedef struct {
+    int64_t count, blob_count;
+    Finding *findings;
+    Blob *blobs;
+} Findings;
+
+int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                     Findings *findings);
+/* The same from blobs that were found before, which become the findings' own. */
+int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                    Findings *findings);
+void findings_free(Findings *findings);
+
 #endif

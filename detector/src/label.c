@@ -1319,3 +1319,12 @@ int pool_for(Pool *pool, int64_t dots)
         pool->best[i].labels = pool->memory + i * dots;
     return 0;
 }
+
+/* Guesses from here on are made with another focal length. */
+void scene_focal(Scene *scene, double focal)
+{
+    scene->focal = focal;
+    for (int64_t k = 0; k < scene->count; k++)
+        if (scene->blobs[k].known)
+            show_blob(scene, k, focal);
+}
