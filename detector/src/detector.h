@@ -114,6 +114,40 @@ double refine_pose(const Dot *dots, const Match *matches, int64_t m, const doubl
 /* The pose with nearly the same image of the flat dots matched: the normal reflected about the line of sight. */
 void mirrored_pose(const Dot *dots, const Match *matches, int64_t m, const Pose *pose, Pose *mirrored);
 
+/* Errors of a body's places and of the camera beside those of single dots. */
+typedef struct {
+    int64_t common;            /* number of errors common to dots, such as the print's scale or a plate's place */
+    const double *moved;       /* (dots, 3, common): displacement of each dot by one standard deviation of each, m, in the body */
+    const double *alone;       /* (dots, 9): covariance of each place without them, m^2; NULL for Dot.print, which weighs dots */
+    const double *calibration; /* (4 + Camera.count)^2: covariance of fx, fy, cx, cy and the coefficients; NULL for none */
+    int several;               /* whether the body has several plates or constellations: see SHORT_PX */
+} Errors;
+
+/* A pose with its uncertainty. Covariances (6, 6) are of (w, dt): R <- exp([w]x) R, t <- t + dt. */
+typedef struct {
+    Pose pose, other;                           /* `other` looks much the same for dots of one plane */
+    double likelihood;                          /* of `other` relative to `pose`, 0 if it is no contender */
+    double image[36], print[36], calibration[36], covariance[36]; /* by source, and their sum; `scale` is in them */
+    double chi2, scale;                         /* of the residuals; factor on the covariances from image and print */
+    int64_t count, freedom;                     /* dots that count, expected value of chi2 */
+} Estimate;
+
+/* The most likely pose of matched dots, from a start that is about right, with outliers dropped one by one: they become the
+   last ones of `matches`, in this order. Returns the number of dots kept, 0 if no pose sees them from the front, or NO_MEMORY.
+   Blobs are to be `known`. */
+int64_t estimate_pose(const Dot *dots, const Blob *blobs, Match *matches, int64_t m, const Camera *camera,
+                      const Errors *errors, const Pose *start, Estimate *estimate);
+
+/* The image of a dot's own center, px, which the ellipse's center in its blob is not: 1, or 0 beyond the lens's reach. */
+int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel);
+
+/* Homography H from (x, y) of `xyz`, m, of flat dots to px of an image without lens distortion, by DLT from (m, 2) points in
+   it, scaled to H[8] = 1. Returns 0 if no four dots have no three on a line: then H is not written. */
+int fit_homography(const Dot *dots, const Match *matches, int64_t m, const double *points, double *H);
+
+/* Without a camera: images of flat dots' own centers (m, 2), px, and the homography; as fit_homography. */
+int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H);
+
 /* Solves N x = b, N (n, n) symmetric positive, for each of `count` b (n); N is replaced by its factor. */
 void solve_positive(int n, double *N, double *columns, int count, double least);
 
