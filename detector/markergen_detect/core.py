@@ -37,6 +37,19 @@ DOT = np.dtype(
     align=True,
 )
 MATCH = np.dtype([("dot", "i8"), ("blob", "i8")], align=True)
+ESTIMATE = np.dtype(
+    [
+        ("pose", POSE),
+        ("other", POSE),
+        ("likelihood", "f8"),
+        *((name, "f8", (6, 6)) for name in ("image", "print", "calibration", "covariance")),
+        ("chi2", "f8"),
+        ("scale", "f8"),
+        ("count", "i8"),
+        ("freedom", "i8"),
+    ],
+    align=True,
+)
 
 
 class ImageStruct(Structure):
@@ -64,6 +77,16 @@ class CameraStruct(Structure):
         ("columns", c_int64),
         ("rows", c_int64),
         ("map", c_void_p),
+    ]
+
+
+class ErrorsStruct(Structure):
+    """`Errors` of detector.h."""
+
+    _fields_ = [
+        ("common", c_int64),
+        *((name, c_void_p) for name in ("moved", "alone", "calibration")),
+        ("several", c_int),
     ]
 
 

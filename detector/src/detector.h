@@ -118,7 +118,8 @@ void mirrored_pose(const Dot *dots, const Match *matches, int64_t m, const Pose 
 typedef struct {
     int64_t common;            /* number of errors common to dots, such as the print's scale or a plate's place */
     const double *moved;       /* (dots, 3, common): displacement of each dot by one standard deviation of each, m, in the body */
-    const double *alone;       /* (dots, 9): covariance of each place without them, m^2; NULL for Dot.print, which weighs dots */
+    const double *alone;       /* (dots, 9): covariance of each place without them, m^2, which Dot.print, by which dots count, is with;
+                                  NULL for Dot.print */
     const double *calibration; /* (4 + Camera.count)^2: covariance of fx, fy, cx, cy and the coefficients; NULL for none */
     int several;               /* whether the body has several plates or constellations: see SHORT_PX */
 } Errors;

@@ -1,0 +1,387 @@
+"""Poses in C against points on rims, differences, closed forms in NumPy, and samples."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from markergen_detect.core import (
+    BLOB,
+    BROWN_CONRADY,
+    DOT,
+    ESTIMATE,
+    MATCH,
+    PINHOLE,
+    POSE,
+    CameraStruct,
+    ErrorsStruct,
+    library,
+)
+from numpy.testing import assert_allclose
+
+FOCAL, CENTER = np.array([800.0, 810.0]), np.array([322.0, 241.0])
+RADTAN = (-0.2, 0.05, 1e-3, -5e-4, 0.01)
+OUTLINE = np.dtype(
+    [("center", "f8", 2), ("shape", "f8", 3), ("point", "f8", 2), ("depth", "f8"), ("facing", "f8"), ("seen", "i4")],
+    align=True,
+)
+NOTHING = np.zeros(9)
+CONTENDER, CHI2_6 = 1e-3, 12.592
+"""Least likelihood of a second pose; 95 % of chi-squared with 6 degrees of freedom."""
+
+
+def pointer(array):
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+
+
+def camera(coefficients=()):
+    struct = CameraStruct(width=640, height=480, fx=FOCAL[0], fy=FOCAL[1], cx=CENTER[0], cy=CENTER[1], reach=2.0)
+    struct.lens, struct.count = BROWN_CONRADY if coefficients else PINHOLE, len(coefficients)
+    struct.c[: len(coefficients)] = coefficients
+    return struct
+
+
+def skew(w):
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def turn(w):
+    """Return exp([w]x)."""
+    angle = np.linalg.norm(w) + 1e-300
+    unit = skew(np.asarray(w) / angle)
+    return np.eye(3) + np.sin(angle) * unit + (1 - np.cos(angle)) * unit @ unit
+
+
+def facing_pose(rng, tilt=0.7, near=0.4, far=0.8):
+    """Return a pose that sees the side z of a plane, tilted by up to `tilt` rad."""
+    angle, around = rng.uniform(0, tilt), rng.uniform(0, 2 * np.pi)
+    lean = turn(angle * np.array([np.cos(around), np.sin(around), 0]))
+    rotation = lean @ np.diag([1.0, -1, -1]) @ turn([0, 0, rng.uniform(0, 2 * np.pi)])
+    return rotation, np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(near, far)])
+
+
+def pose_of(rotation, translation, focal=1.0):
+    pose = np.zeros(1, POSE)
+    pose["R"], pose["t"], pose["focal"] = rotation, translation, focal
+    return pose
+
+
+def plate(rng, n, sigma=1e-4):
+    """Return dots in the plane z = 0."""
+    dots = np.zeros(n, DOT)
+    dots["xyz"][:, :2] = rng.uniform(-0.05, 0.05, (n, 2))
+    dots["place"], dots["normal"], dots["id"] = dots["xyz"], [0, 0, 1], np.arange(n)
+    dots["radius"], dots["print"] = rng.uniform(0.002, 0.006, n), sigma**2 * np.diag([1, 1, 0])
+    return dots
+
+
+def rig(rng, n, sigma=1e-4):
+    """Return dots of three sides of a cube, and a pose that sees them."""
+    axes = [np.roll(np.eye(3), k, axis=0).T for k in range(3)]  # columns: x, y and normal of a side
+    dots = np.concatenate([plate(rng, n) for _ in axes])
+    for k, turned in enumerate(axes):
+        own = slice(n * k, n * (k + 1))
+        dots["place"][own] = dots["xyz"][own] = dots["xyz"][own] @ turned.T + 0.06 * turned[:, 2]
+        dots["normal"][own], dots["plate"][own] = turned[:, 2], k
+        dots["print"][own] = sigma**2 * turned @ np.diag([1, 1, 0]) @ turned.T
+    toward = np.ones(3) / np.sqrt(3)
+    x = np.cross([0, 0, 1.0], toward)
+    rotation = np.array([x / np.linalg.norm(x), np.cross(-toward, x / np.linalg.norm(x)), -toward])
+    return dots, (turn(rng.uniform(-0.1, 0.1, 3)) @ rotation, np.array([*rng.uniform(-0.03, 0.03, 2), 0.6]))
+
+
+def outlines(dots, pose, places=None):
+    drawn = np.zeros(len(dots), OUTLINE)
+    places = np.ascontiguousarray(dots["place"] if places is None else places)
+    for i in range(len(dots)):
+        library().outline_of(pointer(dots[i:]), pointer(places[i]), pointer(pose), pointer(drawn[i:]))
+    return drawn
+
+
+def pixels_of(struct, rays):
+    pixels = np.zeros((len(rays), 2))
+    for ray, pixel in zip(np.ascontiguousarray(rays), pixels, strict=True):
+        library().lens_pixel(ctypes.byref(struct), pointer(ray), pointer(pixel), None)
+    return pixels
+
+
+def matched(n):
+    matches = np.zeros(n, MATCH)
+    matches["dot"] = matches["blob"] = np.arange(n)
+    return matches
+
+
+def blobs_of(struct, pixels, sigma):
+    blobs = np.zeros(len(pixels), BLOB)
+    blobs["center"], blobs["covariance"] = pixels, np.broadcast_to(sigma, len(pixels))[:, None] ** 2 * [1, 0, 1]
+    blobs["semi"], blobs["known"] = 5.0, 1
+    for i in range(len(blobs)):
+        library().undo_lens(ctypes.byref(struct), pointer(blobs[i:]), None, ctypes.c_int64(1))
+    return blobs
+
+
+def refine(dots, seen, weight, pose, focal=0.0, steps=20):
+    normal, matches = np.zeros((7, 7)), matched(len(dots))
+    refined = library().refine_pose
+    refined.restype = ctypes.c_double
+    numbers = ctypes.c_double(focal), steps, ctypes.c_double(1e-10)
+    measured = pointer(np.ascontiguousarray(seen)), pointer(np.ascontiguousarray(weight))
+    chi2 = refined(
+        pointer(dots),
+        pointer(matches),
+        ctypes.c_int64(len(dots)),
+        *measured,
+        1,
+        *numbers,
+        pointer(pose),
+        pointer(normal),
+    )
+    return chi2, normal
+
+
+def estimate(dots, blobs, struct, start, errors=None, matches=None):
+    found, matches = np.zeros(1, ESTIMATE), matched(len(blobs)) if matches is None else matches
+    library().estimate_pose.restype = ctypes.c_int64
+    kept = library().estimate_pose(
+        *(pointer(array) for array in (dots, blobs, matches)),
+        ctypes.c_int64(len(matches)),
+        ctypes.byref(struct),
+        ctypes.byref(errors or ErrorsStruct()),
+        pointer(start),
+        pointer(found),
+    )
+    return kept, found[0], matches
+
+
+def chi2_of(dots, seen, weight, pose):
+    offset = seen - outlines(dots, pose)["center"]
+    return np.sum(weight * np.stack([offset[:, 0] ** 2, 2 * offset[:, 0] * offset[:, 1], offset[:, 1] ** 2], axis=-1))
+
+
+def test_rims_are_on_the_ellipses(rng):
+    dots, pose = rig(rng, 4)
+    drawn = outlines(dots, pose_of(*pose, focal=1.3))
+    for dot, ellipse in zip(dots, drawn, strict=True):
+        across = np.linalg.svd(dot["normal"][None])[2][1:]
+        angle = np.linspace(0, 6, 9)[:, None]
+        rim = dot["place"] + dot["radius"] * (np.cos(angle) * across[0] + np.sin(angle) * across[1])
+        places = rim @ pose[0].T + pose[1]
+        offset = 1.3 * places[:, :2] / places[:, 2:] - ellipse["center"]
+        shape = ellipse["shape"][[[0, 1], [1, 2]]]
+        assert_allclose(np.einsum("ki,ij,kj->k", offset, np.linalg.inv(shape), offset), 1, rtol=1e-7)
+        place = pose[0] @ dot["place"] + pose[1]
+        assert_allclose(ellipse["point"], 1.3 * place[:2] / place[2], rtol=1e-13)
+        assert_allclose(ellipse["facing"], -place @ pose[0] @ dot["normal"] / np.linalg.norm(place), rtol=1e-13)
+        assert ellipse["seen"]
+        assert ellipse["depth"] == pytest.approx(place[2])
+
+
+def test_back_sides_are_not_seen(rng):
+    dots, (rotation, translation) = rig(rng, 1)
+    behind = pose_of(rotation @ np.diag([-1.0, -1, 1]), translation)
+    assert not outlines(dots, behind)["seen"].all()
+    assert not outlines(dots, pose_of(rotation, -translation))["seen"].any()
+    assert refine(dots, np.zeros((3, 2)), np.ones((3, 3)) * [1, 0, 1], behind)[0] == np.inf
+
+
+@pytest.mark.parametrize("focal", [0.0, 0.05])
+def test_refinement_ends_at_a_minimum(rng, focal):
+    dots, (rotation, translation) = rig(rng, 5)
+    pose = pose_of(rotation, translation)
+    seen = outlines(dots, pose)["center"] + rng.normal(0, 1e-3, (15, 2))
+    weight = np.full((15, 3), 1e6) * [1, 0.2, 1]
+    found = pose_of(turn([0.02, -0.03, 0.01]) @ rotation, translation * 1.02)
+    chi2, normal = refine(dots, seen, weight, found, focal)
+
+    def cost(step):
+        scale = found["focal"] * np.exp(step[6])
+        moved = pose_of(turn(step[:3]) @ found["R"][0], found["t"][0] + step[3:6], scale)
+        prior = (np.log(scale[0]) / focal) ** 2 if focal else 0.0
+        return chi2_of(dots, seen, weight, moved) + prior
+
+    unknowns = 7 if focal else 6
+    step = 1e-5 * np.eye(7)[:unknowns]
+    assert cost(np.zeros(7)) == pytest.approx(chi2, rel=1e-12)
+    gradient = np.array([cost(move) - cost(-move) for move in step]) / 2e-5
+    # Its derivatives are those of the disks' centers.
+    assert_allclose(gradient / np.sqrt(np.diag(normal)[:unknowns]), 0, atol=2e-2)
+    curvature = np.array([cost(move) + cost(-move) - 2 * chi2 for move in step]) / 1e-10
+    assert_allclose(curvature, 2 * np.diag(normal)[:unknowns], rtol=0.1)
+    assert (found["focal"] != 1) == bool(focal)
+
+
+def test_the_mirrored_pose_reflects_the_normal(rng):
+    dots = plate(rng, 6)
+    rotation, translation = facing_pose(rng)
+    other = np.zeros(1, POSE)
+    library().mirrored_pose(
+        pointer(dots), pointer(matched(6)), ctypes.c_int64(6), pointer(pose_of(rotation, translation)), pointer(other)
+    )
+    middle = dots["place"].mean(axis=0)
+    place = rotation @ middle + translation
+    sight = place / np.linalg.norm(place)
+    assert_allclose(other["R"][0] @ middle + other["t"][0], place, atol=1e-14)
+    normal = rotation[:, 2]
+    assert_allclose(other["R"][0, :, 2], 2 * (normal @ sight) * sight - normal, atol=1e-14)
+    assert_allclose(other["R"][0] @ other["R"][0].T, np.eye(3), atol=1e-14)
+
+
+def common_errors(rng, dots, count=3):
+    """Return displacements (n, 3, count) of dots by a scale, and by turns of one plate."""
+    moved = np.zeros((len(dots), 3, count))
+    moved[:, :, 0] = 2e-3 * dots["place"]
+    own = dots["plate"] == 0
+    for k in range(1, count):
+        moved[own, :, k] = np.cross(rng.normal(0, 3e-3, 3), dots["place"][own] - dots["place"][own].mean(axis=0))
+    return moved
+
+
+def test_covariances_have_the_closed_form(rng):
+    dots, pose = rig(rng, 30)
+    n, struct, moved = len(dots), camera(RADTAN), common_errors(rng, dots)
+    factor = rng.normal(size=(9, 9)) * np.array([3, 3, 2, 2, 0.01, 0.01, 1e-3, 1e-3, 0.01])[:, None]
+    calibration, alone = factor @ factor.T, dots["print"] * 0.7
+    errors = ErrorsStruct(3, *(array.ctypes.data for array in (moved, alone, calibration)))
+    pixels = pixels_of(struct, outlines(dots, pose_of(*pose))["center"])
+    sigma = rng.uniform(0.02, 0.06, n)
+    kept, found, _ = estimate(dots, blobs_of(struct, pixels, sigma), struct, pose_of(*pose), errors)
+    assert kept == n
+    assert found["scale"] == 1
+
+    def image(step=NOTHING, places=0.0, parameters=NOTHING):
+        place = (dots["place"] + places) @ (turn(step[:3]) @ pose[0]).T + pose[1] + step[3:6]
+        other = camera([c + p for c, p in zip(RADTAN, parameters[4:], strict=True)])
+        other.fx, other.fy, other.cx, other.cy = np.array([*FOCAL, *CENTER]) + parameters[:4]
+        return pixels_of(other, place[:, :2] / place[:, 2:])
+
+    def derivative(name, directions):
+        return np.stack([(image(**{name: d}) - image(**{name: -d})).ravel() for d in directions], axis=-1) / 2e-6
+
+    rows = derivative("step", 1e-6 * np.eye(6))
+    shifted = derivative("places", 1e-6 * np.eye(3)[:, None, :]).reshape(n, 2, 3)
+    noise, printed, own = np.zeros((3, 2 * n, 2 * n))
+    for i in range(n):
+        part = slice(2 * i, 2 * i + 2)
+        noise[part, part] = sigma[i] ** 2 * np.eye(2)
+        printed[part, part] = shifted[i] @ dots["print"][i] @ shifted[i].T
+        own[part, part] = shifted[i] @ alone[i] @ shifted[i].T
+    weighted = np.linalg.solve(noise + printed, rows)
+    gain = weighted @ np.linalg.inv(rows.T @ weighted)
+    together = np.einsum("nij,njk->nik", shifted, moved).reshape(2 * n, 3)
+    lens = derivative("parameters", 1e-6 * np.eye(9))
+    for name, part in (
+        ("image", noise),
+        ("print", own + together @ together.T),
+        ("calibration", lens @ calibration @ lens.T),
+    ):
+        reference = gain.T @ part @ gain
+        size = np.sqrt(np.diag(reference))
+        # The image's covariance is carried through the lens at the ellipses' centers.
+        assert_allclose(found[name] / size / size[:, None], reference / size / size[:, None], atol=1e-3)
+    assert_allclose(found["covariance"], found["image"] + found["print"] + found["calibration"])
+
+
+@pytest.mark.parametrize("body", ["plate", "rig"])
+def test_regions_of_95_percent_hold_as_many(rng, body):
+    """2,000 poses, with errors of image, print, what is common to dots, and the camera."""
+    inside, count = 0, 2000
+    cov = np.diag([2.0, 2, 1.5, 1.5, 3e-3, 3e-3, 3e-4, 3e-4, 3e-3]) ** 2
+    for _ in range(count):
+        dots, pose = rig(rng, 8) if body == "rig" else (plate(rng, 16), facing_pose(rng))
+        moved = common_errors(rng, dots)
+        real = dots.copy()
+        own = np.einsum("nij,nj->ni", dots["print"] / 1e-4, rng.normal(size=(len(dots), 3)))
+        real["place"] += own + moved @ rng.normal(size=3)
+        parameters = np.sqrt(np.diag(cov)) * rng.normal(size=9)
+        real_camera, struct = camera([c + p for c, p in zip(RADTAN, parameters[4:], strict=True)]), camera(RADTAN)
+        real_camera.fx, real_camera.fy, real_camera.cx, real_camera.cy = np.array([*FOCAL, *CENTER]) + parameters[:4]
+        pixels = pixels_of(real_camera, outlines(real, pose_of(*pose))["center"]) + rng.normal(0, 0.04, (len(dots), 2))
+        alone = dots["print"].copy()
+        dots["print"] += moved @ moved.swapaxes(1, 2)
+        errors = ErrorsStruct(3, moved.ctypes.data, alone.ctypes.data, cov.ctypes.data)
+        start = pose_of(turn(rng.normal(0, 3e-3, 3)) @ pose[0], pose[1] * 1.003)
+        _, found, _ = estimate(dots, blobs_of(struct, pixels, 0.04), struct, start, errors)
+        wrong = found["pose"]["R"] @ pose[0].T
+        error = np.array([wrong[2, 1] - wrong[1, 2], wrong[0, 2] - wrong[2, 0], wrong[1, 0] - wrong[0, 1]]) / 2
+        error = np.concatenate([error, found["pose"]["t"] - pose[1]])
+        inside += error @ np.linalg.solve(found["covariance"], error) < CHI2_6
+    assert 0.93 < inside / count < 0.97
+
+
+@pytest.mark.parametrize("n", [7, 90])
+def test_outliers_are_dropped_and_become_the_last(rng, n):
+    dots, pose, struct = plate(rng, n), facing_pose(rng), camera()
+    pixels = pixels_of(struct, outlines(dots, pose_of(*pose))["center"]) + rng.normal(0, 0.03, (n, 2))
+    pixels[2] += [3, -2]
+    kept, found, matches = estimate(dots, blobs_of(struct, pixels, 0.03), struct, pose_of(*pose))
+    assert kept == found["count"] == n - 1
+    assert list(matches["dot"]) == [*(i for i in range(n) if i != 2), 2]
+    assert found["freedom"] == 2 * n - 8
+    alone = estimate(dots, blobs_of(struct, pixels, 0.03), struct, pose_of(*pose), matches=np.delete(matched(n), 2))
+    assert_allclose(found["pose"]["t"], alone[1]["pose"]["t"], rtol=1e-6)
+
+
+def test_the_other_pose_of_a_far_plate(rng):
+    dots, struct = plate(rng, 8), camera()
+    rotation, translation = facing_pose(rng, tilt=0.3, near=4, far=5)
+    blobs = blobs_of(struct, pixels_of(struct, outlines(dots, pose_of(rotation, translation))["center"]), 0.05)
+    _, found, _ = estimate(dots, blobs, struct, pose_of(rotation, translation))
+    assert CONTENDER < found["likelihood"] <= 1
+    _, other, _ = estimate(dots, blobs, struct, found["other"].reshape(1))
+    assert_allclose(other["pose"]["R"], found["pose"]["R"], atol=1e-3)
+    close = facing_pose(rng, tilt=0.7, near=0.2, far=0.25)
+    blobs = blobs_of(struct, pixels_of(struct, outlines(dots, pose_of(*close))["center"]), 0.05)
+    assert estimate(dots, blobs, struct, pose_of(*close))[1]["likelihood"] == 0
+
+
+def test_a_pose_from_behind_is_none(rng):
+    dots, (rotation, translation) = plate(rng, 6), facing_pose(rng)
+    blobs = blobs_of(camera(), rng.uniform(0, 400, (6, 2)), 0.05)
+    assert estimate(dots, blobs, camera(), pose_of(rotation, -translation))[0] == 0
+
+
+def plane_homography(pose):
+    matrix = np.array([[FOCAL[0], 0, CENTER[0]], [0, FOCAL[1], CENTER[1]], [0, 0, 1]])
+    plane = matrix @ np.column_stack([pose[0][:, :2], pose[1]])
+    return plane / plane[2, 2]
+
+
+def test_homography_without_a_camera(rng):
+    dots, pose = plate(rng, 9), facing_pose(rng)
+    drawn = outlines(dots, pose_of(*pose))
+    blobs, corrected, found = (
+        blobs_of(camera(), drawn["center"] * FOCAL + CENTER, 0.05),
+        np.zeros((9, 2)),
+        np.zeros((3, 3)),
+    )
+    arguments = (
+        pointer(dots),
+        pointer(blobs),
+        pointer(matched(9)),
+        ctypes.c_int64(9),
+        pointer(corrected),
+        pointer(found),
+    )
+    assert library().correct_centers(*arguments) == 1
+    assert_allclose(corrected, drawn["point"] * FOCAL + CENTER, atol=1e-4)
+    assert_allclose(found, plane_homography(pose), rtol=1e-4)
+
+
+@pytest.mark.parametrize("on_a_line", [0, 7])
+def test_homography_of_points(rng, on_a_line):
+    dots, pose, found = plate(rng, 8), facing_pose(rng), np.zeros((3, 3))
+    dots["xyz"][:on_a_line, 1] = dots["xyz"][:on_a_line, 0]
+    image = np.column_stack([dots["xyz"][:, :2], np.ones(8)]) @ plane_homography(pose).T
+    arguments = pointer(matched(8)), ctypes.c_int64(8), pointer(image[:, :2] / image[:, 2:]), pointer(found)
+    assert library().fit_homography(pointer(dots), *arguments) == (0 if on_a_line else 1)
+    assert_allclose(found, np.zeros((3, 3)) if on_a_line else plane_homography(pose), rtol=1e-8)
+
+
+def test_centers_of_dots_go_through_the_lens(rng):
+    dots, pose, struct, pixel = plate(rng, 5), facing_pose(rng), camera(RADTAN), np.zeros(2)
+    drawn = outlines(dots, pose_of(*pose))
+    blobs = blobs_of(struct, pixels_of(struct, drawn["center"]), 0.05)
+    blobs["at"] = drawn["center"]
+    for i in range(5):
+        arguments = pointer(dots[i:]), pointer(blobs[i:]), pointer(pose_of(*pose)), ctypes.byref(struct), pointer(pixel)
+        assert library().dot_pixel(*arguments) == 1
+        assert_allclose(pixel, pixels_of(struct, drawn["point"][i : i + 1])[0], atol=1e-9)
