@@ -152,7 +152,7 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
                 for (int f = 0; f < (calibrated ? 1 : 3); f++) {
                     if (!calibrated)
                         scene_focal(&scene, FOCALS[f]);
-                    search(&scene, model->layouts + l, &budget, &work, &quest->pool);
+                    search(&scene, model->layouts + l, &budget, quest->left == options->copies, &work, &quest->pool);
                     quest->cut |= work.cut;
                     if (best_of(&quest->pool)->evidence > SURE)
                         break;

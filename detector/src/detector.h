@@ -168,6 +168,7 @@ typedef struct {
     const double *ratio;   /* (pair_count) their lateral distances in radii of the first, ascending */
     int64_t near_count;
     const int64_t *near;   /* (count, near_count) the dots nearest to each, places in `dots` */
+    double sizes;          /* logarithm of the ratio of the largest to the smallest radius */
     int32_t flat;          /* whether all are at one height */
 } Constellation;
 

@@ -7,6 +7,12 @@
    image is that of A. Desolneux, L. Moisan and J.-M. Morel). */
 
 #include "label.h"
+#ifdef COUNT
+int64_t counts[8];
+#define TALLY(i) counts[i]++
+#else
+#define TALLY(i)
+#endif
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
    semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
@@ -220,45 +226,62 @@ void update_blob(Scene *scene, int64_t k)
 
 /* ---- evidence ---- */
 
-/* Density of clutter at a blob, per px^2 of place and px^3 of the root of its shape: what the other blobs of the image show,
-   half of it near them, and of what none shows, a broad guess. Those of the labeling itself are no clutter.
+/* Two ideas of what clutter is; a labeling has to be better than either.
 
-   With a as the image's area and R the root of a shape, sizes s from 1 to 500 px are equally likely on a logarithmic scale,
-   and R - s I has a standard deviation of 0.3 s along each of two axes. */
-static double density(const Scene *scene, int64_t k, int64_t o)
+   Blobs of all shapes: density at a blob per px^2 of place and px^3 of the root of its shape, from what the other blobs of the
+   image show, half of it near them, and a broad guess of what none shows. With s as half the trace of a root R, sizes s from 1
+   to 500 px are equally likely on a logarithmic scale, and R - s I has a standard deviation of 0.3 s along each of two axes.
+
+   Equal disks in the plane of the labeling's own pose, such as another marker's: their shapes tell nothing, and their density
+   per px^2 is that of blobs whose shape is much like this one's, and of one that none shows.
+
+   The dots of the labeling itself are no clutter. */
+static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, double *alike)
 {
     const Shown *shown = scene->shown + k, *other = scene->shown + o;
-    const double h = larger(hypot(shown->sigma, other->sigma), 0.1 * shown->mean);
     const double xx = shown->root[0] - other->root[0], xy = shown->root[1] - other->root[1];
-    const double yy = shown->root[2] - other->root[2], square = (xx * xx + 2 * xy * xy + yy * yy) / (h * h);
-    if (square > 25)
-        return 0;
-    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, w = 0.1 * (double)scene->camera->width;
+    const double yy = shown->root[2] - other->root[2], square = xx * xx + 2 * xy * xy + yy * yy;
+    const double narrow = shown->sigma * shown->sigma, wide = larger(9 * narrow, 0.01 * shown->mean * shown->mean);
+    *shaped = *alike = 0;
+    if (square > 1.5 * shown->mean * shown->mean + 9 * wide)
+        return;
+    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, w = 0.06 * (double)scene->camera->width;
     const double dx = (a[0] - b[0]) * scene->px / w, dy = (a[1] - b[1]) * scene->px / w;
     const double area = (double)scene->camera->width * (double)scene->camera->height;
     const double place = 0.5 / area + 0.5 / (2 * PI * w * w) * exp(-0.5 * (dx * dx + dy * dy));
-    return place * exp(-0.5 * square) / (15.7496099457 * h * h * h); /* (2 pi)^1.5 */
+    *shaped = place * (0.8 * exp(-0.5 * square / narrow) / (narrow * sqrt(narrow)) + 0.2 * exp(-0.5 * square / wide) / (wide * sqrt(wide))) /
+              15.7496099457; /* (2 pi)^1.5 */
+    *alike = place * exp(-0.5 * square / (0.0625 * shown->mean * shown->mean));
 }
 
-static double clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n)
+static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n, double *shaped, double *alike)
 {
     Shown *shown = scene->shown + k;
+    double one, other;
     if (shown->clutter < 0) {
-        shown->clutter = 0;
+        shown->clutter = shown->alike = 0;
         for (int64_t o = 0; o < scene->count; o++)
-            if (o != k && !scene->taken[o])
-                shown->clutter += density(scene, k, o);
+            if (o != k && !scene->taken[o]) {
+                density(scene, k, o, &one, &other);
+                shown->clutter += one;
+                shown->alike += other;
+            }
     }
-    double others = shown->clutter;
+    *shaped = shown->clutter;
+    *alike = shown->alike;
     for (int64_t i = 0; i < n; i++)
-        if (labels[i] >= 0 && labels[i] != k)
-            others -= density(scene, k, labels[i]);
+        if (labels[i] >= 0 && labels[i] != k) {
+            density(scene, k, labels[i], &one, &other);
+            *shaped -= one;
+            *alike -= other;
+        }
     const double area = (double)scene->camera->width * (double)scene->camera->height;
     const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
     const double round = exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)) / (2 * PI * spread * spread);
     /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
     const double broad = larger(round, 0.0111 / (2 * PI * spread * spread)) / (sqrt(2) * s * 6.2);
-    return larger(others, 0) + broad / area;
+    *shaped = larger(*shaped, 0) + broad / area;
+    *alike = larger(*alike, 0) + 1 / area;
 }
 
 /* Standard deviations that places may have beyond their own, px, with how likely each is: lens, print and refraction are
@@ -268,6 +291,9 @@ enum { BEYONDS = 4 };
 
 /* Ink spreads, and bright surroundings eat into dark dots: standard deviation of the logarithm of a common factor. */
 static const double INK = 0.1;
+
+/* What the plane of equal disks has cost already: the logarithm of the share of directions and distances that outlines leave. */
+static const double PLANE = 6;
 
 /* A dot in plain view is missed for reasons other than its size in 4 % of cases (hidden, in a highlight); one seen flat or of
    few pixels, in 40 %. */
@@ -326,7 +352,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
 {
     const Pose *pose = &labeling->pose;
     const int parameters = scene->calibrated ? 6 : 7;
-    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
+    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, disks = PLANE, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
     double offset = 0;
     memset(N, 0, sizeof N);
     labeling->count = labeling->missing = 0;
@@ -379,8 +405,10 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const double shape = log(0.9 * exp(-0.5 * square) + 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300) -
                              1.5 * log(2 * PI * shown->sigma * shown->sigma);
         const double kind = kind_evidence(layout->dots + i, blob);
-        const double clutter = log(clutter_of(scene, k, labeling->labels, layout->count));
-        shapes += shape - clutter;
+        double clutter, alike;
+        clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
+        shapes += shape - log(clutter);
+        disks -= log(alike);
         kinds += kind + log(1 - MISSED);
         chi2 += square;
         const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
@@ -394,7 +422,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             const double place = -0.5 * miss - 0.5 * log(4 * PI * PI * det);
             sum[b] += place;
             if (each && b == 2)
-                each[i] = place + shape - clutter + kind;
+                each[i] = place + smaller(shape - log(clutter), -log(alike)) + kind;
             if (b == 0)
                 chi2 += miss;
             double *M = N[b];
@@ -442,7 +470,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     labeling->sigma = sqrt(offset / (double)(2 * labeling->count - 6 > 1 ? 2 * labeling->count - 6 : 1));
     labeling->chi2 = chi2;
     labeling->beyond = BEYOND[best];
-    labeling->evidence = total + log(ratio) + shapes + kinds + missed + prior;
+    labeling->evidence = total + log(ratio) + smaller(shapes, disks) + kinds + missed + prior;
     if (!(labeling->evidence < INFINITY))
         labeling->evidence = -INFINITY;
     return labeling->evidence;
@@ -606,12 +634,15 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
     }
 }
 
+/* Evidence below which a first fit of the labels of a guess does not lead to the right ones: these begin above -60. */
+static const double HOPELESS = -100;
+
 /* Labels again where the fitted pose has the dots, until nothing changes. */
 void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
 {
     const double reach = smaller(NEAR_REACH, layout->reach);
     fit_labeling(scene, layout, labeling, work);
-    for (int round = 0; round < 3 && labeling->count >= LEAST_DOTS; round++) {
+    for (int round = 0; round < 3 && labeling->evidence > HOPELESS; round++) {
         int64_t *labels = work->next;
         label(scene, layout, &labeling->pose, reach, NEAR_PX / scene->px, NULL, 0, work, labels);
         if (!memcmp(labels, labeling->labels, (size_t)layout->count * sizeof *labels))
@@ -625,7 +656,7 @@ void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *
         next.labels = labeling->labels;
         *labeling = next;
     }
-    if (labeling->count > LEAST_DOTS)
+    if (labeling->count > LEAST_DOTS && labeling->evidence > HOPELESS)
         trim(scene, layout, labeling, work);
 }
 
@@ -704,6 +735,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
     /* Far from where it starts, a guess is not good enough to tell dots from their neighbors: it grows by 1.6 each time; by
        2.5, boards of 300 dots lose their corners. */
     int64_t count = 0;
+    TALLY(4);
     for (int round = 0; round < 40; round++) {
         count = label(scene, layout, &labeling.pose, layout->reach, GUESS_PX / scene->px, work->apart, within, work, labeling.labels);
         if (count < LEAST_DOTS && within < farthest) {
@@ -730,6 +762,13 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
     }
     if (tried(work, labeling.labels, layout->count))
         return -1;
+    /* Half of what should be seen has to be. */
+    int64_t inside = 0;
+    for (int64_t i = 0; i < layout->count; i++)
+        inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
+    if (inside > count)
+        return -1;
+    TALLY(5);
     settle(scene, layout, &labeling, work);
     return keep(pool, layout, &labeling);
 }
@@ -785,7 +824,7 @@ static void add_guess(Work *work, const Guess *guess)
 
 /* Poses guessed from blob `i` as the first and `j` as the second of a pair of dots: the outline of the first gives the plane,
    twice, up to the rotation about its normal; the ray through the second meets that plane where its dot is. */
-static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, Work *work)
+static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, int64_t least, Work *work)
 {
     const Constellation *part = layout->constellations + which;
     const Plate *plate = layout->plates + part->plate;
@@ -799,6 +838,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
         const double *p = first->position[side], *n = first->normal[side];
         const double toward = n[0] * x + n[1] * y + n[2];
         work->steps++;
+        TALLY(0);
         if (!(toward < 0) || !(stretched(e, second->area, x, y, n) < allowed))
             continue;
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
@@ -813,6 +853,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
             const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
             const Dot *A = layout->dots + part->dots[a], *C = layout->dots + part->dots[c];
             work->steps++;
+            TALLY(1);
             if ((A->ring ? scene->blobs[i].hole < DOUBTFUL : scene->blobs[i].hole > 1 - DOUBTFUL) ||
                 (C->ring ? scene->blobs[j].hole < DOUBTFUL : scene->blobs[j].hole > 1 - DOUBTFUL))
                 continue;
@@ -838,8 +879,8 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 /* The distance between dots tells the scale better than the size of one. */
                 t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
             }
-            const int64_t least = part->near_count / 2 > 2 ? part->near_count / 2 : part->near_count > 2 ? 2 : part->near_count;
             int64_t votes = 0;
+            TALLY(2);
             for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
                 const int64_t b = part->near[part->near_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
@@ -872,42 +913,41 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 for (int column = 0; column < 3; column++)
                     guess.pose.t[row] -= guess.pose.R[3 * row + column] * plate->t[column];
             }
+            TALLY(3);
             add_guess(work, &guess);
         }
     }
 }
 
-/* The up to `most` nearest of the blobs before the i-th, in px. */
-static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_t most, double far, Work *work)
+/* The up to `most` nearest to blob i of the first `before` blobs, within `far` and of about its size. */
+static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_t most, double far, double alike, Work *work)
 {
-    const double *at = scene->blobs[i].at;
-    int64_t count = 0;
-    int64_t column = (int64_t)((at[0] - scene->low[0]) / scene->side), row = (int64_t)((at[1] - scene->low[1]) / scene->side);
+    const double *at = scene->blobs[i].at, size = scene->shown[i].size, side = scene->side;
+    const int64_t square = square_of(scene, at), column = square % scene->columns, row = square / scene->columns;
     const int64_t rings = scene->columns > scene->rows ? scene->columns : scene->rows;
+    int64_t count = 0;
     for (int64_t ring = 0; ring <= rings; ring++) {
-        if (((double)ring - 1) * scene->side > far)
+        const double inside = (double)(ring - 1) * side;
+        /* What is in the squares farther out is farther away than this. */
+        if (inside > far || (ring > 0 && count >= most && work->near[most - 1].distance < inside * inside))
             break;
-        /* All in the squares inside of this ring are nearer than those outside of it. */
-        if (count >= most && work->near[most - 1].distance < (double)(ring - 1) * scene->side * (double)(ring - 1) * scene->side)
-            break;
-        for (int64_t y = row - ring; y <= row + ring; y++) {
-            if (y < 0 || y >= scene->rows)
-                continue;
+        for (int64_t y = row - ring < 0 ? 0 : row - ring; y <= row + ring && y < scene->rows; y++) {
             const int64_t step = y == row - ring || y == row + ring || ring == 0 ? 1 : 2 * ring;
             for (int64_t x = column - ring; x <= column + ring; x += step) {
                 if (x < 0 || x >= scene->columns)
                     continue;
-                const int64_t square = y * scene->columns + x;
-                for (int32_t q = scene->first[square]; q < scene->first[square + 1]; q++) {
+                const int64_t own = y * scene->columns + x;
+                for (int32_t q = scene->first[own]; q < scene->first[own + 1]; q++) {
                     const int64_t j = scene->member[q];
                     if (j >= before)
-                        break; /* members are in order */
-                    if (scene->taken[j])
+                        break; /* they are in order */
+                    if (scene->taken[j] || j == i)
                         continue;
                     const double dx = scene->blobs[j].at[0] - at[0], dy = scene->blobs[j].at[1] - at[1];
                     const double distance = dx * dx + dy * dy;
                     work->steps++;
-                    if (distance > far * far || (count >= most && distance >= work->near[most - 1].distance))
+                    if (distance > far * far || fabs(scene->shown[j].size - size) > alike ||
+                        (count >= most && distance >= work->near[most - 1].distance))
                         continue;
                     int64_t place = count < most ? count++ : most - 1;
                     for (; place > 0 && work->near[place - 1].distance > distance; place--)
@@ -935,26 +975,22 @@ static int is_whole(const Layout *layout, const Labeling *labeling)
     return labeling->missing == 0 && 4 * labeling->count >= 3 * layout->count && labeling->evidence > SURE;
 }
 
-/* Follows the pending guesses, the most likely first; returns 1 if the search may end. */
-static int follow_all(const Scene *scene, const Layout *layout, int64_t most, int64_t strong, Work *work, Pool *pool)
+/* Follows the up to `most` likeliest guesses, and forgets the others; returns 1 if the search may end. */
+static int follow_all(const Scene *scene, const Layout *layout, int64_t most, Work *work, Pool *pool)
 {
-    qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_votes);
-    int64_t done = 0;
-    for (; done < work->guess_count && done < most && work->guesses[done].votes >= strong; done++) {
+    if (work->guess_count > 1)
+        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_votes);
+    int whole = 0;
+    for (int64_t i = 0; i < work->guess_count && i < most && !whole; i++) {
         work->steps += 30 * layout->count;
-        const int64_t place = follow(scene, layout, work->guesses + done, work, pool);
-        if (place < 0)
+        if (follow(scene, layout, work->guesses + i, work, pool) < 0)
             continue;
         while (hop(scene, layout, pool, work))
             ;
-        if (is_whole(layout, best_of(pool))) {
-            work->guess_count = 0;
-            return 1;
-        }
+        whole = is_whole(layout, best_of(pool));
     }
-    memmove(work->guesses, work->guesses + done, (size_t)(work->guess_count - done) * sizeof *work->guesses);
-    work->guess_count -= done;
-    return 0;
+    work->guess_count = 0;
+    return whole;
 }
 
 const Labeling *best_of(const Pool *pool)
@@ -967,71 +1003,69 @@ const Labeling *best_of(const Pool *pool)
     return best;
 }
 
-/* Few dots pair with each of the nearest 16 blobs, many with the nearest 10, which are their neighbors. */
-enum { MANY_DOTS = 16, NEAR_BLOBS = 16, NEAREST_BLOBS = 10, RINGED_BLOBS = 40 };
+/* Few dots pair with the nearest 16 blobs, many with the nearest 6, which are their neighbors; rings with more, since pairs
+   with a ring are few. */
+enum { MANY_DOTS = 16, NEAR_BLOBS = 16, NEAREST_BLOBS = 6, RINGED_BLOBS = 40 };
 
-/* Finds the labelings of the blobs that are not taken, the best `pool`. Blobs come the most dot-like first, and pairs with
-   those before: after n + 4 of them, twice as many, and so on, the guesses made so far are followed. */
-void search(Scene *scene, const Layout *layout, const Budget *budget, Work *work, Pool *pool)
+/* Guesses from one blob as the first of pairs with any of the first `blobs`; with `fresh` of these done, pairs of two of
+   them are not made again. */
+static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int64_t fresh, int64_t blobs, int strong, Work *work)
 {
-    work->guess_count = work->replaced = 0;
-    memset(work->tried, 0, TRIED * sizeof *work->tried);
-    work->cut = 0;
-    const int64_t from = work->steps;
-    int64_t free = 0, next = layout->count + 4, after = -1;
-    double largest = 0;
-    for (int64_t c = 0; c < layout->constellation_count; c++)
-        if (layout->constellations[c].pair_count)
-            largest = larger(largest, layout->constellations[c].ratio[layout->constellations[c].pair_count - 1]);
-    for (int64_t i = 0; i < scene->count; i++) {
-        if (!scene->taken[i]) {
-            const double hole = scene->blobs[i].hole;
-            const int ring = layout->ringed && hole > 1 - DOUBTFUL;
-            const int64_t most = ring ? RINGED_BLOBS : layout->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
-            /* The factor of 2 covers the perspective of near views, in which radii shrink toward the far side. */
-            const double far = 2 * largest * scene->shown[i].mean / scene->px * 2;
-            int64_t count = partners_of(scene, i, i, most, far, work);
-            if (layout->ringed && !ring)
-                for (int64_t k = 0, rings = 0; k < i && rings < 8; k++)
-                    if (!scene->taken[k] && scene->blobs[k].hole > 1 - DOUBTFUL) {
-                        int there = 0;
-                        for (int64_t q = 0; q < count; q++)
-                            there |= work->near[q].blob == k;
-                        if (!there && count < NEARS)
-                            work->near[count++] = (Near){0, k};
-                        rings++;
-                    }
-            for (int64_t q = 0; q < count; q++)
-                for (int32_t c = 0; c < layout->constellation_count; c++) {
-                    guess_pair(scene, layout, c, i, work->near[q].blob, work);
-                    guess_pair(scene, layout, c, work->near[q].blob, i, work);
-                }
-            free++;
-        }
-        const int last = i + 1 == scene->count;
-        const int over = work->steps - from > budget->steps || (budget->late && budget->late(budget));
-        if (free < next && !last && !over)
+    const int ring = layout->ringed && scene->blobs[i].hole > 1 - DOUBTFUL;
+    for (int32_t c = 0; c < layout->constellation_count; c++) {
+        const Constellation *part = layout->constellations + c;
+        const int64_t near = part->near_count, usual = near / 2 > 2 ? near / 2 : 2 < near ? 2 : near;
+        const int64_t least = strong ? near - near / 4 : usual;
+        if (!part->pair_count)
             continue;
-        int64_t strong = LAST_VOTES;
-        if (!last && !over) {
-            strong = INT64_MAX;
-            for (int64_t c = 0; c < layout->constellation_count; c++) {
-                const int64_t near = layout->constellations[c].near_count, votes = near - near / 4;
-                strong = votes < strong ? votes : strong;
+        const int64_t most = ring ? RINGED_BLOBS : part->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
+        /* The factor of 2 covers the perspective of near views, in which radii shrink toward the far side. */
+        const double far = 2 * part->ratio[part->pair_count - 1] * larger(scene->shown[i].root[0], scene->shown[i].root[2]) / scene->px;
+        int64_t count = partners_of(scene, i, blobs, most, far, part->sizes + 1, work);
+        if (count < LEAST_DOTS - 1)
+            continue;
+        for (int64_t q = 0; q < count; q++)
+            if (i >= fresh || work->near[q].blob >= fresh)
+                guess_pair(scene, layout, c, i, work->near[q].blob, least, work);
+    }
+}
+
+/* Finds the labelings of the blobs that are not taken, the best `pool`.
+
+   The first n + 4 blobs, which are the most dot-like, are searched, then twice as many, and so on. Guesses that most of the
+   near dots confirm are followed at once; when none is left, those with half of them, if the search is thorough. */
+void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool)
+{
+    int64_t fresh = 0, blobs = layout->count + 4, after = -1;
+    const int64_t from = work->steps;
+    work->guess_count = work->replaced = work->cut = 0;
+    memset(work->tried, 0, TRIED * sizeof *work->tried);
+    while (fresh < scene->count) {
+        blobs = blobs < scene->count ? blobs : scene->count;
+        for (int strong = 1; strong >= !thorough; strong--) {
+            for (int64_t i = 0; i < blobs; i++) {
+                if (scene->taken[i])
+                    continue;
+                guess_from(scene, layout, i, fresh, blobs, strong, work);
+                if (strong && work->guess_count && follow_all(scene, layout, FOLLOWED, work, pool))
+                    return;
+                work->cut = work->steps - from > budget->steps || budget->late(budget);
+                if (work->cut)
+                    break;
             }
+            /* With some of the dots hidden, the strong guesses have led there. */
+            if (work->cut || best_of(pool)->evidence > SURE + 20)
+                break;
+            if (!strong && follow_all(scene, layout, LAST_FOLLOWED, work, pool))
+                return;
         }
-        if (follow_all(scene, layout, last || over ? LAST_FOLLOWED : FOLLOWED, strong, work, pool))
-            return;
-        if (over && !last) {
-            work->cut = 1;
-            return;
-        }
-        /* What is found already is looked for among twice as many blobs, and no more. */
-        if (after >= 0 && free > after)
+        /* What is found is looked for among twice as many blobs, and no more. */
+        if (work->cut || (after >= 0 && blobs >= after))
             return;
         if (after < 0 && best_of(pool)->evidence > SURE)
-            after = next;
-        next *= 2;
+            after = 2 * blobs;
+        fresh = blobs;
+        blobs *= 2;
     }
 }
 

@@ -7,8 +7,8 @@
 
 enum { LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEARS = 64, TRIED = 4096 };
 
-/* Guesses that are followed at a time; in the end, with so few votes and so many. */
-enum { FOLLOWED = 64, LAST_FOLLOWED = 256, LAST_VOTES = 2 };
+/* Guesses from one blob that are followed, and from all with but half of the votes. */
+enum { FOLLOWED = 16, LAST_FOLLOWED = 64 };
 
 /* Least evidence: the expected number of accidental finds is below 1e-6. */
 static const double SURE = 13.8;
@@ -17,7 +17,7 @@ typedef struct {
     double root[3], mean, sigma;         /* symmetric root of the shape, half its trace, standard deviation of its entries: px */
     double area, size, slack;            /* root of the shape's determinant, half its logarithm, tolerance of guesses */
     double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with this outline */
-    double clutter;                      /* see clutter_of; -1: not asked yet */
+    double clutter, alike;               /* see density; -1: not asked yet */
 } Shown;
 
 /* The blobs of an image, by squares of `side`, in normalized coordinates. */
@@ -81,7 +81,7 @@ void scene_focal(Scene *scene, double focal);
 int work_for(Work *work, int64_t dots, int64_t blobs);
 void work_free(Work *work);
 int pool_for(Pool *pool, int64_t dots);
-void search(Scene *scene, const Layout *layout, const Budget *budget, Work *work, Pool *pool);
+void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool);
 void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work, double *each);
