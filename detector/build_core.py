@@ -60,7 +60,7 @@ def compiler() -> list[str]:
 
 
 def build(folder: Path | None = None, extra: tuple[str, ...] = ()) -> Path:
-    """Compile the sources into a folder, by default the package, and return the library's path.
+    """Compile the sources into a folder, by default the package, beside their header; return the library's path.
 
     Raises
     ------
@@ -83,6 +83,7 @@ def build(folder: Path | None = None, extra: tuple[str, ...] = ()) -> Path:
             message = next((line for line in lines if "error" in line), lines[0])
             raise OSError(f"{command[0]} failed with status {done.returncode}: {message}")
         made.replace(target)  # processes that use the library now keep the old one
+    shutil.copy(ROOT / "src" / "detector.h", target.parent)  # which the package reads
     return target
 
 

@@ -1,114 +1,91 @@
-"""The compiled core: its structures, as detector.h has them, and how it is loaded."""
+"""The compiled core: its structures and functions, as its header declares them."""
 
 import ctypes
 import functools
-from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int64, c_void_p
+import re
+import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-PINHOLE, BROWN_CONRADY, EQUIDISTANT, SAMPLED = range(4)
-COEFFICIENTS = 14
-ROUGH, FITTED, REFUSED = range(3)
-
-BLOB = np.dtype(
-    [
-        ("center", "f8", 2),
-        ("semi", "f8", 2),
-        ("angle", "f8"),
-        ("covariance", "f8", 3),
-        *((name, "f8") for name in ("light", "dark", "blur", "hole", "doubt", "side")),
-        ("state", "i4"),
-        ("known", "i4"),
-        ("at", "f8", 2),
-        ("shape", "f8", 3),
-        ("spread", "f8", 3),
-    ],
-    align=True,
-)
-POSE = np.dtype([("R", "f8", (3, 3)), ("t", "f8", 3), ("focal", "f8")], align=True)
-DOT = np.dtype(
-    [
-        *((name, "f8", 3) for name in ("xyz", "place", "normal")),
-        ("radius", "f8"),
-        ("print", "f8", (3, 3)),
-        *((name, "i4") for name in ("ring", "plate", "id", "constellation")),
-    ],
-    align=True,
-)
-MATCH = np.dtype([("dot", "i8"), ("blob", "i8")], align=True)
-ESTIMATE = np.dtype(
-    [
-        ("pose", POSE),
-        ("other", POSE),
-        ("likelihood", "f8"),
-        *((name, "f8", (6, 6)) for name in ("image", "print", "calibration", "covariance")),
-        ("chi2", "f8"),
-        ("scale", "f8"),
-        ("count", "i8"),
-        ("freedom", "i8"),
-    ],
-    align=True,
-)
+_HERE = Path(__file__).parent
+_SOURCES = _HERE.parent / "src"
+_TYPES = {"double": np.dtype("f8"), "int64_t": np.dtype("i8"), "int32_t": np.dtype("i4"), "int": np.dtype("i4")}
+_TYPES |= {"uint64_t": np.dtype("u8"), "uint8_t": np.dtype("u1")}
+_ARGUMENTS = {"double": ctypes.c_double, "int64_t": ctypes.c_int64, "int": ctypes.c_int, "void": None}
+_POINTER = np.dtype("u8" if ctypes.sizeof(ctypes.c_void_p) == 8 else "u4")
 
 
-class ImageStruct(Structure):
-    """`Image` of detector.h."""
-
-    _fields_ = [
-        ("rows", c_void_p),
-        *((name, c_int64) for name in ("height", "width", "stride")),
-        ("wide", c_int),
-        ("inverted", c_int),
-    ]
+@functools.cache
+def header() -> str:
+    """Return the header that the library was built with, without its comments."""
+    path = next(path for path in (_HERE / "detector.h", _SOURCES / "detector.h") if path.is_file())
+    return re.sub(r"/\*.*?\*/", " ", path.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 
-class CameraStruct(Structure):
-    """`Camera` of detector.h."""
-
-    _fields_ = [
-        ("width", c_int64),
-        ("height", c_int64),
-        *((name, c_double) for name in ("fx", "fy", "cx", "cy")),
-        ("lens", c_int),
-        ("count", c_int),
-        ("c", c_double * COEFFICIENTS),
-        ("reach", c_double),
-        ("columns", c_int64),
-        ("rows", c_int64),
-        ("map", c_void_p),
-    ]
+@functools.cache
+def constants() -> dict[str, int]:
+    """Return the numbers of the header's enumerations."""
+    values: dict[str, int] = {}
+    for body in re.findall(r"\benum\s*\{(.*?)\}", header(), flags=re.DOTALL):
+        following = 0
+        for entry in filter(None, map(str.strip, body.split(","))):
+            name, _, number = (part.strip() for part in entry.partition("="))
+            values[name] = following = int(number) if number else following
+            following += 1
+    return values
 
 
-class ErrorsStruct(Structure):
-    """`Errors` of detector.h."""
-
-    _fields_ = [
-        ("common", c_int64),
-        *((name, c_void_p) for name in ("moved", "alone", "calibration")),
-        ("several", c_int),
-    ]
+@functools.cache
+def structures() -> "dict[str, np.dtype[Any]]":
+    """Return the header's structures as types of arrays, with their pointers as integers."""
+    types = dict(_TYPES)
+    for body, name in re.findall(r"typedef struct\s*\{(.*?)\}\s*(\w+)\s*;", header(), flags=re.DOTALL):
+        fields = []
+        for declaration in filter(None, map(str.strip, body.split(";"))):
+            kind, members = re.sub(r"\b(const|struct)\s+", "", declaration).split(None, 1)
+            for star, member, sizes in re.findall(r"(\**)\s*(\w+)((?:\[\w+\])*)", members):
+                shape = tuple(constants().get(size) or int(size) for size in re.findall(r"\w+", sizes))
+                fields.append((member, _POINTER if star else types[kind], shape))
+        types[name] = np.dtype(fields, align=True)
+    return {name: kind for name, kind in types.items() if name not in _TYPES}
 
 
 @functools.cache
 def library() -> ctypes.CDLL:
-    """Return the compiled library.
+    """Return the compiled library, whose functions take pointers as `pointer` returns them.
 
     Raises
     ------
     ImportError
-        If it is missing, or of another version than these structures.
+        If it is missing, cannot be loaded, or is of other sources than those beside it.
     """
-    for name in ("libdetect.so", "libdetect.dll"):
-        path = Path(__file__).with_name(name)
-        if path.is_file():
-            break
-    else:
-        raise ImportError("markergen_detect has no compiled core; `pip install ./detector` builds it")
-    loaded = ctypes.CDLL(str(path))
-    loaded.detector_source.restype = c_char_p
-    loaded.detector_sizes.argtypes, loaded.detector_sizes.restype = [c_void_p, c_int64], c_int64
-    loaded.lens_ray.argtypes = [POINTER(CameraStruct), c_double, c_double, c_void_p]
-    loaded.lens_pixel.argtypes, loaded.lens_pixel.restype = [POINTER(CameraStruct), c_void_p, c_void_p, c_void_p], None
-    loaded.undo_lens.argtypes, loaded.undo_lens.restype = [POINTER(CameraStruct), c_void_p, c_void_p, c_int64], None
+    path = next((_HERE / name for name in ("libdetect.so", "libdetect.dll") if (_HERE / name).is_file()), None)
+    if path is None:
+        raise ImportError("markergen_detect has no compiled core: `pip install ./detector` builds it")
+    try:
+        loaded = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise ImportError(f"the compiled core of markergen_detect cannot be loaded: {error}") from error
+    for result, name, text in re.findall(r"^(\w[\w ]*[ *]+)(\w+)\(([^;{}]*)\);", header(), flags=re.MULTILINE):
+        function = getattr(loaded, name, None)
+        if function is not None:
+            arguments = [part.replace("const", "").strip() for part in text.split(",")]
+            pointers = [ctypes.c_void_p if set("*[") & set(part) else _ARGUMENTS[part.split()[0]] for part in arguments]
+            function.argtypes = [kind for kind in pointers if kind is not None]
+            function.restype = ctypes.c_char_p if "*" in result else _ARGUMENTS[result.split()[-1]]
+    builder = _HERE.parent / "build_core.py"
+    built = loaded.detector_source().decode()
+    if built and builder.is_file() and runpy.run_path(str(builder))["digest"]() != built:
+        raise ImportError(f"the compiled core of markergen_detect is older than its sources: run python {builder}")
     return loaded
+
+
+def pointer(array: "NDArray[Any] | None") -> int | None:
+    """Return the address of an array's first element; it must be kept alive, and in one piece."""
+    if array is None or not array.size:
+        return None
+    assert array.flags.c_contiguous
+    return array.ctypes.data

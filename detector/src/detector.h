@@ -14,6 +14,13 @@
 
 enum { NO_MEMORY = -1 };
 
+/* ---- library.c ---- */
+
+/* Digest of the sources that the library was built from. */
+const char *detector_source(void);
+/* Writes the sizes of Image, Blob, Camera, Pose, Dot, Match and Outline in bytes, at most `capacity`; returns their number. */
+int64_t detector_sizes(int64_t *sizes, int64_t capacity);
+
 /* ---- image.c ---- */
 
 /* Grey levels, `stride` bytes from one row to the next. `wide`: uint16 instead of uint8. `inverted`: the pixels are read as
@@ -63,7 +70,8 @@ typedef struct {
     double c[COEFFICIENTS];    /* in OpenCV's order */
     double reach;              /* largest radius of normalized coordinates on which the lens is one-to-one */
     int64_t columns, rows;     /* of a sampled map */
-    const double *map;         /* (rows, columns, 2): normalized coordinates at even steps over the image, nan where no ray is */
+    const double *map;         /* (rows, columns, 2): normalized coordinates at even steps over the image, from its outer edge
+                                  at -0.5 px to the one at width - 0.5, nan where no ray is; at least 4 x 4 */
 } Camera;
 
 /* Normalized coordinates of a pixel: 1, or 0 where no ray reaches it. */

@@ -1,22 +1,13 @@
 """Lenses in C against OpenCV's formulas in NumPy, their inverses against the way there, outlines against dense ones."""
 
-import ctypes
-
 import numpy as np
 import pytest
-from markergen_detect.core import (
-    BLOB,
-    BROWN_CONRADY,
-    EQUIDISTANT,
-    FITTED,
-    PINHOLE,
-    ROUGH,
-    SAMPLED,
-    CameraStruct,
-    library,
-)
+from markergen_detect.core import constants, library, pointer, structures
 from numpy.testing import assert_allclose
 
+PINHOLE, BROWN_CONRADY, EQUIDISTANT, SAMPLED, ROUGH, FITTED = (
+    constants()[name] for name in ("PINHOLE", "BROWN_CONRADY", "EQUIDISTANT", "SAMPLED", "ROUGH", "FITTED")
+)
 WIDTH, HEIGHT, FOCAL, CENTER = 640, 480, np.array([520.0, 510.0]), np.array([322.3, 236.1])
 RADTAN = (-0.28, 0.09, 1.2e-3, -8e-4)
 LENSES = {
@@ -29,14 +20,22 @@ LENSES = {
 }
 
 
-def camera(kind=PINHOLE, coefficients=(), reach=1e6, grid=None):
-    struct = CameraStruct(width=WIDTH, height=HEIGHT, fx=FOCAL[0], fy=FOCAL[1], cx=CENTER[0], cy=CENTER[1], lens=kind)
-    struct.count, struct.reach = len(coefficients), reach
-    struct.c[: len(coefficients)] = coefficients
-    if grid is not None:
-        struct.rows, struct.columns = grid.shape[:2]
-        struct.map, struct.kept = grid.ctypes.data, grid
-    return struct
+class Lens:
+    """A camera in C, and its sampled map, which it only points to."""
+
+    def __init__(self, kind=PINHOLE, coefficients=(), reach=1e6, grid=None):
+        self.struct, self.grid = np.zeros(1, structures()["Camera"]), grid
+        self.struct["width"], self.struct["height"], self.struct["lens"] = WIDTH, HEIGHT, kind
+        (self.struct["fx"], self.struct["fy"]), (self.struct["cx"], self.struct["cy"]) = FOCAL, CENTER
+        self.struct["count"], self.struct["reach"] = len(coefficients), reach
+        self.struct["c"][0, : len(coefficients)] = coefficients
+        if grid is not None:
+            self.struct["rows"], self.struct["columns"] = grid.shape[:2]
+            self.struct["map"] = pointer(grid)
+
+    @property
+    def at(self):
+        return pointer(self.struct)
 
 
 def rotation(angle, axis):
@@ -67,22 +66,22 @@ def pixels(kind, coefficients, rays):
 def to_pixels(lens, rays):
     out, J = np.empty((len(rays), 2)), np.empty((len(rays), 2, 2))
     for ray, pixel, jacobian in zip(rays, out, J, strict=True):
-        library().lens_pixel(ctypes.byref(lens), ray.ctypes.data, pixel.ctypes.data, jacobian.ctypes.data)
+        library().lens_pixel(lens.at, pointer(ray), pointer(pixel), pointer(jacobian))
     return out, J
 
 
 def to_rays(lens, points):
     out, seen = np.full((len(points), 2), np.nan), []
     for (x, y), ray in zip(points, out, strict=True):
-        seen.append(library().lens_ray(ctypes.byref(lens), x, y, ray.ctypes.data))
+        seen.append(library().lens_ray(lens.at, x, y, pointer(ray)))
     return out, np.array(seen, dtype=bool)
 
 
 def undone(lens, center, semi, angle, covariance=(0.01, 0.002, 0.02), state=FITTED):
-    blobs = np.zeros(1, BLOB)
+    blobs = np.zeros(1, structures()["Blob"])
     blobs["center"], blobs["semi"], blobs["angle"], blobs["covariance"] = center, semi, angle, covariance
     blobs["state"] = state
-    library().undo_lens(ctypes.byref(lens), blobs.ctypes.data, None, 1)
+    library().undo_lens(lens.at, pointer(blobs), None, 1)
     return blobs[0]
 
 
@@ -90,7 +89,7 @@ def undone(lens, center, semi, angle, covariance=(0.01, 0.002, 0.02), state=FITT
 def test_pixels_of_rays_and_their_derivatives_are_those_of_the_formulas(name, rng):
     kind, coefficients = LENSES[name]
     rays = rng.uniform(-0.6, 0.6, (50, 2))
-    out, J = to_pixels(camera(kind, coefficients), rays)
+    out, J = to_pixels(Lens(kind, coefficients), rays)
     assert_allclose(out, pixels(kind, coefficients, rays), atol=1e-10)
     for k in (0, 1):
         step = 1e-6 * np.eye(2)[k]
@@ -100,7 +99,7 @@ def test_pixels_of_rays_and_their_derivatives_are_those_of_the_formulas(name, rn
 
 @pytest.mark.parametrize("name", LENSES)
 def test_rays_of_pixels_are_the_inverse(name, rng):
-    lens = camera(*LENSES[name], reach=1.2)
+    lens = Lens(*LENSES[name], reach=1.2)
     rays = rng.uniform(-0.8, 0.8, (200, 2))
     points, _ = to_pixels(lens, rays)
     back, seen = to_rays(lens, points)
@@ -109,7 +108,7 @@ def test_rays_of_pixels_are_the_inverse(name, rng):
 
 
 def test_no_ray_lies_beyond_the_reach():
-    lens = camera(BROWN_CONRADY, (-0.3, 0, 0, 0), reach=1 / np.sqrt(0.9))
+    lens = Lens(BROWN_CONRADY, (-0.3, 0, 0, 0), reach=1 / np.sqrt(0.9))
     edge, _ = to_pixels(lens, np.array([[1.0540, 0], [1.0542, 0]]))
     assert np.isfinite(edge[0]).all()
     assert np.isnan(edge[1]).all()
@@ -118,7 +117,7 @@ def test_no_ray_lies_beyond_the_reach():
 
 
 def test_a_fisheye_sees_almost_a_right_angle():
-    lens = camera(EQUIDISTANT, (0, 0, 0, 0))
+    lens = Lens(EQUIDISTANT, (0, 0, 0, 0))
     back, seen = to_rays(lens, [[CENTER[0] + FOCAL[0] * np.deg2rad(89.9), CENTER[1]]])
     assert seen.all()
     assert_allclose(back[0, 0], np.tan(np.deg2rad(89.9)), rtol=1e-9)
@@ -128,13 +127,13 @@ def test_a_fisheye_sees_almost_a_right_angle():
 def grid():
     """The lens of 8 coefficients, sampled at about every 10 px."""
     x, y = np.meshgrid(np.linspace(-0.5, WIDTH - 0.5, 65), np.linspace(-0.5, HEIGHT - 0.5, 49))
-    rays, seen = to_rays(camera(*LENSES["8"], reach=3), np.stack([x.ravel(), y.ravel()], axis=-1))
+    rays, seen = to_rays(Lens(*LENSES["8"], reach=3), np.stack([x.ravel(), y.ravel()], axis=-1))
     assert seen.all()
     return rays.reshape(49, 65, 2)
 
 
 def test_a_sampled_map_is_the_lens_that_it_was_sampled_from(grid, rng):
-    lens, exact = camera(SAMPLED, grid=grid), camera(*LENSES["8"], reach=3)
+    lens, exact = Lens(SAMPLED, grid=grid), Lens(*LENSES["8"], reach=3)
     points = rng.uniform([-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], (300, 2))
     rays, seen = to_rays(lens, points)
     assert seen.all()
@@ -149,14 +148,14 @@ def test_a_sampled_map_is_the_lens_that_it_was_sampled_from(grid, rng):
 def test_nodes_without_a_ray_leave_the_others_alone(grid):
     holed = grid.copy()
     holed[:5, :5] = np.nan
-    lens = camera(SAMPLED, grid=holed)
+    lens = Lens(SAMPLED, grid=holed)
     assert to_rays(lens, [[10, 10], [400, 300]])[1].tolist() == [False, True]
     assert np.isnan(to_pixels(lens, grid[2:3, 2])[0]).all()
     assert np.isfinite(to_pixels(lens, grid[30:31, 30])[0]).all()
 
 
 def test_a_blob_without_a_lens_is_scaled():
-    blob = undone(camera(), (100.25, 300.5), (9, 4), 0.7)
+    blob = undone(Lens(), (100.25, 300.5), (9, 4), 0.7)
     axes = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]]) * [9, 4] / FOCAL[:, None]
     assert blob["known"]
     assert_allclose(blob["at"], ([100.25, 300.5] - CENTER) / FOCAL)
@@ -166,7 +165,7 @@ def test_a_blob_without_a_lens_is_scaled():
 
 @pytest.mark.parametrize("name", ["8", "14", "fisheye", "sampled"])
 def test_an_outline_through_a_lens_is_fitted_by_an_ellipse(name, grid):
-    lens = camera(SAMPLED, grid=grid) if name == "sampled" else camera(*LENSES[name], reach=3)
+    lens = Lens(SAMPLED, grid=grid) if name == "sampled" else Lens(*LENSES[name], reach=3)
     center, semi, angle = np.array([80.0, 70.0]), np.array([40.0, 15.0]), 0.4
     blob = undone(lens, center, semi, angle)
     turn = 2 * np.pi * np.arange(400) / 400
@@ -199,7 +198,7 @@ def test_an_outline_through_a_lens_is_fitted_by_an_ellipse(name, grid):
 
 
 def test_blobs_that_no_ray_reaches_are_left_out():
-    lens = camera(BROWN_CONRADY, (-0.3, 0, 0, 0), reach=1 / np.sqrt(0.9))
+    lens = Lens(BROWN_CONRADY, (-0.3, 0, 0, 0), reach=1 / np.sqrt(0.9))
     assert not undone(lens, (CENTER[0] + 0.70 * FOCAL[0], CENTER[1]), (9, 8), 0)["known"]
     assert not undone(lens, (np.nan, 2), (9, 8), 0)["known"]
     assert not undone(lens, (20, 20), (9, 0), 0)["known"]

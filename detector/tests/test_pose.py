@@ -4,7 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
-from markergen_detect.core import (
+from structures import (
     BLOB,
     BROWN_CONRADY,
     DOT,
@@ -14,8 +14,8 @@ from markergen_detect.core import (
     POSE,
     CameraStruct,
     ErrorsStruct,
-    library,
 )
+from markergen_detect.core import library
 from numpy.testing import assert_allclose
 
 FOCAL, CENTER = np.array([800.0, 810.0]), np.array([322.0, 241.0])

@@ -1,0 +1,383 @@
+"""What is looked for, in plain numbers: bodies of plates with dots and tags, as files describe them.
+
+`marker.detector.json` (README.md describes it) holds all of it; marker.json and rig.json hold all but the tags' bits.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+FORMAT, VERSION = "markergen-detector", 1
+MARKER, RIG = "markergen-marker", "markergen-rig"
+USUAL_PRINT = 1e-4
+"""Standard deviation of a printed dot's place along each axis, m, where the file has none."""
+MOST_DOTS, MOST_CELLS = 10_000, 10
+_DOMINANT = 4.0
+"""Variance of the scale of dots measured together, in that of their other motions, above which it is all of theirs."""
+
+Source = Union[str, "os.PathLike[str]", Mapping[str, Any]]
+Array = NDArray[np.float64]
+
+
+class DescriptionError(ValueError):
+    """A file or argument that does not describe a body or a camera; the message is one line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tag:
+    """A square tag of a body.
+
+    Attributes
+    ----------
+    family : str
+        Tags of one family have the same number of cells.
+    id : int
+    plate : int
+    corners : array (4, 3)
+        Of the black square in the body, m: top left, top right, bottom right, bottom left.
+    bits : array (c, c) of bool, or None
+        Black cells with the border, row 0 on top; None if the file has none: then the tag is not read.
+    """
+
+    family: str
+    id: int
+    plate: int
+    corners: Array
+    bits: "NDArray[np.bool_] | None"
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A marker or rig: n dots on plates.
+
+    Attributes
+    ----------
+    name, frame : str
+        `frame` is ``marker`` or ``rig``.
+    light : bool
+        True for light dots on a dark ground.
+    rotations, translations : arrays (k, 3, 3) and (k, 3), m
+        T_body_plate of the plates.
+    plate_names : list of str
+    ids, plates : arrays (n,) of int
+    rings : array (n,) of bool
+    diameters : array (n,), m
+    xyz : array (n, 3), m
+        Dots in the body; of a flat plate in one plane.
+    places : array (n, 3), m
+        The same as measured on the print.
+    measured : array (n, 3, 3), m^2
+        Covariances of `places` in the body; nan where the print was not measured.
+    joint : list of (array (m,) of int, array (3 m, 3 m))
+        Dots measured together, and their covariance in the body, m^2.
+    relation : array (6 k, 6 k) or None
+        Covariance of the plates' poses, (w, dt) in rad and m; None if exact.
+    print_sigma : float
+        Standard deviation of the place of dots that were not measured, m.
+    tags : list of Tag
+    """
+
+    name: str
+    frame: str
+    light: bool
+    rotations: Array
+    translations: Array
+    plate_names: "list[str]"
+    ids: "NDArray[np.int64]"
+    plates: "NDArray[np.int64]"
+    rings: "NDArray[np.bool_]"
+    diameters: Array
+    xyz: Array
+    places: Array
+    measured: Array
+    joint: "list[tuple[NDArray[np.int64], Array]]" = field(default_factory=list)
+    relation: "Array | None" = None
+    print_sigma: float = USUAL_PRINT
+    tags: "list[Tag]" = field(default_factory=list)
+
+    @property
+    def normals(self) -> Array:
+        """Normals (n, 3) of the dots' plates in the body."""
+        return self.rotations[self.plates, :, 2]
+
+    def joint_print(self, sigma: float) -> "Array | None":
+        """Joint covariance (n, 3, n, 3) of `places` with `sigma` for dots not measured, m^2; None if dots err alone."""
+        if not self.joint and self.relation is None:
+            return None
+        n, row = len(self.ids), np.arange(len(self.ids))
+        whole = np.zeros((n, 3, n, 3))
+        whole[row, :, row, :] = self._alone(sigma)
+        for dots, matrix in self.joint:
+            whole[dots[:, None, None, None], np.arange(3)[:, None, None], dots[:, None], np.arange(3)] = np.reshape(
+                matrix, (len(dots), 3, len(dots), 3)
+            )
+        if self.relation is not None:
+            # A dot at R x + t on a plate whose pose is off by (w, dt) is off by w x R x + dt.
+            moved, lever = np.zeros((n, 3, len(self.translations), 6)), self.places - self.translations[self.plates]
+            for i, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+                moved[row, i, self.plates, a], moved[row, i, self.plates, b] = lever[:, b], -lever[:, a]
+                moved[row, i, self.plates, 3 + i] = 1
+            rows = moved.reshape(3 * n, -1)
+            whole += (rows @ self.relation @ rows.T).reshape(whole.shape)
+        return whole
+
+    def print_blocks(self, sigma: float) -> Array:
+        """Covariances (n, 3, 3) of single places, m^2, by which dots are weighted.
+
+        Of dots measured together whose scale is known poorly, its error counts no more than any other of their motions:
+        no weights compensate for it.
+        """
+        joint = self.joint_print(sigma)
+        if joint is None:
+            return self._alone(sigma)
+        row = np.arange(len(joint))
+        blocks = joint[row, :, row].copy()
+        grown = self.places - self.places.mean(axis=0)
+        grown = grown / max(float(np.linalg.norm(grown)), np.finfo(float).tiny)
+        along = np.einsum("minj,nj->mi", joint, grown)
+        variances, growth = blocks.diagonal(axis1=1, axis2=2), float(np.sum(along * grown))
+        usual = (variances.sum() - growth) / max(np.count_nonzero(variances) - 1, 1)
+        if growth > _DOMINANT * usual:
+            mixed = along[:, :, None] * grown[:, None]
+            blocks += (growth + usual) * grown[:, :, None] * grown[:, None] - mixed - mixed.swapaxes(1, 2)
+        return blocks
+
+    def _alone(self, sigma: float) -> Array:
+        """Covariances (n, 3, 3): as measured, else along the plate, and across it where the plate has relief."""
+        axes = self.rotations[self.plates]
+        local = np.einsum("nji,nj->ni", axes, self.places - self.translations[self.plates])
+        height = np.abs(local[:, 2]) > 1e-9
+        relief = np.bincount(self.plates, height, len(self.rotations))[self.plates] > 0
+        spread = sigma**2 * np.stack([np.ones_like(relief), np.ones_like(relief), relief], axis=-1)
+        usual = np.einsum("nij,nj,nkj->nik", axes, spread, axes)
+        return np.where(np.isnan(self.measured), usual, self.measured)
+
+
+def read_bodies(source: "Source | Body | Sequence[Source | Body]") -> "list[Body]":
+    """Read bodies from files, parsed JSON, or several of these.
+
+    Raises
+    ------
+    DescriptionError
+        If one is no marker.detector.json, marker.json or rig.json, or contradicts itself; the message is one line.
+    """
+    if isinstance(source, Body):
+        return [source]
+    if not isinstance(source, (str, os.PathLike, Mapping)):
+        bodies = [body for part in source for body in read_bodies(part)]
+        if not bodies:
+            raise DescriptionError("expected one body or more, found none: say what to look for")
+        return bodies
+    content, name, folder = source, "body", Path()
+    if isinstance(source, (str, os.PathLike)):
+        path = Path(source)
+        content, name, folder = parsed(path), path.name, path.parent
+        for ending in (".json", ".detector"):
+            name = name[: -len(ending)] if name.endswith(ending) else name
+    try:
+        if content.get("format") == FORMAT:
+            if content.get("version") != VERSION:
+                raise DescriptionError(f"version {content.get('version')!r} of {FORMAT} is not known to this release")
+            return [_body(entry) for entry in content["bodies"]]
+        if content.get("format") == RIG:
+            return [_rig(content, name, folder)]
+        if content.get("format") == MARKER and content.get("plates"):
+            return [_marker_of_plates(content, name)]
+        if content.get("format") == MARKER:
+            return [_marker(content, name)]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, DescriptionError):
+            raise
+        raise DescriptionError(f"{name}: {_in_words(error)}") from error
+    raise DescriptionError(
+        f"{name}: expected a marker.detector.json, marker.json or rig.json, found format {content.get('format')!r}"
+    )
+
+
+def parsed(path: Path) -> "Mapping[str, Any]":
+    """Parse a JSON file that holds an object."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DescriptionError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+    if not isinstance(content, Mapping):
+        raise DescriptionError(f"{path}: expected a JSON object, found {type(content).__name__}")
+    return content
+
+
+def _in_words(error: Exception) -> str:
+    return f"the key {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+
+
+def _numbers(value: Any, shape: "tuple[int, ...]", what: str) -> Array:
+    array = np.array(value, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise DescriptionError(f"expected {' x '.join(map(str, shape))} finite numbers for {what}")
+    return array
+
+
+def _body(entry: "Mapping[str, Any]") -> Body:
+    dots, plates = entry["dots"], entry["plates"]
+    n, k = len(dots), len(plates)
+    relation = entry.get("relation_covariance")
+    body = Body(
+        str(entry["name"]),
+        str(entry.get("frame", "marker")),
+        bool(entry.get("light", False)),
+        _numbers([plate["rotation"] for plate in plates], (k, 3, 3), "the plates' rotations"),
+        _numbers([plate["translation"] for plate in plates], (k, 3), "the plates' translations"),
+        [str(plate.get("name", f"plate {i}")) for i, plate in enumerate(plates)],
+        np.array([dot["id"] for dot in dots], dtype=np.int64),
+        np.array([dot.get("plate", 0) for dot in dots], dtype=np.int64),
+        np.array([dot["kind"] == "ring" for dot in dots], dtype=bool),
+        _numbers([dot["diameter"] for dot in dots], (n,), "the dots' diameters"),
+        _numbers([dot["xyz"] for dot in dots], (n, 3), "the dots' places"),
+        _numbers([dot.get("place", dot["xyz"]) for dot in dots], (n, 3), "the dots' measured places"),
+        np.array([dot.get("covariance") or np.full((3, 3), np.nan) for dot in dots], dtype=float).reshape(n, 3, 3),
+        [
+            (
+                np.array(part["dots"], dtype=np.int64),
+                _numbers(part["matrix"], (3 * len(part["dots"]),) * 2, "a joint covariance"),
+            )
+            for part in entry.get("joint_covariances", [])
+        ],
+        None if relation is None else _numbers(relation, (6 * k, 6 * k), "the covariance of the plates' poses"),
+        float(entry.get("print_sigma", USUAL_PRINT)),
+        [_tag(tag) for tag in entry.get("tags", [])],
+    )
+    _check(body)
+    return body
+
+
+def _tag(entry: "Mapping[str, Any]") -> Tag:
+    bits = entry.get("bits")
+    cells = None if bits is None else np.array(bits, dtype=bool)
+    if cells is not None and not (cells.ndim == 2 and 3 <= len(cells) == len(cells.T) <= MOST_CELLS):
+        raise DescriptionError(f"expected the bits of a tag as 3 to {MOST_CELLS} equal rows and columns of 0 and 1")
+    corners = _numbers(entry["corners"], (4, 3), "a tag's corners")
+    return Tag(str(entry["family"]), int(entry["id"]), int(entry.get("plate", 0)), corners, cells)
+
+
+def _check(body: Body) -> None:
+    n, k = len(body.ids), len(body.rotations)
+    errors = [
+        (4 <= n <= MOST_DOTS, f"expected 4 to {MOST_DOTS} dots, found {n}"),
+        (k > 0 and body.frame in ("marker", "rig"), "expected one plate or more, of a marker or rig"),
+        (len(set(body.ids.tolist())) == n, "two dots have the same id"),
+        (bool(((body.plates >= 0) & (body.plates < k)).all()), "a dot is on a plate that is not there"),
+        (bool((body.diameters > 0).all()), "expected dots that can be seen, found one of diameter 0"),
+        (
+            np.allclose(body.rotations @ body.rotations.swapaxes(1, 2), np.eye(3), atol=1e-6),
+            "a plate's rotation is none",
+        ),
+        (bool((np.linalg.det(body.rotations) > 0).all()), "a plate's rotation is a reflection"),
+        (0 <= body.print_sigma <= 1, "expected a print_sigma of 0 to 1 m"),
+        (all(0 <= tag.plate < k for tag in body.tags), "a tag is on a plate that is not there"),
+        (all(len(d) and d.min() >= 0 and d.max() < n for d, _ in body.joint), "a joint covariance is of unknown dots"),
+    ]
+    for good, message in errors:
+        if not good:
+            raise DescriptionError(f"{body.name}: {message}")
+
+
+def _marker(content: "Mapping[str, Any]", name: str) -> Body:
+    """Body of a marker.json of one plate."""
+    points = content["control_points"]
+    features = [point["feature"] for point in points]
+    lights = {feature.get("polarity", "dark") == "light" for feature in features}
+    if len(lights) > 1:
+        raise DescriptionError(f"{name}: expected dots all dark or all light, found both")
+    spec = content.get("provenance", {}).get("spec")
+    sigma = spec.get("print_sigma") if isinstance(spec, Mapping) else None
+    places, relief = [[point[axis] for axis in "xyz"] for point in points], any(point["z"] for point in points)
+    sigma = sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT
+    dots = []
+    for point, place, feature in zip(points, places, features):
+        height = point.get("designed_z")
+        dot = {"id": point["id"], "kind": feature["kind"], "diameter": feature["diameter"], "place": place}
+        dot["xyz"] = place if height is None else [*place[:2], height]
+        if point.get("covariance"):
+            xx, xy, yy = point["covariance"]
+            dot["covariance"] = [[xx, xy, 0], [xy, yy, 0], [0, 0, sigma**2 if relief else 0]]
+        dots.append(dot)
+    joint, parts = content.get("joint_covariance"), []
+    if joint:
+        row, axes, m = {point["id"]: i for i, point in enumerate(points)}, len(joint["axes"]), len(joint["order"])
+        matrix = np.zeros((m, 3, m, 3))
+        matrix[:, :axes, :, :axes] = np.reshape(joint["matrix"], (m, axes, m, axes))
+        parts = [{"dots": [row[number] for number in joint["order"]], "matrix": matrix.reshape(3 * m, 3 * m)}]
+    scale = content.get("print_correction") or {"scale_x": 1, "scale_y": 1}
+    tags = []
+    if content.get("tag"):
+        tag = content["tag"]
+        corners = np.array(tag["corners"]) * [scale["scale_x"], scale["scale_y"], 1]
+        tags = [{"family": tag["family"], "id": tag["id"], "corners": corners, "bits": tag.get("bits")}]
+    plate = {"name": "marker", "rotation": np.eye(3), "translation": np.zeros(3)}
+    body = {"name": name, "light": lights == {True}, "plates": [plate], "dots": dots, "print_sigma": sigma}
+    return _body({**body, "joint_covariances": parts, "tags": tags})
+
+
+def _marker_of_plates(content: "Mapping[str, Any]", name: str) -> Body:
+    """Body of a marker.json whose dots, in its frame, stand on several plates."""
+    place, parts = {point["id"]: point for point in content["control_points"]}, []
+    if content.get("joint_covariance") or any(point.get("covariance") for point in place.values()):
+        raise DescriptionError(
+            f"{name}: dots of several plates were measured: write it as .detector.json with markergen"
+        )
+    for plate in content["plates"]:
+        R, t = np.array(plate["pose"]["rotation"]), np.array(plate["pose"]["translation"])
+        points = [dict(place[number]) for number in plate["control_points"]]
+        for point in points:
+            xyz = [point["x"], point["y"], point["z"] if point.get("designed_z") is None else point["designed_z"]]
+            point["x"], point["y"], point["z"] = ((np.array(xyz) - t) @ R).tolist()
+            point["z"], point["designed_z"] = round(point["z"], 9), None
+        marker = {**content, "control_points": points, "tag": plate.get("tag"), "plates": []}
+        parts.append((plate["name"], R, t, _marker(marker, name)))
+    return _assembled(name, parts, None)
+
+
+def _rig(content: "Mapping[str, Any]", name: str, folder: Path) -> Body:
+    """Body of a rig.json, whose markers are in it or in files beside it."""
+    parts = []
+    for entry in content["markers"]:
+        marker = entry.get("marker") or parsed(folder / entry["file"])
+        pose = entry["T_rig_marker"]
+        parts.append((entry["name"], np.array(pose["rotation"]), np.array(pose["translation"]), _marker(marker, name)))
+    return _assembled(name, parts, content.get("relation_covariance"))
+
+
+def _assembled(name: str, parts: "list[tuple[str, Array, Array, Body]]", relation: Any) -> Body:
+    """Rig of markers with their poses; its dots are numbered through them."""
+    if len({body.light for *_, body in parts}) > 1:
+        raise DescriptionError(f"{name}: expected dots all dark or all light, found both")
+    dots: list[dict[str, Any]] = []
+    joint, tags, sigma = [], [], max(body.print_sigma for *_, body in parts)
+    for k, (_, R, t, body) in enumerate(parts):
+        first = len(dots)
+        for i in range(len(body.ids)):
+            dot = {
+                "id": len(dots),
+                "plate": k,
+                "kind": "ring" if body.rings[i] else "dot",
+                "diameter": body.diameters[i],
+            }
+            dot.update(xyz=R @ body.xyz[i] + t, place=R @ body.places[i] + t)
+            if not np.isnan(body.measured[i]).any():
+                dot["covariance"] = (R @ body.measured[i] @ R.T).tolist()
+            dots.append(dot)
+        for index, matrix in body.joint:
+            out = np.kron(np.eye(len(index)), R)
+            joint.append({"dots": index + first, "matrix": out @ matrix @ out.T})
+        for tag in body.tags:
+            tags.append(
+                {"family": tag.family, "id": tag.id, "plate": k, "corners": tag.corners @ R.T + t, "bits": tag.bits}
+            )
+    plates = [{"name": title, "rotation": R, "translation": t} for title, R, t, _ in parts]
+    entry = {"name": name, "frame": "rig", "light": parts[0][3].light, "plates": plates, "dots": dots, "tags": tags}
+    return _body({**entry, "print_sigma": sigma, "joint_covariances": joint, "relation_covariance": relation})
