@@ -18,7 +18,7 @@ LENSES = {
     "rational": ("BROWN_CONRADY", (8, 12, 14)),
     "equidistant": ("EQUIDISTANT", (4,)),
 }
-"""Lens models: their kinds in the core, and numbers of coefficients in OpenCV's order, with thin prisms 12, tilted 14."""
+"""Lens models: kinds in the core, and numbers of coefficients in OpenCV's order, 12 with thin prisms, 14 tilted."""
 _ALIASES = {"plumb_bob": "radtan", "rational_polynomial": "rational", "fisheye": "equidistant", "equi": "equidistant"}
 
 LARGEST_RADIUS = 1e6
@@ -42,8 +42,8 @@ class Camera:
         A key of `LENSES`, or ``sampled``.
     coefficients : tuple of float
     map : array (rows, columns, 2) or None
-        Of a sampled lens: normalized coordinates (X/z, Y/z) at even steps over the image, from its outer edge at -0.5 px to
-        width - 0.5; nan where no ray is.
+        Of a sampled lens: normalized coordinates (X/z, Y/z) at even steps over the image, from its outer edge at -0.5
+        px to width - 0.5; nan where no ray is.
     error_px : float
         Largest error of the map between its nodes.
     """
@@ -107,7 +107,7 @@ class Camera:
             return min(float(np.tan(angle)), LARGEST_RADIUS) if angle < np.pi / 2 else LARGEST_RADIUS
         if self.model not in ("radtan", "rational"):
             return LARGEST_RADIUS
-        # The eigenvalues (s r)' and s are lowered by at most 6 |p| r by p1 and p2, and by 2 |s| r + 4 |s'| r^3 by prisms.
+        # The eigenvalues (s r)' and s are lowered by at most 6 |p| r by p1 and p2, 2 |s| r + 4 |s'| r^3 by prisms.
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*self.coefficients, *[0.0] * 12)[:12]
         above, below = (
             np.polynomial.Polynomial([1, 0, k1, 0, k2, 0, k3]),
@@ -136,8 +136,8 @@ class Camera:
 def _first_root(ascending: "list[float]") -> float:
     """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none.
 
-    The roots of the reversed polynomial are 1/r; it is monic, so that tiny leading coefficients do no harm. Double roots,
-    which rounding may split into two complex ones, count.
+    The roots of the reversed polynomial are 1/r; it is monic, so that tiny leading coefficients do no harm. Double
+    roots, which rounding may split into two complex ones, count.
     """
     inverse = np.roots(ascending)
     real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]

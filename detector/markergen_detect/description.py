@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Union
 
 import numpy as np
@@ -17,7 +18,7 @@ FORMAT, VERSION = "markergen-detector", 1
 MARKER, RIG = "markergen-marker", "markergen-rig"
 USUAL_PRINT = 1e-4
 """Standard deviation of a printed dot's place along each axis, m, where the file has none."""
-MOST_DOTS, MOST_CELLS = 10_000, 10
+MOST_DOTS, MOST_CELLS = 2_000, 10
 _DOMINANT = 4.0
 """Variance of the scale of dots measured together, in that of their other motions, above which it is all of theirs."""
 
@@ -43,6 +44,9 @@ class Tag:
         Of the black square in the body, m: top left, top right, bottom right, bottom left.
     bits : array (c, c) of bool, or None
         Black cells with the border, row 0 on top; None if the file has none: then the tag is not read.
+    codes : tuple of int
+        Codes of its family's tags, so that others are recognized: inner cells row by row from the lowest bit, 1 for
+        black.
     """
 
     family: str
@@ -50,6 +54,7 @@ class Tag:
     plate: int
     corners: Array
     bits: "NDArray[np.bool_] | None"
+    codes: "tuple[int, ...]" = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,26 +111,29 @@ class Body:
         """Normals (n, 3) of the dots' plates in the body."""
         return self.rotations[self.plates, :, 2]
 
-    def joint_print(self, sigma: float) -> "Array | None":
-        """Joint covariance (n, 3, n, 3) of `places` with `sigma` for dots not measured, m^2; None if dots err alone."""
+    def common_errors(self, sigma: float) -> "tuple[Array, Array] | None":
+        """Errors that dots have in common, and those that each has alone; None if they err alone.
+
+        Displacements (n, 3, c) by one standard deviation of each of c common errors, m, and covariances (n, 3, 3) of the
+        places without these, m^2, with `sigma` for dots not measured.
+        """
         if not self.joint and self.relation is None:
             return None
-        n, row = len(self.ids), np.arange(len(self.ids))
-        whole = np.zeros((n, 3, n, 3))
-        whole[row, :, row, :] = self._alone(sigma)
+        alone, moved, n = self._alone(sigma), [], len(self.ids)
         for dots, matrix in self.joint:
-            whole[dots[:, None, None, None], np.arange(3)[:, None, None], dots[:, None], np.arange(3)] = np.reshape(
-                matrix, (len(dots), 3, len(dots), 3)
-            )
+            alone[dots] = 0
+            columns = np.zeros((n, 3, len(matrix)))
+            columns[dots] = _root(matrix).reshape(len(dots), 3, -1)
+            moved.append(columns)
         if self.relation is not None:
             # A dot at R x + t on a plate whose pose is off by (w, dt) is off by w x R x + dt.
-            moved, lever = np.zeros((n, 3, len(self.translations), 6)), self.places - self.translations[self.plates]
-            for i, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
-                moved[row, i, self.plates, a], moved[row, i, self.plates, b] = lever[:, b], -lever[:, a]
-                moved[row, i, self.plates, 3 + i] = 1
-            rows = moved.reshape(3 * n, -1)
-            whole += (rows @ self.relation @ rows.T).reshape(whole.shape)
-        return whole
+            rows, lever = np.zeros((n, 3, len(self.translations), 6)), self.places - self.translations[self.plates]
+            row = np.arange(n)
+            for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+                rows[row, i, self.plates, j], rows[row, i, self.plates, k] = lever[:, k], -lever[:, j]
+                rows[row, i, self.plates, 3 + i] = 1
+            moved.append(rows.reshape(n, 3, -1) @ _root(self.relation))
+        return np.concatenate(moved, axis=-1), alone
 
     def print_blocks(self, sigma: float) -> Array:
         """Covariances (n, 3, 3) of single places, m^2, by which dots are weighted.
@@ -133,14 +141,14 @@ class Body:
         Of dots measured together whose scale is known poorly, its error counts no more than any other of their motions:
         no weights compensate for it.
         """
-        joint = self.joint_print(sigma)
-        if joint is None:
+        common = self.common_errors(sigma)
+        if common is None:
             return self._alone(sigma)
-        row = np.arange(len(joint))
-        blocks = joint[row, :, row].copy()
+        moved, alone = common
+        blocks = alone + moved @ moved.swapaxes(1, 2)
         grown = self.places - self.places.mean(axis=0)
         grown = grown / max(float(np.linalg.norm(grown)), np.finfo(float).tiny)
-        along = np.einsum("minj,nj->mi", joint, grown)
+        along = np.einsum("nij,nj->ni", alone, grown) + moved @ np.einsum("nic,ni->c", moved, grown)
         variances, growth = blocks.diagonal(axis1=1, axis2=2), float(np.sum(along * grown))
         usual = (variances.sum() - growth) / max(np.count_nonzero(variances) - 1, 1)
         if growth > _DOMINANT * usual:
@@ -157,6 +165,12 @@ class Body:
         spread = sigma**2 * np.stack([np.ones_like(relief), np.ones_like(relief), relief], axis=-1)
         usual = np.einsum("nij,nj,nkj->nik", axes, spread, axes)
         return np.where(np.isnan(self.measured), usual, self.measured)
+
+
+def _root(covariance: Array) -> Array:
+    """Return L with L L' the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0))
 
 
 def read_bodies(source: "Source | Body | Sequence[Source | Body]") -> "list[Body]":
@@ -184,7 +198,7 @@ def read_bodies(source: "Source | Body | Sequence[Source | Body]") -> "list[Body
         if content.get("format") == FORMAT:
             if content.get("version") != VERSION:
                 raise DescriptionError(f"version {content.get('version')!r} of {FORMAT} is not known to this release")
-            return [_body(entry) for entry in content["bodies"]]
+            return [_body(entry, content.get("tag_families", {})) for entry in content["bodies"]]
         if content.get("format") == RIG:
             return [_rig(content, name, folder)]
         if content.get("format") == MARKER and content.get("plates"):
@@ -222,7 +236,7 @@ def _numbers(value: Any, shape: "tuple[int, ...]", what: str) -> Array:
     return array
 
 
-def _body(entry: "Mapping[str, Any]") -> Body:
+def _body(entry: "Mapping[str, Any]", families: "Mapping[str, Any]" = MappingProxyType({})) -> Body:
     dots, plates = entry["dots"], entry["plates"]
     n, k = len(dots), len(plates)
     relation = entry.get("relation_covariance")
@@ -249,19 +263,20 @@ def _body(entry: "Mapping[str, Any]") -> Body:
         ],
         None if relation is None else _numbers(relation, (6 * k, 6 * k), "the covariance of the plates' poses"),
         float(entry.get("print_sigma", USUAL_PRINT)),
-        [_tag(tag) for tag in entry.get("tags", [])],
+        [_tag(tag, families) for tag in entry.get("tags", [])],
     )
     _check(body)
     return body
 
 
-def _tag(entry: "Mapping[str, Any]") -> Tag:
+def _tag(entry: "Mapping[str, Any]", families: "Mapping[str, Any]") -> Tag:
     bits = entry.get("bits")
     cells = None if bits is None else np.array(bits, dtype=bool)
     if cells is not None and not (cells.ndim == 2 and 3 <= len(cells) == len(cells.T) <= MOST_CELLS):
         raise DescriptionError(f"expected the bits of a tag as 3 to {MOST_CELLS} equal rows and columns of 0 and 1")
+    codes = tuple(int(code, 16) for code in families.get(entry["family"], ()))
     corners = _numbers(entry["corners"], (4, 3), "a tag's corners")
-    return Tag(str(entry["family"]), int(entry["id"]), int(entry.get("plate", 0)), corners, cells)
+    return Tag(str(entry["family"]), int(entry["id"]), int(entry.get("plate", 0)), corners, cells, codes)
 
 
 def _check(body: Body) -> None:
@@ -298,7 +313,7 @@ def _marker(content: "Mapping[str, Any]", name: str) -> Body:
     places, relief = [[point[axis] for axis in "xyz"] for point in points], any(point["z"] for point in points)
     sigma = sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT
     dots = []
-    for point, place, feature in zip(points, places, features):
+    for point, place, feature in zip(points, places, features, strict=True):
         height = point.get("designed_z")
         dot = {"id": point["id"], "kind": feature["kind"], "diameter": feature["diameter"], "place": place}
         dot["xyz"] = place if height is None else [*place[:2], height]
