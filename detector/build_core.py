@@ -42,7 +42,7 @@ def sources() -> list[Path]:
 
 def digest() -> str:
     """Return the digest of the sources, which a library carries that was built from them."""
-    texts = [path.read_bytes() for path in [ROOT / "src" / "detector.h", *sources()]]
+    texts = [path.read_bytes() for path in [*sorted((ROOT / "src").glob("*.h")), *sources()]]
     return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
 
 

@@ -114,8 +114,8 @@ class Body:
     def common_errors(self, sigma: float) -> "tuple[Array, Array] | None":
         """Errors that dots have in common, and those that each has alone; None if they err alone.
 
-        Displacements (n, 3, c) by one standard deviation of each of c common errors, m, and covariances (n, 3, 3) of the
-        places without these, m^2, with `sigma` for dots not measured.
+        Displacements (n, 3, c) by one standard deviation of each of c common errors, m, and covariances (n, 3, 3) of
+        the places without these, m^2, with `sigma` for dots not measured.
         """
         if not self.joint and self.relation is None:
             return None

@@ -4,6 +4,8 @@ import ctypes
 
 import numpy as np
 import pytest
+from markergen_detect.core import library
+from numpy.testing import assert_allclose
 from structures import (
     BLOB,
     BROWN_CONRADY,
@@ -15,8 +17,6 @@ from structures import (
     CameraStruct,
     ErrorsStruct,
 )
-from markergen_detect.core import library
-from numpy.testing import assert_allclose
 
 FOCAL, CENTER = np.array([800.0, 810.0]), np.array([322.0, 241.0])
 RADTAN = (-0.2, 0.05, 1e-3, -5e-4, 0.01)
