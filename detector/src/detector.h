@@ -52,6 +52,11 @@ typedef struct {
    returned. */
 int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
 
+/* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 64 rows; 0 if there are none. */
+double grey_noise(const Image *image);
+/* The k-th smallest of `count` values, which it puts in another order; 0 of none. */
+double order_statistic(double *values, int64_t count, int64_t k);
+
 /* ---- fit.c ---- */
 
 /* Fits blobs, of which `which` (count) are the numbers, to the grey levels, in place, and sets their state. Their lens is

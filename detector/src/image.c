@@ -1,0 +1,1258 @@
+/* From grey levels to rough ellipses: an image pyramid, its dark components, the edges around them, and what is behind
+   blurred outlines. */
+
+#include "detector.h"
+
+static const double PI = 3.14159265358979323846;
+
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+/* What is no number becomes `low`: places in the image follow from this. */
+static inline double between(double x, double low, double high) { return x > low ? x < high ? x : high : low; }
+
+/* ---- grey levels ---- */
+
+double order_statistic(double *values, int64_t count, int64_t k)
+{
+    int64_t low = 0, high = count - 1;
+    while (low < high) {
+        const double pivot = values[(low + high) / 2];
+        int64_t i = low, j = high;
+        while (i <= j) {
+            while (values[i] < pivot)
+                i++;
+            while (values[j] > pivot)
+                j--;
+            if (i <= j) {
+                const double swapped = values[i];
+                values[i++] = values[j];
+                values[j--] = swapped;
+            }
+        }
+        if (k <= j)
+            high = j;
+        else if (k >= i)
+            low = i;
+        else
+            break;
+    }
+    return count ? values[k] : 0;
+}
+
+/* Pieces of this many pixels in a row, in this many rows at least, of which those at this quantile show plain paper, if
+   anything does. */
+enum { PIECE = 32, PIECE_ROWS = 64 };
+static const double PLAIN = 0.2;
+
+double grey_noise(const Image *image)
+{
+    const int64_t pieces = image->width / PIECE, by_rows = image->height / PIECE_ROWS, every = by_rows > 8 ? by_rows : 8;
+    double *sums = malloc(sizeof *sums * (size_t)(pieces * (image->height / every + 1) + 1));
+    int64_t count = 0;
+    if (!sums)
+        return NO_MEMORY;
+    for (int64_t y = 0; y < image->height; y += every) {
+        const uint8_t *row = image->rows + y * image->stride;
+        for (int64_t x = 0; x < PIECE * pieces; x += PIECE) {
+            double sum = 0;
+            if (image->wide) {
+                uint16_t p[PIECE];
+                memcpy(p, row + 2 * x, sizeof p);
+                for (int i = 0; i < PIECE - 1; i++)
+                    sum += (double)(p[i + 1] - p[i]) * (double)(p[i + 1] - p[i]);
+            } else {
+                const uint8_t *p = row + x;
+                int32_t whole = 0;
+                for (int i = 0; i < PIECE - 1; i++) {
+                    const int16_t difference = (int16_t)(p[i + 1] - p[i]);
+                    whole += difference * difference;
+                }
+                sum = whole;
+            }
+            /* Saturated pieces show no noise. */
+            sums[count] = sum;
+            count += sum > 0;
+        }
+    }
+    double square = 0;
+    if (count) {
+        const double place = PLAIN * (double)(count - 1);
+        const int64_t low = (int64_t)place;
+        square = order_statistic(sums, count, low);
+        double next = low + 1 < count ? INFINITY : square;
+        for (int64_t i = low + 1; i < count; i++)
+            next = smaller(next, sums[i]);
+        square += (place - (double)low) * (next - square);
+    }
+    free(sums);
+    return sqrt(square / (PIECE - 1) / 2);
+}
+
+/* ---- pyramid ---- */
+
+/* Shorter side of the smallest level, and size of the largest one, px: time and memory. Dots of 5 px and more are found in a
+   level of their size. */
+enum { MIN_SIDE = 48, MAX_PIXELS = 40000000, LEAST_DOT = 5, LEVELS = 32 };
+
+/* The levels are of 8 bits: 0 stands for the grey level `low`, 1 for `unit` more. Pixels of level i are 2^i px wide. */
+typedef struct {
+    Image level[LEVELS];
+    int first, end;
+    double low, unit;
+    uint8_t *memory;
+} Pyramid;
+
+static uint16_t wide_level(const Image *image, int64_t x, int64_t y)
+{
+    uint16_t level;
+    memcpy(&level, image->rows + y * image->stride + 2 * x, 2);
+    return (uint16_t)(image->inverted ? UINT16_MAX - level : level);
+}
+
+/* Linear between the neighbors in order of a quantile's place. */
+static double quantile_of(const uint32_t *counts, int64_t count, double share)
+{
+    const double place = share * (double)(count - 1);
+    const int64_t low = (int64_t)place;
+    int64_t below = 0;
+    int a = 0, b;
+    while (below + counts[a] <= low)
+        below += counts[a++];
+    b = a;
+    while (b < UINT16_MAX && below + counts[a] <= low + 1 && (b == a || !counts[b]))
+        b++;
+    return a + (place - (double)low) * (counts[b] ? b - a : 0);
+}
+
+/* The lowest level and the range to map to 8 bits. Of 16 bits, a thousandth is cut off at either end. */
+static int set_range(const Image *image, Pyramid *p)
+{
+    p->low = 0;
+    p->unit = 1;
+    if (!image->wide)
+        return 0;
+    const int64_t by_size = (int64_t)sqrt((double)(image->height * image->width) / 1e6), every = by_size > 1 ? by_size : 1;
+    uint32_t *counts = calloc(UINT16_MAX + 1, sizeof *counts);
+    int64_t count = 0;
+    if (!counts)
+        return NO_MEMORY;
+    for (int64_t y = 0; y < image->height; y += every)
+        for (int64_t x = 0; x < image->width; x += every, count++)
+            counts[wide_level(image, x, y)]++;
+    p->low = quantile_of(counts, count, 0.001);
+    p->unit = larger(quantile_of(counts, count, 0.999) - p->low, 255) / 255;
+    free(counts);
+    return 0;
+}
+
+static void to_eight_bits(const Image *image, const Pyramid *p, uint8_t *to)
+{
+    const float low = (float)p->low, scale = (float)(1 / p->unit);
+    for (int64_t y = 0; y < image->height; y++, to += image->width) {
+        const uint8_t *row = image->rows + y * image->stride;
+        if (image->wide)
+            for (int64_t x = 0; x < image->width; x++) {
+                const float level = ((float)wide_level(image, x, y) - low) * scale;
+                to[x] = (uint8_t)(level > 0 ? level < 255 ? level : 255 : 0);
+            }
+        else
+            for (int64_t x = 0; x < image->width; x++)
+                to[x] = (uint8_t)(UINT8_MAX - row[x]);
+    }
+}
+
+/* Means of 2 x 2 pixels, halves rounded up; an odd column or row at the far edges is left out. */
+static void halve(const Image *image, uint8_t *to, int64_t height, int64_t width)
+{
+    for (int64_t y = 0; y < height; y++, to += width) {
+        const uint8_t *a = image->rows + 2 * y * image->stride, *b = a + image->stride;
+        for (int64_t x = 0; x < width; x++)
+            to[x] = (uint8_t)((a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1] + 2) >> 2);
+    }
+}
+
+static int build_pyramid(const Image *image, double smallest, Pyramid *p)
+{
+    const int copied = image->wide || image->inverted;
+    int64_t height = image->height, width = image->width, pixels = copied ? height * width : 0;
+    p->first = 0;
+    p->memory = NULL;
+    while ((smallest >= ldexp(2 * LEAST_DOT, p->first) || height * width > (int64_t)MAX_PIXELS << (2 * p->first)) &&
+           ((height < width ? height : width) >> p->first) >= 2 * MIN_SIDE)
+        p->first++;
+    if (set_range(image, p))
+        return NO_MEMORY;
+    p->level[0] = *image;
+    for (p->end = 1; (height < width ? height : width) >= 2 * MIN_SIDE; p->end++) {
+        height /= 2;
+        width /= 2;
+        pixels += height * width;
+        p->level[p->end] = (Image){NULL, height, width, width, 0, 0};
+    }
+    uint8_t *free_place = p->memory = malloc((size_t)pixels + 1);
+    if (!free_place)
+        return NO_MEMORY;
+    if (copied) {
+        to_eight_bits(image, p, free_place);
+        p->level[0] = (Image){free_place, image->height, image->width, image->width, 0, 0};
+        free_place += image->height * image->width;
+    }
+    for (int i = 1; i < p->end; i++) {
+        Image *level = p->level + i;
+        halve(level - 1, free_place, level->height, level->width);
+        level->rows = free_place;
+        free_place += level->height * level->width;
+    }
+    return 0;
+}
+
+/* ---- dark components ----
+
+   A pixel p is dark if round(sum / 225) - p > step, with the sum over the 15 x 15 pixels around it, those beyond the
+   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that share a
+   side are of one component. The window is wider than a blurred edge, narrow compared to a dot's surroundings; the inside
+   of a larger dot does not differ from its mean, but a closed band along its edge does.
+
+   One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
+   A component without a run in a row is complete, and its place is used again: memory is that of a few rows.
+
+   Moments are sums over runs from column a to b, with n = b - a + 1 and s = a + b:
+       2 sum x = n s    12 sum x^2 = n (3 s^2 + n^2 - 1)    2 sum xy = n s y
+   modulo 2^64; relative to the corner of the component's box, they are exact again for boxes of up to 2^15 pixels' side.
+   Larger ones are left out. */
+
+enum { HALF = 7, WINDOW = 2 * HALF + 1, AREA = WINDOW * WINDOW, LARGEST = 1 << 15, RING = 16 };
+
+/* Least depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise. */
+static const double MIN_DEPTH = 6, DEPTH_SIGMA = 3.5;
+/* Noise above which the image is smoothed first, grey levels: smoothing closes gaps of a pixel or two. */
+static const double SMOOTH_ABOVE = 3;
+/* Least number of pixels. */
+enum { LEAST_PIXELS = 7 };
+static const double MAX_ELONGATION = 12;
+/* Maximum of k^2, where k is the size of the hole relative to the outline: at all, and for small ones, with its growth
+   per pixel of the mean semi-axis. Thin lines that are not closed have more; the blurred holes of small rings fill up. */
+static const double MAX_HOLLOW = 1, HOLLOW_LEAST = 0.25, HOLLOW_GROWTH = 0.04;
+/* Maximum distance of the box's sides from the outline's, px and as a share of its half width. Disks and bands with a
+   fifth of their outline hidden have less, squares up to 0.22. */
+static const double BOX_PX = 0.5, BOX_SHARE = 0.12;
+
+typedef struct {
+    int32_t first, last, component;
+} Run;
+
+typedef struct {
+    uint64_t pixels, x2, y, xx12, xy2, yy;
+    int32_t left, right, top, bottom;
+    int32_t into; /* itself, or the component that it was joined to; the next free one */
+} Component;
+
+/* An ellipse by its center and the symmetric matrix whose product with the unit circle is its outline relative to it:
+   points (x + a u + b v, y + b u + c v), e = x, y, a, b, c. */
+typedef struct {
+    double e[5];
+} Ellipse;
+
+typedef struct {
+    Ellipse *all;
+    int64_t count, room;
+} Ellipses;
+
+static int add_ellipse(Ellipses *list, const Ellipse *ellipse)
+{
+    if (list->count == list->room) {
+        const int64_t room = 2 * list->room + 256;
+        Ellipse *more = realloc(list->all, sizeof *more * (size_t)room);
+        if (!more)
+            return NO_MEMORY;
+        list->all = more;
+        list->room = room;
+    }
+    list->all[list->count++] = *ellipse;
+    return 0;
+}
+
+static int32_t final(const Component *all, int32_t i)
+{
+    while (all[i].into != i)
+        i = all[i].into;
+    return i;
+}
+
+static void join(Component *a, const Component *b)
+{
+    a->pixels += b->pixels;
+    a->x2 += b->x2;
+    a->y += b->y;
+    a->xx12 += b->xx12;
+    a->xy2 += b->xy2;
+    a->yy += b->yy;
+    if (b->left < a->left)
+        a->left = b->left;
+    if (b->right > a->right)
+        a->right = b->right;
+    if (b->top < a->top)
+        a->top = b->top;
+    if (b->bottom > a->bottom)
+        a->bottom = b->bottom;
+}
+
+static int touches(double place, double side, double half)
+{
+    const double slack = BOX_PX + BOX_SHARE * half;
+    /* The outermost pixels end half a pixel beyond their centers. */
+    return fabs(place + 0.5 - half) < slack && fabs(side + 0.5 - place - half) < slack;
+}
+
+/* Whether a component has the moments and the box of an elliptic disk, ring or band, and its outline. Area n and covariance
+   C give size and hole: with the semi-axes a and b of the outline and k times that of the hole, n = pi a b (1 - k^2) and C =
+   S (1 + k^2) / 4, where S is the outline's spread. So with D = sqrt(det 4 C), 1 + k^2 = 2 pi D / (n + pi D), which is from
+   1 for disks to 2 for thin bands. */
+static int is_elliptic(const Component *c, Ellipse *outline)
+{
+    const uint64_t n = c->pixels, left = (uint64_t)c->left, top = (uint64_t)c->top;
+    const uint64_t sum_x = c->x2 / 2 - n * left, sum_y = c->y - n * top;
+    if (c->right - c->left >= LARGEST || c->bottom - c->top >= LARGEST)
+        return 0;
+    const double pixels = (double)n, x = (double)sum_x / pixels, y = (double)sum_y / pixels;
+    const double sum_xx = (double)((c->xx12 - 12 * left * (2 * sum_x + n * left)) / 12);
+    const double sum_xy = (double)((c->xy2 - 2 * (left * sum_y + top * sum_x + n * left * top)) / 2);
+    const double sum_yy = (double)(c->yy - top * (2 * sum_y + n * top));
+    /* Pixels are squares. */
+    const double xx = sum_xx / pixels - x * x + 1. / 12, xy = sum_xy / pixels - x * y;
+    const double yy = sum_yy / pixels - y * y + 1. / 12, determinant = xx * yy - xy * xy;
+    const double mean = 4 * PI * sqrt(determinant), area = (pixels + mean) / 2, hollow = mean / area;
+    const double most = smaller(HOLLOW_LEAST + HOLLOW_GROWTH * sqrt(area / PI), MAX_HOLLOW);
+    const double elongation = MAX_ELONGATION + 1 / MAX_ELONGATION;
+    if (!((xx + yy) * (xx + yy) < elongation * elongation * determinant && hollow < 1 + most))
+        return 0;
+    if (!touches(x, c->right - c->left, 2 * sqrt(xx / hollow)) || !touches(y, c->bottom - c->top, 2 * sqrt(yy / hollow)))
+        return 0;
+    /* The root of the spread. */
+    const double scale = 4 / hollow, root = scale * sqrt(larger(determinant, 1e-12));
+    const double size = sqrt(scale * (xx + yy) + 2 * root);
+    *outline = (Ellipse){{x + (double)c->left, y + (double)c->top, (scale * xx + root) / size, scale * xy / size,
+                          (scale * yy + root) / size}};
+    return 1;
+}
+
+/* The 3 x 3 binomial mean of row y; rows and columns mirrored about the outermost ones. */
+static void smooth_row(const Image *image, int64_t y, uint16_t *sums, uint8_t *to)
+{
+    const int64_t height = image->height, width = image->width;
+    const uint8_t *row = image->rows + y * image->stride;
+    const uint8_t *above = y > 0 ? row - image->stride : row + image->stride;
+    const uint8_t *below = y + 1 < height ? row + image->stride : row - image->stride;
+    for (int64_t x = 0; x < width; x++)
+        sums[x + 1] = (uint16_t)(above[x] + 2 * row[x] + below[x]);
+    sums[0] = sums[2];
+    sums[width + 1] = sums[width - 1];
+    for (int64_t x = 0; x < width; x++)
+        to[x] = (uint8_t)((sums[x] + 2 * sums[x + 1] + sums[x + 2] + 8) >> 4);
+}
+
+/* 1 where a pixel is dark, else 0. The sum of 15 is that of 8, 4, 2 and 1 neighbors, in blocks that stay in the cache. */
+static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, int64_t width, int step)
+{
+    enum { BLOCK = 1024 };
+    uint16_t two[BLOCK + 14], four[BLOCK + 12], eight[BLOCK];
+    const uint16_t least = (uint16_t)(AREA * (step + 1));
+    for (int64_t from = 0; from < width; from += BLOCK) {
+        const int m = width - from < BLOCK ? (int)(width - from) : BLOCK;
+        const uint16_t *s = sums + from;
+        const uint8_t *p = row + from;
+        uint8_t *d = dark + from;
+        for (int x = 0; x < m + 13; x++)
+            two[x] = (uint16_t)(s[x] + s[x + 1]);
+        for (int x = 0; x < m + 11; x++)
+            four[x] = (uint16_t)(two[x] + two[x + 2]);
+        for (int x = 0; x < m; x++)
+            eight[x] = (uint16_t)(four[x] + four[x + 4]);
+        for (int x = 0; x < m; x++) {
+            const uint16_t sum = (uint16_t)(eight[x] + four[x + 8] + two[x + 12] + s[x + 14] + AREA / 2);
+            const uint16_t own = (uint16_t)(AREA * p[x]);
+            const uint16_t over = (uint16_t)(sum > own ? sum - own : 0);
+            d[x] = over >= least;
+        }
+    }
+}
+
+/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 8 zeros
+   behind its end. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
+static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
+{
+    int32_t count = 0;
+    uint8_t before = 0;
+    for (int64_t x = 0; x <= width; x += 8) {
+        uint64_t word;
+        memcpy(&word, dark + x, 8);
+        if (word == (before ? UINT64_C(0x0101010101010101) : 0))
+            continue;
+        for (int i = 0; i < 8; i++) {
+            const uint8_t own = dark[x + i];
+            changes[count] = (int32_t)(x + i);
+            count += own ^ before;
+            before = own;
+        }
+    }
+    return count;
+}
+
+/* The last RING rows that the window has reached, and the sums of the 15 around the present one, with HALF columns more at
+   either end. */
+typedef struct {
+    const Image *image;
+    const uint8_t *row[RING];
+    uint8_t *smooth; /* RING rows, or NULL */
+    uint16_t *sums, *scratch;
+} Window;
+
+static void read_row(Window *w, int64_t y)
+{
+    w->row[y % RING] = w->image->rows + y * w->image->stride;
+    if (w->smooth) {
+        uint8_t *to = w->smooth + y % RING * w->image->width;
+        smooth_row(w->image, y, w->scratch, to);
+        w->row[y % RING] = to;
+    }
+}
+
+static void move_down(Window *w, int64_t y)
+{
+    const int64_t height = w->image->height, width = w->image->width;
+    uint16_t *middle = w->sums + HALF;
+    if (y == 0) {
+        memset(middle, 0, sizeof *middle * (size_t)width);
+        for (int64_t i = 0; i <= HALF && i < height; i++)
+            read_row(w, i);
+        for (int64_t i = -HALF; i <= HALF; i++) {
+            const uint8_t *row = w->row[i < 0 ? 0 : i < height ? i : height - 1];
+            for (int64_t x = 0; x < width; x++)
+                middle[x] = (uint16_t)(middle[x] + row[x]);
+        }
+    } else {
+        if (y + HALF < height)
+            read_row(w, y + HALF);
+        const uint8_t *in = w->row[(y + HALF < height ? y + HALF : height - 1) % RING];
+        const uint8_t *out = w->row[(y - HALF - 1 > 0 ? y - HALF - 1 : 0) % RING];
+        for (int64_t x = 0; x < width; x++)
+            middle[x] = (uint16_t)(middle[x] + in[x] - out[x]);
+    }
+    for (int64_t i = 0; i < HALF; i++) {
+        w->sums[i] = middle[0];
+        middle[width + i] = middle[width - 1];
+    }
+}
+
+/* Outlines of the components that could be dots. */
+static int find_components(const Image *image, Ellipses *found)
+{
+    const int64_t height = image->height, width = image->width;
+    found->count = 0;
+    if (height < 3 || width < 3)
+        return 0;
+    double noise = grey_noise(image);
+    if (noise < 0)
+        return NO_MEMORY;
+    const int smooth = noise > SMOOTH_ABOVE;
+    /* The weights 1/4, 1/2, 1/4 in both directions reduce the noise to 3/8. */
+    noise *= smooth ? 3. / 8 : 1;
+    const int step = (int)smaller(larger(MIN_DEPTH, DEPTH_SIGMA * noise), 255);
+    const size_t most = (size_t)width / 2 + 1; /* runs in a row */
+    Window window = {.image = image};
+    window.sums = malloc(((size_t)width + 2 * HALF) * sizeof *window.sums);
+    window.scratch = malloc(((size_t)width + 2) * sizeof *window.scratch);
+    window.smooth = smooth ? malloc((size_t)(RING * width)) : NULL;
+    uint8_t *dark = calloc((size_t)width + 16, 1);
+    int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
+    Run *above = malloc((most + 1) * sizeof *above), *here = malloc((most + 1) * sizeof *here);
+    /* Those of two rows, since a joined one stays until the end of its row. */
+    Component *all = malloc(2 * most * sizeof *all);
+    int32_t above_count = 0, free_one = -1, used = 0;
+    int status = window.sums && window.scratch && (window.smooth || !smooth) && dark && changes && above && here && all
+                     ? 0
+                     : NO_MEMORY;
+    /* One row more, without a dark pixel, completes what is left. */
+    for (int64_t y = 0; y <= height && !status; y++) {
+        int32_t here_count = 0, i = 0, joined = -1;
+        if (y < height) {
+            move_down(&window, y);
+            mark_dark(dark, window.sums, window.row[y % RING], width, step);
+            here_count = find_changes(changes, dark, width) / 2;
+        }
+        /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
+        above[above_count] = (Run){INT32_MAX, INT32_MAX, -1};
+        for (int32_t j = 0; j < here_count; j++) {
+            const int32_t a = changes[2 * j], b = changes[2 * j + 1] - 1;
+            int32_t own = -1;
+            while (above[i].last < a)
+                i++;
+            for (int32_t k = i; above[k].first <= b; k++) {
+                const int32_t other = final(all, above[k].component);
+                if (own < 0)
+                    own = other;
+                else if (other != own) {
+                    join(all + own, all + other);
+                    all[other].into = own;
+                    all[other].pixels = 0;
+                    /* Kept until no run refers to it; its number of the next such one is in `left`. */
+                    all[other].left = joined;
+                    joined = other;
+                }
+            }
+            if (own < 0) {
+                if (free_one >= 0) {
+                    own = free_one;
+                    free_one = all[own].into;
+                } else
+                    own = used++;
+                all[own] = (Component){.left = a, .right = b, .top = (int32_t)y, .into = own};
+            }
+            here[j] = (Run){a, b, own};
+        }
+        for (int32_t j = 0; j < here_count; j++) {
+            const int32_t a = here[j].first, b = here[j].last, own = final(all, here[j].component);
+            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
+            Component *c = all + own;
+            c->pixels += n;
+            c->x2 += n * s;
+            c->y += n * v;
+            c->xx12 += n * (3 * s * s + n * n - 1);
+            c->xy2 += n * s * v;
+            c->yy += n * v * v;
+            c->left = a < c->left ? a : c->left;
+            c->right = b > c->right ? b : c->right;
+            c->bottom = (int32_t)y;
+            here[j].component = own;
+        }
+        for (int32_t k = 0; k < above_count; k++) {
+            const int32_t own = final(all, above[k].component);
+            Component *c = all + own;
+            Ellipse outline;
+            if (c->bottom == y || !c->pixels)
+                continue;
+            if (c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_ellipse(found, &outline))
+                status = NO_MEMORY;
+            c->pixels = 0; /* once, although several runs may refer to it */
+            c->left = joined;
+            joined = own;
+        }
+        while (joined >= 0) {
+            const int32_t next = all[joined].left;
+            all[joined].into = free_one;
+            free_one = joined;
+            joined = next;
+        }
+        Run *swapped = above;
+        above = here;
+        here = swapped;
+        above_count = here_count;
+    }
+    free(window.sums);
+    free(window.scratch);
+    free(window.smooth);
+    free(dark);
+    free(changes);
+    free(above);
+    free(here);
+    free(all);
+    return status;
+}
+
+/* ---- edges ----
+
+   Where components have an edge from dark to light all around, of about the same step, the place where the grey level is
+   halfway between both sides is found on 24 normals of the outline. An ellipse is fitted to these places, with little
+   weight on those that disagree, twice. Up to seven of the 24 may be missing: hidden, in a highlight, or beyond the image's
+   edge. Of a sharp dot, center and semi-axes are good to a few hundredths of a pixel. */
+
+enum { NORMALS = 24, EIGHTH = NORMALS / 8, PLACES = 9, ZERO = PLACES / 2, UNKNOWNS = 5 };
+
+/* Places across the outline where its profile is sampled, px. */
+static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
+/* The first, cheap test: 6 of 8 directions have a step of at least 6 grey levels and 0.3 of the mean between pixels inside
+   and outside of the outline of a component, which is too large by about a pixel. */
+static const double INSIDE_PX = -2, OUTSIDE_PX = 1.5, LEAST_STEP = 6, STEP_SHARE = 0.3;
+enum { LEAST_EIGHTHS = 6 };
+/* Normals that must have an edge, of every other one at first, then of all: a quarter or a little more may be hidden,
+   washed out by light, or cut off. */
+static const int MIN_NORMALS[2] = {9, 17};
+/* Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median. */
+static const double MIN_STEP = 12, ALIKE = 0.35;
+/* Maximum standard deviation of the step over the normals, without the three least and three largest, over its median, of a
+   component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves, letters,
+   cloth and stones 0.1 to 0.6. */
+static const double MAX_UNEVEN[2] = {0.5, 0.38};
+/* Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots have
+   0.02 to 0.15, clutter 0.1 to 1. */
+static const double MAX_RMS[2][2] = {{0.28, 0.03}, {0.22, 0.015}};
+static const double MIN_SEMI = 0.5;
+/* Solutions of least squares, each with weights by the residuals of the one before. */
+static const int ROUNDS[2] = {2, 3};
+/* Residuals of more than 2.5 times their scale, which is at least 0.04 px, lose most of their weight. */
+static const double LEAST_SCALE = 0.04, SOFT = 2.5;
+/* The middle is the mean of center and eight points at 0.2 of the outline less 0.6 px of its shorter semi-axis, but at 0.05
+   at least: where the hole is wide, noise is averaged away. */
+static const double MIDDLE_LEAST = 0.05, MIDDLE_SHARE = 0.2, MIDDLE_PX = 0.6;
+/* Limits, px, beyond which a rough outline is none. */
+static const double SMALLEST_SEMI = 1e-6, FARTHEST = 1e9;
+
+/* An even edge in pixels and grey levels of a level of the pyramid. */
+typedef struct {
+    Ellipse outline;
+    double light, step, uneven, rms; /* level outside; median step; its unevenness; distance of the edge from the ellipse */
+    double slope, middle;            /* difference of the mean levels 1 px outside and inside; level in the middle */
+    double inverse[3];               /* of the center's covariance if every crossing's variance were 1 */
+    double side;                     /* of the level's pixels, px of the image */
+} Edge;
+
+/* Of the normals' angles; the sine is a quarter of them behind. */
+static const double COSINE[NORMALS] = {
+    1.0, 0.9659258262890683, 0.8660254037844386, 0.7071067811865476, 0.5, 0.25881904510252074,
+    0.0, -0.25881904510252074, -0.5, -0.7071067811865476, -0.8660254037844386, -0.9659258262890683,
+    -1.0, -0.9659258262890683, -0.8660254037844386, -0.7071067811865476, -0.5, -0.25881904510252074,
+    0.0, 0.25881904510252074, 0.5, 0.7071067811865476, 0.8660254037844386, 0.9659258262890683};
+
+static double cosine(int i) { return COSINE[i]; }
+static double sine(int i) { return COSINE[(i + NORMALS - NORMALS / 4) % NORMALS]; }
+
+static double interpolated_inside(const Image *image, double x, double y)
+{
+    const int64_t column = (int64_t)x, row = (int64_t)y;
+    const double right = x - (double)column, down = y - (double)row;
+    const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
+    const double top = p[0] + right * (p[1] - p[0]);
+    return top + down * (q[0] + right * (q[1] - q[0]) - top);
+}
+
+/* Beyond the image's edge as at the edge. */
+static double interpolated(const Image *image, double x, double y)
+{
+    return interpolated_inside(image, between(x, 0, (double)image->width - 1.001),
+                               between(y, 0, (double)image->height - 1.001));
+}
+
+static double nearest_pixel(const Image *image, double x, double y)
+{
+    const int64_t column = (int64_t)between(x + 0.5, 0, (double)image->width - 1);
+    const int64_t row = (int64_t)between(y + 0.5, 0, (double)image->height - 1);
+    return image->rows[row * image->stride + column];
+}
+
+static int is_within(const Image *image, double x, double y)
+{
+    return x >= 0 && x <= (double)image->width - 1 && y >= 0 && y <= (double)image->height - 1;
+}
+
+static double shorter_semi(const double *e)
+{
+    const double half = (e[2] - e[4]) / 2;
+    return (e[2] + e[4]) / 2 - sqrt(half * half + e[3] * e[3]);
+}
+
+static double mean_semi(const double *e) { return sqrt(e[2] * e[4] - e[3] * e[3]); }
+
+/* Whether an outline has a normal everywhere, and places that are numbers. */
+static int is_ellipse(const double *e)
+{
+    for (int i = 0; i < UNKNOWNS; i++)
+        if (!(fabs(e[i]) < FARTHEST))
+            return 0;
+    return shorter_semi(e) > SMALLEST_SEMI;
+}
+
+static void outline_point(const double *e, double u, double v, double *place, double *normal)
+{
+    place[0] = e[0] + e[2] * u + e[3] * v;
+    place[1] = e[1] + e[3] * u + e[4] * v;
+    const double x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, length = sqrt(x * x + y * y);
+    normal[0] = x / length;
+    normal[1] = y / length;
+}
+
+static void sort_few(double *values, int n)
+{
+    for (int i = 1; i < n; i++) {
+        const double value = values[i];
+        int j = i;
+        for (; j > 0 && values[j - 1] > value; j--)
+            values[j] = values[j - 1];
+        values[j] = value;
+    }
+}
+
+static int stands_out(const Image *image, const double *e)
+{
+    const double inside = larger(INSIDE_PX, -shorter_semi(e));
+    double step[8], sum = 0;
+    int good = 0, in_image[8];
+    for (int i = 0; i < 8; i++) {
+        double p[2], n[2];
+        outline_point(e, cosine(EIGHTH * i), sine(EIGHTH * i), p, n);
+        step[i] = nearest_pixel(image, p[0] + OUTSIDE_PX * n[0], p[1] + OUTSIDE_PX * n[1]) -
+                  nearest_pixel(image, p[0] + inside * n[0], p[1] + inside * n[1]);
+        sum += step[i];
+        in_image[i] = is_within(image, p[0], p[1]);
+    }
+    const double enough = larger(LEAST_STEP, STEP_SHARE * (sum / 8));
+    for (int i = 0; i < 8; i++)
+        good += in_image[i] && step[i] > enough;
+    return good >= LEAST_EIGHTHS;
+}
+
+/* Moves an ellipse to the edges near it, and fills in the rest of `edge` but for the middle; 0 without edges. */
+static int at_crossings(const Image *image, Edge *edge, int pass)
+{
+    /* The first pass takes every other normal. */
+    double *e = edge->outline.e;
+    const int every = pass ? 1 : 2, normals = NORMALS / every, odd = normals / 8;
+    const double least = -shorter_semi(e), reach = PROFILE[PLACES - 1] + 1;
+    const double right = (double)image->width - 1 - reach, bottom = (double)image->height - 1 - reach;
+    double offset[PLACES], step[NORMALS], light[NORMALS], slope[NORMALS], away[NORMALS], sorted[NORMALS];
+    double rows[NORMALS][UNKNOWNS], weight[NORMALS], residual[NORMALS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
+    int good[NORMALS], count = 0;
+    /* At most as far inside as the middle of the shorter axis. */
+    for (int j = 0; j < PLACES; j++)
+        offset[j] = larger(PROFILE[j], least);
+    for (int i = 0; i < normals; i++) {
+        const double u = cosine(every * i), v = sine(every * i);
+        double p[2], n[2], grey[PLACES];
+        outline_point(e, u, v, p, n);
+        if (p[0] > reach && p[1] > reach && p[0] < right && p[1] < bottom)
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated_inside(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        else
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        /* The nearest place where the level rises past the mean of the lightest outside and the darkest inside. */
+        double lightest = grey[ZERO], darkest = grey[ZERO];
+        for (int j = 0; j < ZERO; j++) {
+            lightest = larger(lightest, grey[ZERO + 1 + j]);
+            darkest = smaller(darkest, grey[j]);
+        }
+        const double half = (lightest + darkest) / 2;
+        away[i] = INFINITY;
+        for (int j = 0; j + 1 < PLACES; j++)
+            if (grey[j] < half && grey[j + 1] >= half) {
+                const double share = (half - grey[j]) / (grey[j + 1] - grey[j]);
+                const double crossing = offset[j] + share * (offset[j + 1] - offset[j]);
+                if (fabs(crossing) < fabs(away[i]))
+                    away[i] = crossing;
+            }
+        light[i] = lightest;
+        step[i] = sorted[i] = lightest - darkest;
+        slope[i] = grey[ZERO + 1] - grey[ZERO - 1];
+        good[i] = away[i] < INFINITY && is_within(image, p[0], p[1]);
+        /* The derivatives of the distance along the normal with respect to center and axes. */
+        const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
+        memcpy(rows[i], row, sizeof row);
+    }
+    sort_few(sorted, normals);
+    const double median = (sorted[normals / 2 - 1] + sorted[normals / 2]) / 2;
+    double mean = 0, square = 0, difference = 0;
+    for (int i = odd; i < normals - odd; i++)
+        mean += sorted[i] / (normals - 2 * odd);
+    for (int i = odd; i < normals - odd; i++)
+        square += (sorted[i] - mean) * (sorted[i] - mean) / (normals - 2 * odd);
+    const double uneven = sqrt(square);
+    for (int i = 0; i < normals; i++) {
+        good[i] = good[i] && step[i] > ALIKE * median && ALIKE * step[i] < median;
+        count += good[i];
+        weight[i] = good[i];
+        away[i] = good[i] ? away[i] : 0;
+        difference += good[i] ? slope[i] : 0;
+    }
+    if (!(count >= MIN_NORMALS[pass] && median >= MIN_STEP && uneven < MAX_UNEVEN[pass] * median))
+        return 0;
+
+    for (int done = 1; done <= ROUNDS[pass]; done++) {
+        const int last = done == ROUNDS[pass];
+        memset(N, 0, sizeof N);
+        memset(solved, 0, sizeof solved);
+        for (int i = 0; i < normals; i++)
+            for (int j = 0; j < UNKNOWNS; j++) {
+                const double weighted = weight[i] * rows[i][j];
+                for (int k = 0; k <= j; k++)
+                    N[j][k] += weighted * rows[i][k];
+                solved[j] += weighted * away[i];
+            }
+        for (int j = 0; j < UNKNOWNS; j++)
+            N[j][j] += 1e-9;
+        solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
+        solve_positive(UNKNOWNS, N[0], solved, last ? 3 : 1, -INFINITY);
+        for (int i = 0; i < normals; i++) {
+            residual[i] = away[i];
+            for (int j = 0; j < UNKNOWNS; j++)
+                residual[i] -= rows[i][j] * solved[j];
+            sorted[i] = good[i] ? fabs(residual[i]) : 0;
+        }
+        if (last)
+            break;
+        sort_few(sorted, normals);
+        const double scale = (sorted[normals / 2 - 1] + sorted[normals / 2]) / 2;
+        const double soft = SOFT * larger(1.48 * scale, LEAST_SCALE);
+        for (int i = 0; i < normals; i++) {
+            const double r = residual[i] / soft, whole = 1 + r * r;
+            weight[i] = good[i] / (whole * whole);
+        }
+    }
+    double total = 0, squares = 0;
+    for (int i = 0; i < normals; i++) {
+        total += weight[i];
+        squares += weight[i] * residual[i] * residual[i];
+    }
+    for (int j = 0; j < UNKNOWNS; j++)
+        e[j] += solved[j];
+    sort_few(light, normals);
+    edge->light = (light[normals / 2 - 1] + light[normals / 2]) / 2;
+    edge->step = median;
+    edge->uneven = uneven / median;
+    edge->rms = sqrt(squares / total);
+    edge->slope = difference / count;
+    edge->inverse[0] = solved[UNKNOWNS];
+    edge->inverse[1] = solved[UNKNOWNS + 1];
+    edge->inverse[2] = solved[2 * UNKNOWNS + 1];
+    const double shorter = shorter_semi(e), longer = e[2] + e[4] - shorter;
+    return is_ellipse(e) && shorter > MIN_SEMI && longer < MAX_ELONGATION * shorter &&
+           edge->rms < MAX_RMS[pass][0] + MAX_RMS[pass][1] * shorter;
+}
+
+/* The even edge near a rough outline, which `edge` has; 0 if there is none. */
+static int is_even_edge(const Image *image, Edge *edge)
+{
+    const double *e = edge->outline.e;
+    if (!is_ellipse(e) || !stands_out(image, e) || !at_crossings(image, edge, 0) || !at_crossings(image, edge, 1))
+        return 0;
+    const double size = larger(MIDDLE_LEAST, MIDDLE_SHARE - MIDDLE_PX / shorter_semi(e));
+    double sum = interpolated(image, e[0], e[1]);
+    for (int j = 0; j < NORMALS; j += EIGHTH) {
+        const double u = size * cosine(j), v = size * sine(j);
+        sum += interpolated(image, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
+    }
+    edge->middle = sum / 9;
+    return 1;
+}
+
+/* How unlike those of dots an edge is, from 0: uneven, off the ellipse, or faint. */
+static double doubt_of(const Edge *edge)
+{
+    const double limit = MAX_RMS[1][0] + MAX_RMS[1][1] * shorter_semi(edge->outline.e);
+    const double uneven = edge->uneven / MAX_UNEVEN[1], off = edge->rms / limit, faint = MIN_STEP / edge->step;
+    return uneven * uneven + off * off + faint * faint;
+}
+
+/* ---- what is behind blurred outlines ----
+
+   With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it, so
+   F(1/s) - F(-1/s) is the share of the step within 1 px of it. Curvature k moves the half-level inward by k s^2 / 2. The
+   darkest place of a small dot is not as dark as the ink: in the middle of a disk, by the mean of 1 - exp(-r^2 / 2 s^2) over
+   the directions to its outline at r. So the half of what is visible lies outside of the edge. Small dots do not tell blur
+   and darkness of their ink apart: they are given about the blur of the others, which comes from the lens. */
+
+enum { QUARTERS = 12, SIZES = 14, STEPS = 3 };
+
+/* Variances along any direction, px^2: of the mean kernel of bilinear interpolation, and of a pixel's area. */
+static const double BILINEAR = 1. / 6, PIXEL = 1. / 12;
+static const double LEAST_BLUR = 0.28;
+/* Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of the
+   ink's darkness that is left of a small dot. */
+static const double LEAST_SHARE = 0.05, MAX_SHARE = 0.954, LEAST_DEPTH = 0.5;
+static const double MAX_INWARD = 1;
+/* The usual blur is that at this quantile of the outlines that are certain and of at least that depth, if there are three;
+   that of small ones may differ from it by this factor. */
+static const double WIDE = 0.97, USUAL = 0.5, BLUR_RATIO = 1.06, CLEAR_DOUBT = 0.5;
+enum { LEAST_WIDE = 3 };
+/* Level in the middle above which an outline may be a ring's, and below which the level expected of a ring is less and less
+   evidence; relative to the visible step. */
+static const double OPEN_ABOVE = 0.05, TELLING = 0.6;
+/* Of blurred rings with a hole of half their size: outer radius and radius where half of the visible step is seen, both in
+   blurs; visible step, as a share of that between paper and ink; and level in the middle relative to the visible step. Of a
+   disk of radius R, the ink seen at radius x has the noncentral chi-squared distribution with 2 degrees of freedom, of R^2
+   at x^2, both in blurs. */
+static const double RING_SIZE[SIZES] = {1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7, 8, 10, 14};
+static const double RING_SEEN[SIZES] = {1.391, 1.748, 2.334, 2.873, 3.343, 3.795, 4.244,
+                                        4.696, 5.15,  6.078, 7.026, 7.995, 9.968, 13.968};
+static const double RING_DEPTH[SIZES] = {0.276, 0.43,  0.474, 0.515, 0.577, 0.64,  0.699,
+                                         0.751, 0.798, 0.872, 0.923, 0.956, 0.988, 1};
+static const double RING_MIDDLE[SIZES] = {0,     0,     0.005, 0.196, 0.456, 0.665, 0.807,
+                                          0.894, 0.945, 0.987, 0.998, 1,     1,     1};
+/* Squared cosines of an ellipse's parameter over a quarter of it. */
+static const double QUARTER[QUARTERS] = {
+    0.9957224306869051, 0.9619397662556434, 0.8966766701456176, 0.8043807145043602, 0.6913417161825449, 0.5652630961100258,
+    0.4347369038899743, 0.3086582838174552, 0.19561928549563964, 0.10332332985438249, 0.038060233744356645, 0.004277569313094792};
+
+/* An outline as it is seen, in pixels of its level: semi-axes at half of the visible step; difference of the mean levels 1 px
+   outside and 1 px inside, relative to the visible step; level in the middle, from 0 where it is as dark as the darkest along
+   the outline to 1 where it is light. */
+typedef struct {
+    double longer, shorter, slope, middle, side;
+} Seen;
+
+/* And what is behind it: semi-axes; blur with that of sampling; the visible step as a share of that between paper and ink;
+   for a ring, the level expected in the middle. */
+typedef struct {
+    double semi[2], blur, depth, level;
+} Behind;
+
+static double normal_below(double x) { return erfc(-x * 0.70710678118654752440) / 2; }
+
+/* Its inverse for probabilities from 0.02 to 0.98, by Halley's method. */
+static double normal_quantile(double p)
+{
+    double x = (p - 0.5) * 2.5066282746310005024;
+    for (int i = 0; i < 5; i++) {
+        const double step = (normal_below(x) - p) * 2.5066282746310005024 * exp(x * x / 2);
+        x -= step / (1 + x * step / 2);
+    }
+    return x;
+}
+
+static double between_entries(double x, const double *from, const double *to)
+{
+    int i = 0;
+    if (!(x > from[0]))
+        return to[0];
+    if (x >= from[SIZES - 1])
+        return to[SIZES - 1];
+    while (x >= from[i + 1])
+        i++;
+    return to[i] + (x - from[i]) * ((to[i + 1] - to[i]) / (from[i + 1] - from[i]));
+}
+
+/* By how much the semi-axes of the ellipse through the half-level are too short. It is moved inward by k s^2 / 2, k = a b /
+   D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse follows: near sharp tips it has the least squares of distances along
+   the normal. These change by b cos^2 / D with the longer semi-axis, and by a sin^2 / D with the shorter one. */
+static void moved_inward(double a, double b, double s, double *moved)
+{
+    double aa = 0, ab = 0, bb = 0, x = 0, y = 0;
+    for (int i = 0; i < QUARTERS; i++) {
+        const double along = b * QUARTER[i], across = a * (1 - QUARTER[i]), square = b * along + a * across;
+        const double root = sqrt(square), inward = s * smaller(s * a * b / (2 * square * root), MAX_INWARD);
+        aa += along * along / square;
+        ab += along * across / square;
+        bb += across * across / square;
+        x += along * inward / root;
+        y += across * inward / root;
+    }
+    moved[0] = (bb * x - ab * y) / (aa * bb - ab * ab);
+    moved[1] = (aa * y - ab * x) / (aa * bb - ab * ab);
+}
+
+/* How dark the middle of a blurred ellipse is, from 0 to 1: at even steps of the ellipse's parameter, a direction counts by
+   its angle, in proportion to 1/r^2. */
+static double darkness(double a, double b, double s)
+{
+    double dark = 0, whole = 0;
+    for (int i = 0; i < QUARTERS; i++) {
+        const double square = a * a * QUARTER[i] + b * b * (1 - QUARTER[i]);
+        dark -= expm1(square * (-0.5 / (s * s))) / square;
+        whole += 1 / square;
+    }
+    return dark / whole;
+}
+
+/* What is behind a blurred disk or ring, with a blur within limits, px of its level. */
+static Behind unblurred(const Seen *seen, int ring, double least, double most, int steps)
+{
+    const double a = seen->longer, b = seen->shorter, mean = a * b / sqrt((a * a + b * b) / 2);
+    double lost = 0, outside = 0, s = 1, moved[2];
+    Behind behind = {.depth = 1};
+    for (int step = 0; step < steps; step++) {
+        const double share = smaller(larger(seen->slope * behind.depth + lost, LEAST_SHARE), MAX_SHARE);
+        s = smaller(larger(1 / normal_quantile((1 + share) / 2), least), most);
+        if (!ring) {
+            behind.depth = larger(darkness(a, b, s), LEAST_DEPTH);
+            outside = -s * normal_quantile(behind.depth / 2);
+            continue;
+        }
+        const double at = mean / s, size = at < RING_SEEN[SIZES - 1] ? between_entries(at, RING_SEEN, RING_SIZE) : at;
+        behind.level = between_entries(size, RING_SIZE, RING_MIDDLE);
+        behind.depth = larger(between_entries(size, RING_SIZE, RING_DEPTH), LEAST_DEPTH);
+        outside = mean - s * (size - 0.5 / size);
+        /* Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins. */
+        const double inner = (1 - outside) / s, outer = (-1 - outside) / s, width = size / 2;
+        lost = 2 * normal_below(1 / s) - 1 - normal_below(inner) + normal_below(outer) + normal_below(inner - width) -
+               normal_below(outer - width);
+    }
+    moved_inward(a, b, s, moved);
+    behind.semi[0] = a - outside + moved[0];
+    behind.semi[1] = b - outside + moved[1];
+    behind.blur = s;
+    return behind;
+}
+
+/* ---- blobs ---- */
+
+/* Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
+   better. */
+static const double MIN_COARSE = 3;
+/* Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels, where
+   their components are larger than they by up to a pixel. */
+static const double CLEAR_UNEVEN = 0.2, CLEAR_RMS = 0.15, GROWN_PX = 1;
+/* Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of coarser
+   levels, also if the semi-axes differ by a pixel of the level. Small ones, of which there may be many, are near few others;
+   those in between are in both groups. */
+static const double SAME_PLACE = 0.5, SAME_SIZE = 0.3, BLURRED_PX = 1, LARGE_PX = 8;
+/* Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24 degrees of
+   freedom went into it, and the largest distances count less. */
+static const double MISFIT = 1.6;
+/* Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
+   edges are neither straight nor of one width, and pixels are squares. */
+static const double CROSSING_PX = 0.04, CENTER_PX = 0.015;
+
+typedef struct {
+    Edge *all;
+    int64_t count, room;
+} Edges;
+
+static int add_edge(Edges *list, const Edge *edge)
+{
+    if (list->count == list->room) {
+        const int64_t room = 2 * list->room + 256;
+        Edge *more = realloc(list->all, sizeof *more * (size_t)room);
+        if (!more)
+            return NO_MEMORY;
+        list->all = more;
+        list->room = room;
+    }
+    list->all[list->count++] = *edge;
+    return 0;
+}
+
+/* Dots found so far that no coarser level shows better, in pixels of the present level, in lists by their pixel. */
+typedef struct {
+    double x, y, semi;
+    int64_t next;
+} Clear;
+
+typedef struct {
+    Clear *all;
+    int64_t count, room, *first, lists; /* a power of two */
+} Clears;
+
+static int64_t list_of(const Clears *clears, int64_t x, int64_t y)
+{
+    return (int64_t)(((uint64_t)x * 2654435761u ^ (uint64_t)y * 40503u * 65599u) >> 7) & (clears->lists - 1);
+}
+
+static void put_in_lists(Clears *clears)
+{
+    for (int64_t i = 0; i < clears->lists; i++)
+        clears->first[i] = -1;
+    for (int64_t i = 0; i < clears->count; i++) {
+        Clear *clear = clears->all + i;
+        int64_t *first = clears->first + list_of(clears, (int64_t)rint(clear->x), (int64_t)rint(clear->y));
+        clear->next = *first;
+        *first = i;
+    }
+}
+
+/* To the next coarser level, whose pixels are two by two of this one. */
+static int make_coarser(Clears *clears, int64_t room)
+{
+    for (int64_t i = 0; i < clears->count; i++) {
+        clears->all[i].x = (clears->all[i].x - 0.5) / 2;
+        clears->all[i].y = (clears->all[i].y - 0.5) / 2;
+        clears->all[i].semi /= 2;
+    }
+    if (room > clears->room) {
+        Clear *more = realloc(clears->all, sizeof *more * (size_t)room);
+        if (!more)
+            return NO_MEMORY;
+        clears->all = more;
+        clears->room = room;
+        int64_t lists = 256;
+        while (lists < 2 * room)
+            lists *= 2;
+        free(clears->first);
+        clears->first = malloc(sizeof *clears->first * (size_t)lists);
+        clears->lists = clears->first ? lists : 0;
+        if (!clears->first)
+            return NO_MEMORY;
+    }
+    put_in_lists(clears);
+    return 0;
+}
+
+/* Whether an outline has the size and, but for a pixel or two, the place of a dot found. */
+static int is_clear(const Clears *clears, const double *e)
+{
+    if (!is_ellipse(e) || !clears->count)
+        return 0;
+    const int64_t x = (int64_t)rint(e[0]), y = (int64_t)rint(e[1]);
+    const double semi = mean_semi(e);
+    for (int64_t row = y - 1; row <= y + 1; row++)
+        for (int64_t column = x - 1; column <= x + 1; column++)
+            for (int64_t i = clears->first[list_of(clears, column, row)]; i >= 0; i = clears->all[i].next) {
+                const Clear *clear = clears->all + i;
+                if ((int64_t)rint(clear->x) == column && (int64_t)rint(clear->y) == row &&
+                    fabs(semi - clear->semi) < SAME_SIZE * clear->semi + GROWN_PX)
+                    return 1;
+            }
+    return 0;
+}
+
+/* Even edges of all levels. */
+static int find_edges(const Pyramid *p, Edges *edges)
+{
+    Ellipses rough = {NULL, 0, 0};
+    Clears clears = {NULL, 0, 0, NULL, 0};
+    int status = 0;
+    for (int level = p->first; level < p->end && !status; level++) {
+        const Image *image = p->level + level;
+        status = find_components(image, &rough);
+        status = status ? status : make_coarser(&clears, clears.count + rough.count);
+        for (int64_t i = 0; i < rough.count && !status; i++) {
+            Edge edge = {.outline = rough.all[i], .side = ldexp(1, level)};
+            double *e = edge.outline.e;
+            if ((level > p->first && !(shorter_semi(e) > MIN_COARSE)) || is_clear(&clears, e) || !is_even_edge(image, &edge))
+                continue;
+            if (edge.uneven < CLEAR_UNEVEN && edge.rms < CLEAR_RMS)
+                clears.all[clears.count++] = (Clear){e[0], e[1], mean_semi(e), 0};
+            /* Corners show at the finer level, which gives more exact ellipses, too. */
+            if (level > p->first) {
+                const Ellipse finer = {{2 * e[0] + 0.5, 2 * e[1] + 0.5, 2 * e[2], 2 * e[3], 2 * e[4]}};
+                edge = (Edge){.outline = finer, .side = ldexp(1, level - 1)};
+                if (!is_even_edge(image - 1, &edge))
+                    continue;
+            }
+            status = add_edge(edges, &edge);
+        }
+    }
+    free(rough.all);
+    free(clears.all);
+    free(clears.first);
+    return status;
+}
+
+static Seen seen_edge(const Edge *edge)
+{
+    const double *e = edge->outline.e, shorter = shorter_semi(e);
+    return (Seen){e[2] + e[4] - shorter, shorter, edge->slope / edge->step, 1 - (edge->light - edge->middle) / edge->step,
+                  edge->side};
+}
+
+static double lens_square(double blur, double side) { return (blur * blur - BILINEAR - PIXEL) * side * side; }
+
+/* The blur of wide outlines that are certain, px of the image squared, without sampling; NAN if there are too few. */
+static int usual_blur(const Edges *edges, double *usual)
+{
+    double *squares = malloc(sizeof *squares * (size_t)(edges->count + 1));
+    int64_t count = 0;
+    if (!squares)
+        return NO_MEMORY;
+    for (int64_t i = 0; i < edges->count; i++) {
+        const Seen seen = seen_edge(edges->all + i);
+        const Behind disk = unblurred(&seen, 0, 0, INFINITY, 1);
+        if (disk.depth > WIDE && doubt_of(edges->all + i) < CLEAR_DOUBT)
+            squares[count++] = lens_square(disk.blur, seen.side);
+    }
+    *usual = count < LEAST_WIDE ? NAN : larger(order_statistic(squares, count, (int64_t)(USUAL * (double)count)), 0);
+    free(squares);
+    return 0;
+}
+
+static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *blob)
+{
+    const Seen seen = seen_edge(edge);
+    const double *e = edge->outline.e, side = edge->side;
+    double least = 0, most = INFINITY, hole = seen.middle;
+    Behind behind = unblurred(&seen, 0, least, most, 1);
+    int wide = behind.depth > WIDE;
+    if (usual >= 0) {
+        const double blur = sqrt(usual / (side * side) + BILINEAR + PIXEL);
+        least = blur / BLUR_RATIO;
+        most = blur * BLUR_RATIO;
+        wide = wide && darkness(seen.longer, seen.shorter, blur) > WIDE;
+    }
+    if (!wide)
+        behind = unblurred(&seen, 0, least, most, STEPS);
+    if (!wide || seen.middle > OPEN_ABOVE) {
+        /* A blurred hole is less light, relative to the ink around it, than a wide one; of the smallest nothing is seen. */
+        const Behind ring = unblurred(&seen, 1, least, most, STEPS);
+        const double expected = larger(ring.level, 1e-3), telling = smaller(expected / TELLING, 1);
+        const double share = between(seen.middle / expected, -0.2, 1.2);
+        hole = 0.5 + (share - 0.5) * telling * telling;
+        if (hole > 0.5)
+            behind = ring;
+    }
+    const double variance = larger(MISFIT * edge->rms * edge->rms, CROSSING_PX * CROSSING_PX), square = side * side;
+    const double center = CENTER_PX * CENTER_PX, light = p->low + p->unit * edge->light;
+    *blob = (Blob){
+        .center = {side * e[0] + (side - 1) / 2, side * e[1] + (side - 1) / 2},
+        .semi = {side * larger(behind.semi[0], MIN_SEMI), side * larger(behind.semi[1], MIN_SEMI)},
+        .angle = atan2(2 * e[3], e[2] - e[4]) / 2,
+        .covariance = {square * (edge->inverse[0] * variance + center), square * edge->inverse[1] * variance,
+                       square * (edge->inverse[2] * variance + center)},
+        .light = light,
+        .dark = light - p->unit * edge->step / behind.depth,
+        .blur = sqrt(larger(lens_square(behind.blur, side) + PIXEL, LEAST_BLUR * LEAST_BLUR)),
+        .hole = between(hole, 0, 1),
+        .doubt = doubt_of(edge),
+        .side = side,
+        .state = ROUGH,
+    };
+}
+
+static int by_column(const void *a, const void *b)
+{
+    const Blob *first = a, *second = b;
+    return (first->center[0] > second->center[0]) - (first->center[0] < second->center[0]);
+}
+
+static int by_doubt(const void *a, const void *b)
+{
+    const Blob *first = a, *second = b;
+    if (first->doubt != second->doubt)
+        return first->doubt < second->doubt ? -1 : 1;
+    return by_column(a, b);
+}
+
+/* Leaves out blobs of the same place and size as one whose center is more certain, sorts the others by their doubt, and
+   returns their number. */
+static int64_t sort_distinct(Blob *blobs, int64_t count)
+{
+    int64_t kept = 0;
+    qsort(blobs, (size_t)count, sizeof *blobs, by_column);
+    for (int64_t i = 0; i < count; i++) {
+        Blob *a = blobs + i;
+        const double reach = SAME_PLACE * a->semi[1], variance = a->covariance[0] + a->covariance[2];
+        for (int64_t j = i + 1; j < count; j++) {
+            Blob *b = blobs + j;
+            if (!(b->center[0] - a->center[0] < reach))
+                break;
+            if (!(fabs(b->center[1] - a->center[1]) < reach))
+                continue;
+            const double same = SAME_SIZE * larger(a->semi[1], b->semi[1]) +
+                                (a->side == b->side ? 0 : BLURRED_PX * larger(a->side, b->side));
+            const int group = (a->semi[1] < 2 * LARGE_PX && b->semi[1] < 2 * LARGE_PX) ||
+                              (a->semi[1] > LARGE_PX && b->semi[1] > LARGE_PX);
+            if (group && fabs(a->semi[0] - b->semi[0]) < same && fabs(a->semi[1] - b->semi[1]) < same)
+                (variance <= b->covariance[0] + b->covariance[2] ? b : a)->state = REFUSED;
+        }
+    }
+    for (int64_t i = 0; i < count; i++)
+        if (blobs[i].state == ROUGH)
+            blobs[kept++] = blobs[i];
+    qsort(blobs, (size_t)kept, sizeof *blobs, by_doubt);
+    return kept;
+}
+
+int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs)
+{
+    Pyramid pyramid;
+    Edges edges = {NULL, 0, 0};
+    double usual;
+    int64_t count = NO_MEMORY;
+    *blobs = NULL;
+    if (!build_pyramid(image, smallest, &pyramid) && !find_edges(&pyramid, &edges) && !usual_blur(&edges, &usual) &&
+        (*blobs = malloc(sizeof **blobs * (size_t)(edges.count + 1)))) {
+        for (int64_t i = 0; i < edges.count; i++)
+            make_blob(edges.all + i, &pyramid, usual, *blobs + i);
+        count = sort_distinct(*blobs, edges.count);
+        count = count < most ? count : most;
+    }
+    free(pyramid.memory);
+    free(edges.all);
+    return count;
+}
