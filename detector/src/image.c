@@ -129,7 +129,7 @@ static int set_range(const Image *image, Pyramid *p)
 {
     p->low = 0;
     p->unit = 1;
-    if (!image->wide)
+    if (!image->wide || !image->height || !image->width)
         return 0;
     const int64_t by_size = (int64_t)sqrt((double)(image->height * image->width) / 1e6), every = by_size > 1 ? by_size : 1;
     uint32_t *counts = calloc(UINT16_MAX + 1, sizeof *counts);
