@@ -9,7 +9,8 @@ from markergen_detect.core import BLOB, ImageStruct, library
 
 def image_struct(image, inverted=False):
     """An array (h, w) of uint8 or uint16, whose rows may be those of a larger one, as the core takes it."""
-    assert image.dtype in (np.uint8, np.uint16) and (image.strides[1] == image.itemsize or not image.size)
+    assert image.dtype in (np.uint8, np.uint16)
+    assert (image.strides[1] == image.itemsize or not image.size)
     struct = ImageStruct(image.ctypes.data, *image.shape, image.strides[0], image.itemsize == 2, inverted)
     struct.kept = image
     return struct
