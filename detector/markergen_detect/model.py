@@ -16,7 +16,7 @@ Indices = NDArray[np.int64]
 LEAST_DOTS, SCALE_RATIO, FLAT = 4, 1.5, 0.02
 """Least number of dots of a constellation; ratio of diameters, from one dot to the next larger one, from which on they
 are of two; ratio of the spreads across and along a line below which dots count as on it."""
-MANY_DOTS, NEAR_DOTS, PAIRED_DOTS = 16, 8, 5
+MANY_DOTS, NEAR_DOTS, PAIRED_DOTS = 16, 8, 3
 """Number of dots above which only neighbors form pairs; of a dot's neighbors that confirm a guess, and of those that it
 forms pairs with."""
 SHORTEST = 0.25
@@ -198,6 +198,7 @@ def _constellation(body: Body, index: Indices, kept: "list[NDArray[Any]]") -> "N
     kept.extend(arrays.values())
     part["plate"], part["count"], part["pair_count"], part["near_count"] = plate, n, len(pairs), near.shape[1]
     part["flat"] = np.ptp(points[:, 2]) < 1e-9
+    part["sizes"] = np.log(body.diameters[index].max() / body.diameters[index].min())
     return part
 
 
