@@ -1,27 +1,25 @@
 """Calls of single stages of the compiled core, for their tests."""
 
 import ctypes
-from ctypes import POINTER, byref, c_double, c_int, c_int64, c_void_p
+from ctypes import byref, c_void_p
 
 import numpy as np
-from markergen_detect.core import BLOB, ImageStruct, library
+from markergen_detect.core import library
+from structures import BLOB, ImageStruct
 
 
 def image_struct(image, inverted=False):
     """An array (h, w) of uint8 or uint16, whose rows may be those of a larger one, as the core takes it."""
     assert image.dtype in (np.uint8, np.uint16)
-    assert (image.strides[1] == image.itemsize or not image.size)
+    assert image.strides[1] == image.itemsize or not image.size
     struct = ImageStruct(image.ctypes.data, *image.shape, image.strides[0], image.itemsize == 2, inverted)
     struct.kept = image
     return struct
 
 
 def find_blobs(image, smallest=0.0, most=10_000, inverted=False):
-    call = library().find_blobs
-    call.argtypes = [POINTER(ImageStruct), c_double, c_int64, POINTER(c_void_p)]
-    call.restype = c_int64
     found = c_void_p()
-    count = call(byref(image_struct(image, inverted)), smallest, most, byref(found))
+    count = library().find_blobs(byref(image_struct(image, inverted)), smallest, most, byref(found))
     assert count >= 0
     blobs = np.frombuffer(ctypes.string_at(found, count * BLOB.itemsize), BLOB).copy()
     free = ctypes.CDLL(None).free
@@ -31,11 +29,10 @@ def find_blobs(image, smallest=0.0, most=10_000, inverted=False):
 
 
 def fit_blobs(image, blobs, which=None, inverted=False):
-    call = library().fit_blobs
-    call.argtypes, call.restype = [POINTER(ImageStruct), c_void_p, c_void_p, c_int64], c_int
     which = np.arange(len(blobs)) if which is None else np.asarray(which, dtype=np.int64)
     fitted = blobs.copy()
-    assert call(byref(image_struct(image, inverted)), fitted.ctypes.data, which.ctypes.data, len(which)) == 0
+    struct = image_struct(image, inverted)
+    assert library().fit_blobs(byref(struct), fitted.ctypes.data, which.ctypes.data, len(which)) == 0
     return fitted
 
 

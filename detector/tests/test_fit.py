@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from markergen_detect.core import FITTED, REFUSED
 from numpy.testing import assert_allclose
+from structures import FITTED, REFUSED
 from support import drawn, find_blobs, fit_blobs, grid, matched
 
 SHAPE = (300, 400)

@@ -4,8 +4,9 @@ import ctypes
 
 import numpy as np
 import pytest
-from markergen_detect.core import ROUGH, library
+from markergen_detect.core import library
 from numpy.testing import assert_allclose
+from structures import ROUGH
 from support import drawn, find_blobs, grid, image_struct, matched
 
 
