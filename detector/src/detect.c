@@ -97,6 +97,7 @@ static int add_finding(Findings *findings, const Layout *layout, const Labeling 
     Finding *finding = grown + findings->count;
     *finding = *base;
     finding->dots = finding->blobs = NULL;
+    finding->pixels = NULL;
     findings->count++;
     if (!labeling)
         return 0;
@@ -262,6 +263,10 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
             finding.evidence = quests[l].evidence;
             status = add_finding(findings, model->layouts + l, NULL, &finding);
         }
+    for (int64_t i = 0; i < findings->count && !status; i++)
+        if (findings->findings[i].dots)
+            status = complete_finding(model->layouts + findings->findings[i].member, camera, calibrated, findings->blobs,
+                                      findings->findings + i);
     for (int64_t l = 0; l < model->layout_count && quests; l++)
         free(quests[l].pool.memory);
     scene_free(&scene);
@@ -285,7 +290,7 @@ int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, c
 void findings_free(Findings *findings)
 {
     for (int64_t i = 0; i < findings->count; i++)
-        free(findings->findings[i].dots);
+        free(findings->findings[i].dots), free(findings->findings[i].pixels);
     free(findings->findings);
     free(findings->blobs);
     memset(findings, 0, sizeof *findings);

@@ -197,6 +197,7 @@ typedef struct {
     double print;      /* standard deviation of a dot's place, m */
     int32_t flat;      /* whether all dots are in one plane */
     int32_t ringed;    /* whether some are rings */
+    const Errors *errors; /* that dots have in common, and the camera's; NULL for none */
 } Layout;
 
 /* Which blob each dot of a layout is seen in. */
@@ -256,8 +257,13 @@ typedef struct {
     double evidence, margin; /* of the labeling; how much less the next other one has */
     double sigma;            /* RMS by which the places miss, px */
     Pose pose;
-    int64_t *dots;           /* (count) of the layout */
-    int64_t *blobs;          /* (count) */
+    int64_t *dots;           /* (count) of the layout, then `dropped` more that lie farther off than any error explains */
+    int64_t *blobs;          /* (count), then those of the dropped ones */
+    int64_t dropped;
+    double *pixels;          /* (count, 2) images of the dots' own centers, px */
+    double H[9];             /* if `plane`, from (x, y) of a flat body, m, to px of an image without lens distortion */
+    int32_t plane;
+    Estimate estimate;       /* with a camera */
 } Finding;
 
 typedef struct {
@@ -272,5 +278,11 @@ int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, c
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                     Findings *findings);
 void findings_free(Findings *findings);
+
+/* ---- results.c ---- */
+
+/* Fills in `dropped` and what follows it in a finding with labels; without a pose that sees its dots from the front it is UNFIT.
+   Returns 0 or NO_MEMORY. */
+int complete_finding(const Layout *layout, const Camera *camera, int calibrated, const Blob *blobs, Finding *finding);
 
 #endif

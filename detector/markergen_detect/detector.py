@@ -1,0 +1,312 @@
+"""The detector, built once and called for every frame, and what it finds."""
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen_detect.camera import Camera, CameraLike
+from markergen_detect.core import constants, library, pointer, structures
+from markergen_detect.description import Body, DescriptionError, Source, read_bodies
+from markergen_detect.model import Model, pack
+
+Array = NDArray[np.float64]
+
+MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 20_000_000
+"""Largest numbers of copies of a body, of blobs that are looked at, and of steps of the search for one."""
+LARGEST_IMAGE = 2**28
+"""Largest number of pixels."""
+
+STATES = {
+    "FOUND": "found",
+    "FEW": "few",
+    "UNFIT": "unfit",
+    "UNSURE": "unsure",
+    "AMBIGUOUS": "ambiguous",
+    "CLAIMED": "claimed",
+    "MIRRORED": "mirrored",
+    "OTHER_TAG": "other tag",
+    "HIDDEN_TAG": "hidden tag",
+    "CONTRADICTED": "contradicted",
+}
+"""Names of the core's states in results."""
+
+
+class Second(NamedTuple):
+    """Another pose from which a flat body looks much the same, with its likelihood relative to the first one."""
+
+    rotation: Array
+    translation: Array
+    likelihood_ratio: float
+
+
+class Finding(NamedTuple):
+    """What was found of one body in one frame, or why it was not.
+
+    Attributes
+    ----------
+    ok : bool
+        True if dots have unique labels.
+    state : str
+        ``found``, or the reason: see `STATES`.
+    facts : dict
+        Numbers of the reason: ``count`` dots of the best labeling, ``missing`` ones that should be seen, ``blobs`` in
+        the image, ``rival``, the number of another body, ``cut``, whether the search was.
+    body : int
+        Number of the body among those that are looked for; `name` is its name.
+    ids : array (k,) of int
+        Ids of the dots; empty if labels are ambiguous.
+    pixels, pixel_covariance : arrays (k, 2), px, and (k, 2, 2), px^2
+        Images of the dots' own centers in the image as taken; also if labels are ambiguous.
+    ellipse_centers : array (k, 2), px
+        Centers of the dots' outlines, from which `pixels` were corrected.
+    guess : array (k,) of int
+        Ids by the best labeling, if labels are ambiguous; else `ids`.
+    dropped : array of int
+        Ids of dots that lie farther from their places than any error explains.
+    rotation, translation : arrays (3, 3) and (3,), m, or None
+        T_camera_body: X_camera = R X_body + t; None without a camera.
+    covariance : array (6, 6) or None
+        Of (w, dt), rad and m: R <- exp([w]x) R, t <- t + dt; the sum of the next three.
+    image_covariance, print_covariance, camera_covariance : arrays (6, 6) or None
+    second : Second or None
+    homography : array (3, 3) or None
+        From (x, y) of a flat body, m, to px of an image without lens distortion.
+    chi2, degrees_of_freedom, scale : float, int, float
+        Of the residuals; `scale` is the factor on the covariances of image and print by which residuals exceed them.
+    misfit : float
+        RMS by which the dots miss their places, px.
+    evidence, margin : float
+        Logarithms of the likelihood ratio to clutter, and to the next other labeling.
+    """
+
+    ok: bool
+    state: str
+    facts: "dict[str, Any]"
+    body: int
+    name: str
+    ids: "NDArray[np.int64]"
+    pixels: Array
+    pixel_covariance: Array
+    ellipse_centers: Array
+    guess: "NDArray[np.int64]"
+    dropped: "NDArray[np.int64]"
+    rotation: "Array | None"
+    translation: "Array | None"
+    covariance: "Array | None"
+    image_covariance: "Array | None"
+    print_covariance: "Array | None"
+    camera_covariance: "Array | None"
+    second: "Second | None"
+    homography: "Array | None"
+    chi2: float
+    degrees_of_freedom: int
+    scale: float
+    misfit: float
+    evidence: float
+    margin: float
+
+    @property
+    def reason(self) -> str:
+        """Why the body was not found, in one line; empty if it was."""
+        return reason(self)
+
+
+class Detector:
+    """Finds bodies in the frames of one camera; any number of threads may share one.
+
+    Parameters
+    ----------
+    model : path, parsed JSON, `Body`, or several of these
+        marker.detector.json, marker.json or rig.json.
+    camera : `Camera`, dict or path of a JSON file, or None
+        Without one there are labels, pixels and homographies of flat bodies, and no poses.
+    print_sigma : float or None
+        Standard deviation of printed dots along each axis, m; None for the files' own.
+    camera_covariance : array (k, k) or None
+        Of fx, fy, cx, cy and the lens's coefficients.
+    copies : int
+        Largest number of copies of each body.
+    smallest : float
+        Diameter of the smallest dots, px: larger ones are found faster in large images.
+
+    Raises
+    ------
+    DescriptionError
+        If a file or argument is wrong; the message is one line.
+
+    Attributes
+    ----------
+    bodies : tuple of `Body`
+    notes : tuple of str
+        What the files do not have.
+    """
+
+    def __init__(
+        self,
+        model: "Source | Body | Sequence[Source | Body]",
+        camera: "CameraLike | None" = None,
+        *,
+        print_sigma: "float | None" = None,
+        camera_covariance: "Array | None" = None,
+        copies: int = MOST_COPIES,
+        smallest: float = 0.0,
+    ) -> None:
+        self.bodies = tuple(read_bodies(model))
+        self.camera = None if camera is None else Camera.load(camera)
+        calibration = None
+        if camera_covariance is not None and self.camera is not None:
+            size = 4 + len(self.camera.coefficients)
+            calibration = np.ascontiguousarray(camera_covariance, dtype=float)
+            if calibration.shape != (size, size) or not np.isfinite(calibration).all():
+                raise DescriptionError(f"expected a covariance of {size} x {size} numbers, found {calibration.shape}")
+        if not (1 <= copies <= MOST_COPIES and np.isfinite(smallest)):
+            raise DescriptionError(f"expected 1 to {MOST_COPIES} copies, and a diameter in px")
+        self._models = pack(self.bodies, print_sigma, calibration)
+        self._options = {"smallest": smallest, "copies": copies, "blobs": MOST_BLOBS, "steps": MOST_STEPS}
+        for body in self.bodies:
+            if self.camera is None and (
+                len(body.rotations) > 1 or np.ptp((body.xyz - body.xyz[0]) @ body.normals[0]) > 1e-9
+            ):
+                raise DescriptionError(f"{body.name}: expected a camera for a rig, or a marker with relief, found none")
+        self.notes = tuple(
+            f"{body.name}: its tag {tag.family}:{tag.id} is not read, since the file has no bits: "
+            "`markergen export -o marker.detector.json` writes them"
+            for body in self.bodies
+            for tag in body.tags
+            if tag.bits is None
+        )
+
+    def __call__(self, image: "NDArray[Any]", deadline: "float | None" = None) -> "list[Finding]":
+        """Find the bodies in a grey image: found ones first, then one finding with the reason for each other body.
+
+        Parameters
+        ----------
+        image : array (h, w) of uint8 or uint16
+        deadline : float or None
+            Seconds after which nothing more is begun.
+
+        Raises
+        ------
+        DescriptionError
+            If it is no grey image, or of another size than the camera's.
+        """
+        camera = self._camera_of(image)
+        if image.strides[1] != image.itemsize or image.strides[0] < 0:
+            image = np.ascontiguousarray(image)
+        findings = [finding for model in self._models for finding in self._find(model, image, camera, deadline)]
+        return sorted(findings, key=lambda finding: (not finding.ok, -len(finding.ids)))
+
+    def _camera_of(self, image: "NDArray[Any]") -> Camera:
+        if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+            actual = f"{image.shape} of {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise DescriptionError(f"expected a grey image (h, w) of uint8 or uint16, found {actual}")
+        height, width = image.shape
+        if not 0 < image.size <= LARGEST_IMAGE:
+            raise DescriptionError(f"expected an image of 1 to {LARGEST_IMAGE} pixels, found {width}x{height}")
+        if self.camera is None:
+            focal = float(max(width, height))
+            return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        if (self.camera.width, self.camera.height) != (width, height):
+            size = f"{self.camera.width}x{self.camera.height}"
+            raise DescriptionError(f"the image is {width}x{height} px, the camera {size} px")
+        return self.camera
+
+    def _find(self, model: Model, image: "NDArray[Any]", camera: Camera, deadline: "float | None") -> "list[Finding]":
+        kinds = structures()
+        picture, options, found = (np.zeros(1, kinds[name]) for name in ("Image", "Options", "Findings"))
+        picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
+        picture["stride"], picture["wide"] = image.strides[0], image.itemsize == 2
+        picture["inverted"] = model.struct["light"]
+        for name, value in self._options.items():
+            options[name] = value
+        options["deadline"] = 0 if deadline is None else max(deadline, 1e-9)
+        packed, calibrated = camera.packed(), self.camera is not None
+        status = library().detect_frame(
+            pointer(model.struct), pointer(packed), calibrated, pointer(picture), pointer(options), pointer(found)
+        )
+        try:
+            if status < 0:
+                raise MemoryError("not enough memory to search this image")
+            blobs = _copied(found["blobs"][0], kinds["Blob"], found["blob_count"][0])
+            rows = _copied(found["findings"][0], kinds["Finding"], found["count"][0])
+            return [self._finding(model, row, blobs, calibrated) for row in rows]
+        finally:
+            library().findings_free(pointer(found))
+
+    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool) -> Finding:
+        number = model.bodies[int(row["member"])]
+        body = self.bodies[number]
+        ok, labeled = row["state"] == constants()["FOUND"], bool(row["pixels"]) and row["count"] > 0
+        count, dropped = (int(row["count"]), int(row["dropped"])) if labeled else (0, 0)
+        dots = _copied(row["dots"], np.dtype("i8"), count + dropped)
+        own = blobs[_copied(row["blobs"], np.dtype("i8"), count)]
+        guess = body.ids[dots[:count]]
+        estimate = row["estimate"]
+        posed = labeled and calibrated and estimate["count"] > 0
+        matrices = [
+            estimate[name].reshape(6, 6) if posed else None for name in ("covariance", "image", "print", "calibration")
+        ]
+        second = None
+        if posed and estimate["likelihood"] > 0:
+            other = estimate["other"]
+            second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
+        names = {constants()[name]: title for name, title in STATES.items()}
+        facts = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
+        if row["rival"] >= 0:
+            facts["rival"] = model.bodies[int(row["rival"])]
+        return Finding(
+            ok=bool(ok),
+            state=names[int(row["state"])],
+            facts=facts,
+            body=number,
+            name=body.name,
+            ids=guess if ok else guess[:0],
+            pixels=_copied(row["pixels"], np.dtype("f8"), 2 * count).reshape(-1, 2),
+            pixel_covariance=own["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2),
+            ellipse_centers=own["center"],
+            guess=guess,
+            dropped=np.sort(body.ids[dots[count:]]),
+            rotation=estimate["pose"]["R"].reshape(3, 3) if posed else None,
+            translation=estimate["pose"]["t"] if posed else None,
+            covariance=matrices[0],
+            image_covariance=matrices[1],
+            print_covariance=matrices[2],
+            camera_covariance=matrices[3],
+            second=second,
+            homography=row["H"].reshape(3, 3) if labeled and row["plane"] else None,
+            chi2=float(estimate["chi2"]),
+            degrees_of_freedom=int(estimate["freedom"]),
+            scale=float(estimate["scale"]),
+            misfit=float(row["sigma"]),
+            evidence=float(row["evidence"]),
+            margin=float(row["margin"]),
+        )
+
+
+def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":
+    """Copy an array that the core has allocated."""
+    if not address or count <= 0:
+        return np.zeros(0, kind)
+    return np.frombuffer(ctypes.string_at(int(address), int(count) * kind.itemsize), kind).copy()
+
+
+def reason(finding: Finding) -> str:
+    """Why a body was not found, in one line; empty if it was."""
+    facts = finding.facts
+    lines = {
+        "found": "",
+        "few": f"found {facts['blobs']} dots in the image, at least 4 are needed",
+        "unfit": f"no labeling fits: the best has {facts['count']} dots, and {facts['missing']} more should be seen",
+        "unsure": f"the best labeling, of {facts['count']} dots, might be an accident",
+        "ambiguous": "labels are ambiguous: another labeling of the same dots is about as likely",
+        "claimed": "another body fits the same dots about as well",
+        "mirrored": "the mirrored layout fits: is the image mirrored?",
+        "other tag": "the tag at its place is another one",
+        "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
+        "contradicted": "a plate is where, or as, it should not be",
+    }
+    cut = "; the search was cut before its end" if facts["cut"] and not finding.ok else ""
+    return lines[finding.state] + cut
