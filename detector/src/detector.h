@@ -213,6 +213,42 @@ typedef struct {
 
 typedef struct Scene Scene;
 
+/* ---- verdict.c ---- */
+
+/* What may be wrong, with the unit of its value. */
+enum {
+    FOCAL_LENGTH, /* logarithm: the camera's is exp(value) times that of its file */
+    ASPECT,       /* logarithm of the ratio fy/fx to that of its file */
+    DISTORTION,   /* k1, of the distorted radius, beyond that of its file */
+    STRETCH_X,    /* share by which the plates are longer along x */
+    STRETCH_Y,    /* and along y; not asked of a single plate, where it is the same as the other way along x */
+    BEND_X,       /* m that a plate rises toward its ends in x, over its middle */
+    BEND_Y,
+    SHUTTER,      /* px that the image moves along x from one row to the next */
+    MISPLACED,    /* m that a plate is away from its place in the body; it may be turned, too */
+    CAUSES
+};
+enum { MOST_CAUSES = 16 };
+
+/* A cause with what is left of chi2 with it, its value and its standard deviation, from the residuals. */
+typedef struct {
+    int32_t kind, plate; /* the plate that is misplaced, else -1 */
+    double chi2, value, sigma;
+} Cause;
+
+/* Whether image, print and camera are as stated: chi2 of the residuals with all of their errors is below `limit`. */
+typedef struct {
+    int32_t consistent;
+    int32_t count, likely; /* causes, the best first; how many of these explain the residuals about as well as the first */
+    double chi2, limit;
+    int64_t freedom;
+    Cause causes[MOST_CAUSES];
+} Verdict;
+
+/* The verdict on an estimate and the matches kept; `plates` are those that the dots are numbered by. 0 or NO_MEMORY. */
+int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera *camera, const Errors *errors,
+          const Plate *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict);
+
 /* ---- detect.c ---- */
 
 /* A body that is looked for: a layout with dark or light dots, and a tag or none. */

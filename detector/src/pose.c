@@ -1,8 +1,8 @@
 /* Poses from labeled dots: the image of a dot, refinement, and the second pose of a plane. */
 
-#include "detector.h"
+#include "pose.h"
 
-enum { POSE = 6, MOST = 7 }; /* unknowns: (w, dt), and the logarithm of the focal length */
+enum { MOST = POSE + 1 }; /* unknowns: (w, dt), and the logarithm of the focal length */
 
 /* ---- projection ----
 
@@ -15,13 +15,13 @@ typedef struct {
     int seen;
 } Disk;
 
-static void rotated(const double *R, const double *v, double *result)
+void rotated(const double *R, const double *v, double *result)
 {
     for (int a = 0; a < 3; a++)
         result[a] = R[3 * a] * v[0] + R[3 * a + 1] * v[1] + R[3 * a + 2] * v[2];
 }
 
-static double product(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+double product(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /* `turned` is R X of its place. */
 static void place_disk(const Dot *dot, const double *place, const double *R, const double *t, double *turned, Disk *disk)
@@ -90,8 +90,7 @@ void solve_positive(int n, double *N, double *columns, int count, double least)
     }
 }
 
-/* exp([w]x) R by the formula of Rodrigues. */
-static void turn(const double *w, const double *R, double *result)
+void turn(const double *w, const double *R, double *result)
 {
     const double square = product(w, w), angle = sqrt(square) + 1e-150, half = sin(angle / 2) / angle;
     const double sine = sin(angle) / angle, versine = 2 * half * half;
@@ -266,7 +265,7 @@ static const double SEARCHED = 20;      /* largest difference of half chi2 at wh
 static const double CONTENDER = 1e-3;   /* least likelihood of the second pose relative to the best one */
 static const double DISTINCT_SIGMA = 3; /* poses whose rotations differ by less are one */
 static const double ROUGH_SIGMA = 5;    /* multiple of the median dot's sigma from which a dot says nothing of others' errors */
-static const double OUTLIER_SIGMA = 5, OUTLIER_PX = 0.05; /* beyond which a dot is dropped; what every dot may be off by */
+static const double OUTLIER_SIGMA = 5;  /* beyond which a dot is dropped */
 static const double FLATNESS = 0.01;    /* range of heights, as a share of the extent, of dots that have a mirrored pose */
 static const double LEAST_PX = 1e-6;    /* so that weights are finite without any error */
 /* Length of the short axis of a dot's image at which its center is off by 1.4 times as much as the grey levels say: by 1.0
@@ -306,31 +305,36 @@ static void undone(const double *D, const double *S, double add, double *result)
     result[2] = A[2] * A[2] * xx + 2 * A[2] * A[3] * xy + A[3] * A[3] * yy;
 }
 
-/* Fills in what is measured. Dots of several plates are widened for short axes, as drawn from `pose`. */
+void pixel_covariance(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, const Errors *errors, double *S)
+{
+    double factor = 1;
+    if (errors->several) {
+        Outline o;
+        outline_of(dot, dot->place, pose, &o);
+        const double half = (o.shape[0] - o.shape[2]) / 2, mean = (o.shape[0] + o.shape[2]) / 2;
+        const double least = mean - sqrt(half * half + o.shape[1] * o.shape[1]);
+        const double ratio = SHORT_PX * SHORT_PX / (4 * camera->fx * camera->fy * least);
+        factor += ratio > 0 ? ratio * ratio : 0;
+    }
+    for (int e = 0; e < 3; e++)
+        S[e] = factor * blob->covariance[e];
+}
+
+/* Fills in what is measured. */
 static void measure(const Sight *s, const Pose *pose)
 {
     for (int64_t i = 0; i < s->m; i++) {
         const Blob *blob = s->blobs + s->matches[i].blob;
-        double D[4], pixel[2], S[3], factor = 1;
+        double D[4], pixel[2], S[3];
         memcpy(s->seen + 2 * i, blob->at, 2 * sizeof(double));
         lens_pixel(s->camera, blob->at, pixel, D);
-        if (s->errors->several) {
-            Outline o;
-            outline_of(dot_of(s, i), dot_of(s, i)->place, pose, &o);
-            const double half = (o.shape[0] - o.shape[2]) / 2, mean = (o.shape[0] + o.shape[2]) / 2;
-            const double least = mean - sqrt(half * half + o.shape[1] * o.shape[1]);
-            const double ratio = SHORT_PX * SHORT_PX / (4 * s->camera->fx * s->camera->fy * least);
-            factor += ratio > 0 ? ratio * ratio : 0;
-        }
-        for (int e = 0; e < 3; e++)
-            S[e] = factor * blob->covariance[e];
+        pixel_covariance(dot_of(s, i), blob, pose, s->camera, s->errors, S);
         undone(D, S, LEAST_PX * LEAST_PX, s->image + 3 * i);
         undone(D, S, LEAST_PX * LEAST_PX + OUTLIER_PX * OUTLIER_PX, s->widened + 3 * i);
     }
 }
 
-/* The derivatives of a dot's image by the pose, J (2, 6), and by its place in the body, M (2, 3). */
-static void dot_rows(const Dot *dot, const Pose *pose, double (*J)[POSE], double (*M)[3])
+void dot_rows(const Dot *dot, const Pose *pose, double (*J)[POSE], double (*M)[3])
 {
     double turned[3], P[3];
     rotated(pose->R, dot->place, turned);
@@ -345,8 +349,7 @@ static void dot_rows(const Dot *dot, const Pose *pose, double (*J)[POSE], double
     }
 }
 
-/* M S M' of a covariance of a place. */
-static void through_place(double (*M)[3], const double *S, double *result)
+void through_place(double (*M)[3], const double *S, double *result)
 {
     double A[2][3];
     for (int r = 0; r < 2; r++)
@@ -534,14 +537,12 @@ static double residual_scale(const Sight *s, const Pose *pose)
     return freedom > 0 && total / freedom > 1 ? total / freedom : 1;
 }
 
-/* The image of a place by each parameter of the camera, (2, 4 + count), normalized: minus what an error of it does. */
-static void camera_rows(const Camera *camera, const double *ray, double *rows)
+void camera_rows(const Camera *camera, const double *ray, double *rows)
 {
     static const double STEP = 1e-6;
-    const int count = camera->count, width = 4 + count;
-    double D[4], pixel[2], moved[2];
-    lens_pixel(camera, ray, pixel, D);
-    const double det = D[0] * D[3] - D[1] * D[2];
+    const int width = 4 + camera->count;
+    double pixel[2], moved[2];
+    lens_pixel(camera, ray, pixel, NULL);
     for (int p = 0; p < width; p++) {
         if (p < 4) {
             moved[0] = p == 0 ? (pixel[0] - camera->cx) / camera->fx : p == 2;
@@ -553,8 +554,8 @@ static void camera_rows(const Camera *camera, const double *ray, double *rows)
             for (int a = 0; a < 2; a++)
                 moved[a] = (moved[a] - pixel[a]) / STEP;
         }
-        rows[p] = (D[3] * moved[0] - D[1] * moved[1]) / det;
-        rows[width + p] = (D[0] * moved[1] - D[2] * moved[0]) / det;
+        rows[p] = moved[0];
+        rows[width + p] = moved[1];
     }
 }
 
@@ -571,7 +572,6 @@ static void add_outer(double (*G)[POSE], const double *S, double *result)
 /* Fills in scale and covariances of `e->pose`. */
 static void budget(const Sight *s, Estimate *e)
 {
-    enum { CAMERA = 4 + COEFFICIENTS };
     const Errors *errors = s->errors;
     const int64_t common = errors->common;
     const int width = errors->calibration ? 4 + s->camera->count : 0;
@@ -594,13 +594,17 @@ static void budget(const Sight *s, Estimate *e)
             for (int a = 0; a < 3; a++)
                 s->through[3 * (POSE * i + p) + a] = G[0][p] * M[0][a] + G[1][p] * M[1][a];
         if (width) {
-            double rows[2 * CAMERA];
+            double rows[2 * CAMERA], D[4], pixel[2];
             Outline o;
             outline_of(dot_of(s, i), dot_of(s, i)->place, &e->pose, &o);
             camera_rows(s->camera, o.point, rows);
-            for (int c = 0; c < width; c++)
-                for (int p = 0; p < POSE; p++)
-                    T[c][p] += G[0][p] * rows[c] + G[1][p] * rows[width + c];
+            lens_pixel(s->camera, o.point, pixel, D);
+            const double det = D[0] * D[3] - D[1] * D[2];
+            for (int p = 0; p < POSE; p++) {
+                const double u = (G[0][p] * D[3] - G[1][p] * D[2]) / det, v = (G[1][p] * D[0] - G[0][p] * D[1]) / det;
+                for (int c = 0; c < width; c++)
+                    T[c][p] += u * rows[c] + v * rows[width + c];
+            }
         }
     }
     for (int64_t c = 0; c < common; c++) {
