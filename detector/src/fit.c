@@ -85,9 +85,9 @@ static const double MUCH_UNEVEN = 2;
 /* Maximum distances from the rough center, of all dots and of those twice as uneven as that, px plus a share of the longer
    semi-axis: what covers a dot, or a shadow's edge across it, can pull the fit off by more. */
 static const double MAX_MOVE = 0.7, UNEVEN_MOVE = 0.15, MOVE_SHARE = 0.003;
-/* Levels in the middle of certain disks, glossy ones included, and certain rings; minimum gain of a doubtful ring in twice the
-   log-likelihood. */
-static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, RING_GAIN = 20;
+/* Levels in the middle of certain disks, glossy ones included, and certain rings; number of blurs below which a shorter
+   semi-axis tells a kind badly, whatever the level. */
+static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5;
 /* Standard deviation along each axis of the center of a dot whose fit is refused. */
 static const double ROUGH_PX = 0.2;
 
@@ -682,8 +682,8 @@ static void descend(Descent *dot)
    degrees of freedom, 1 for a good fit; chi2 of the differences between opposite sectors' shifts, and their number. */
 typedef struct {
     int64_t blob;
-    double p[COUNT], by_slopes[COUNT][4], centers[3], misfit, uneven, odd, pairs;
-    int ring;
+    double p[COUNT], by_slopes[COUNT][4], centers[3], misfit, uneven, odd, pairs, hole;
+    int ring, good, tried;
 } Fit;
 
 static int is_complete(const Descent *dot, double noise)
@@ -896,6 +896,38 @@ static void shrink_slopes(Fit *fits, int64_t count)
     }
 }
 
+/* How much tells for a kind: the likelihood of its fit, of which a fifth counts since residuals of neighbors are alike, and
+   its blur, which all dots of one lens have but for 6 %: behind a blur as wide as a ring's ink, a disk with another blur looks
+   the same. By fits alone, one of 24 blurred markers had its ring elsewhere. */
+static double kind_told(const Fit *fit, double blur)
+{
+    if (!fit->good)
+        return fit->tried ? -4 - 0.5 * 25 : -1e6;
+    const double away = blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
+    return -0.1 * fit->misfit - 0.5 * (away * away < 25 ? away * away : 25);
+}
+
+/* The blur that most fits agree with, of one kind or the other for each dot; 0 for fewer than three dots. */
+static double common_blur(const Fit *fits, int64_t count)
+{
+    double best = 0, most = -INFINITY;
+    for (int64_t k = 0; k < 2 * count && count > 2; k++) {
+        if (!fits[k].good)
+            continue;
+        double sum = 0;
+        for (int64_t i = 0; i < count; i++) {
+            const double disk = kind_told(fits + 2 * i, fits[k].p[BLUR]), ring = kind_told(fits + 2 * i + 1, fits[k].p[BLUR]);
+            if (fits[2 * i].good || fits[2 * i + 1].good)
+                sum += disk > ring ? disk : ring;
+        }
+        if (sum > most) {
+            most = sum;
+            best = fits[k].p[BLUR];
+        }
+    }
+    return best;
+}
+
 static void take_fit(const Fit *fit, double unlit, Blob *blob)
 {
     const double *p = fit->p;
@@ -910,7 +942,7 @@ static void take_fit(const Fit *fit, double unlit, Blob *blob)
     blob->light = p[LIGHT] + unlit;
     blob->dark = p[DARK] + unlit;
     blob->blur = p[BLUR];
-    blob->hole = fit->ring == (blob->hole > 0.5) ? blob->hole : 1 - blob->hole;
+    blob->hole = fit->hole;
     blob->state = FITTED;
 }
 
@@ -948,7 +980,7 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     thinned.height = (image->height + every - 1) / every;
     thinned.stride *= every;
     const double plain = grey_noise(&thinned);
-    Fit *fits = malloc(sizeof *fits * (size_t)count);
+    Fit *fits = malloc(2 * sizeof *fits * (size_t)count);
     Descent *dot = calloc(1, sizeof *dot);
     int64_t good = 0;
     int status = fits && dot && plain >= 0 ? 0 : NO_MEMORY;
@@ -961,19 +993,30 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     }
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Blob *blob = blobs + which[i];
-        const int ring = blob->hole > 0.5, doubtful = blob->hole > DISK_BELOW && blob->hole < RING_ABOVE;
-        Fit *fit = fits + good, other;
-        const int fits_one = status = fit_blob(dot, image, blob, ring, ring || doubtful, fit);
-        if (doubtful && status >= 0) {
-            /* Both kinds are fitted to the same pixels. */
-            status = fit_blob(dot, image, blob, !ring, 1, &other);
-            const double gain = ring ? other.misfit - fit->misfit : fit->misfit - other.misfit;
-            if (status > 0 && (!fits_one || (gain > RING_GAIN) != ring))
-                *fit = other;
-            status = status > 0 || (!status && fits_one);
+        const int own = blob->hole > 0.5;
+        const int doubtful = (blob->hole > DISK_BELOW && blob->hole < RING_ABOVE) || blob->semi[1] < TOLD_BLURS * blob->blur;
+        /* Both kinds are fitted to the same pixels. */
+        for (int ring = 0; ring < 2 && status >= 0; ring++) {
+            Fit *fit = fits + 2 * i + ring;
+            fit->good = 0;
+            fit->tried = ring == own || doubtful;
+            if (fit->tried) {
+                status = fit_blob(dot, image, blob, ring, ring || doubtful, fit);
+                fit->good = status > 0;
+            }
         }
-        fit->blob = which[i];
-        good += status > 0;
+    }
+    const double blur = status < 0 ? 0 : common_blur(fits, count);
+    for (int64_t i = 0; i < count && status >= 0; i++) {
+        const Fit *disk = fits + 2 * i, *ring = disk + 1;
+        const double rough = 8 * (blobs[which[i]].hole - 0.5);
+        const double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
+        if (!chosen.good)
+            continue;
+        chosen.blob = which[i];
+        chosen.hole = 0.5 + (told > 4 ? 4 : told < -4 ? -4 : told) / 8;
+        fits[good++] = chosen;
     }
     status = status < 0 ? NO_MEMORY : 0;
     if (!status) {
