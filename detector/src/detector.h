@@ -165,6 +165,37 @@ int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, in
 /* Solves N x = b, N (n, n) symmetric positive, for each of `count` b (n); N is replaced by its factor. */
 void solve_positive(int n, double *N, double *columns, int count, double least);
 
+/* ---- tag.c ---- */
+
+/* Square tags of one family: `cells` along a side with the black border, at most 10; codes (count) of the inner cells, row by
+   row from the lowest bit, 1 for black. */
+typedef struct {
+    int64_t cells, count;
+    const uint64_t *codes;
+} TagFamily;
+
+enum { TAG_READ, TAG_SMALL, TAG_OUTSIDE, TAG_FAINT, TAG_COVERED, TAG_UNCLEAR };
+
+typedef struct {
+    int64_t id;           /* row of the codes, -1 if not read */
+    int32_t state;        /* TAG_READ, or why not: cells below the least size; less than half in the image; contrast below the
+                             noise; border or quiet zone not seen; no code stands out */
+    int32_t rotation;     /* the place's corner k shows the tag's corner (k + rotation) % 4 */
+    int32_t mirrored;     /* the tag is seen mirrored: its corners in the order 1, 0, 3, 2, then as for `rotation` */
+    int32_t errors;       /* cells that differ from the code */
+    int32_t sides;        /* of the square, whose edges were found, of 4 */
+    double margin;        /* log likelihood ratio of this code to the next, in whatever orientation */
+    double contrast;      /* grey levels between quiet zone and border */
+    double cell;          /* width of a cell where the square looks narrowest, px */
+    double corners[4][2]; /* of the black square, px, from its edges where these were found; in the order of the place */
+    double offset;        /* largest distance of these from the place, px */
+} TagReading;
+
+/* Reads the tag whose black square has these corners (4) in the body, top left, top right, bottom right, bottom left, in a
+   view from this pose, which is right to half a cell or so. Returns whether it was read. */
+int read_tag(const Image *image, const Camera *camera, const Pose *pose, const double (*corners)[3],
+             const TagFamily *family, double least_px, TagReading *reading);
+
 /* ---- label.c ---- */
 
 typedef struct {
