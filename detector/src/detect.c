@@ -17,13 +17,30 @@ static const double MARGIN = 9.2;
    ends: in 800 views there was one at most, regular patterns have thousands. */
 enum { RESTARTS = 4 };
 
+/* Narrowest cell of a tag that is read, px: of narrower ones some are read, and as many are not. */
+static const double LEAST_CELL_PX = 2.5;
+
+/* What is left to find of a layout, and why nothing was found. */
 typedef struct {
     Pool pool;
     int64_t left, restarts;
-    int searched, cut, ended, state;
-    int64_t rival, tag, count, missing;
-    double evidence;
+    int searched, ended;
+    Finding why;
 } Quest;
+
+typedef struct {
+    const Model *model;
+    const Camera *camera;
+    int calibrated;
+    const Image *image;
+    const Options *options;
+    Findings *findings;
+    Quest *quests;
+    Scene scene;
+    Work work;
+    Budget budget;
+    int64_t *which;
+} Frame;
 
 static double now(void)
 {
@@ -34,46 +51,55 @@ static double now(void)
 
 static int late(const Budget *budget) { return budget->until > 0 && now() > budget->until; }
 
-/* Drops the labelings of a pool with blobs that are taken. */
-static void drop_taken(const Scene *scene, const Layout *layout, Pool *pool)
-{
-    for (int64_t i = 0; i < pool->count; i++) {
-        int taken = 0;
-        for (int64_t d = 0; d < layout->count; d++)
-            taken |= pool->best[i].labels[d] >= 0 && scene->taken[pool->best[i].labels[d]];
-        if (!taken)
-            continue;
-        const Labeling dropped = pool->best[i];
-        pool->best[i] = pool->best[--pool->count];
-        pool->best[pool->count] = dropped;
-        i--;
-    }
-}
-
+/* What clutter shows is to be asked again. */
 static void forget(Scene *scene)
 {
     for (int64_t k = 0; k < scene->count; k++)
         scene->shown[k].clutter = -1;
 }
 
-/* Fits the blobs of a labeling that are not fitted yet; returns how many, or NO_MEMORY. */
-static int64_t fit_dots_of(Scene *scene, const Layout *layout, const Labeling *labeling, const Image *image, int64_t *which)
+/* Takes the blobs of a labeling, and drops the other labelings with any of these. */
+static void take(Frame *frame, const Layout *layout, const Labeling *labeling)
 {
-    int64_t count = 0;
+    Scene *scene = &frame->scene;
+    for (int64_t d = 0; d < layout->count; d++)
+        if (labeling->labels[d] >= 0)
+            scene->taken[labeling->labels[d]] = 1;
+    forget(scene);
+    for (int64_t l = 0; l < frame->model->layout_count; l++) {
+        Pool *pool = &frame->quests[l].pool;
+        for (int64_t i = 0; i < pool->count; i++) {
+            int taken = 0;
+            for (int64_t d = 0; d < frame->model->layouts[l].count; d++)
+                taken |= pool->best[i].labels[d] >= 0 && scene->taken[pool->best[i].labels[d]];
+            if (taken)
+                drop(pool, i--);
+        }
+        frame->quests[l].restarts = 0;
+        if (!pool->count)
+            frame->quests[l].searched = 0;
+    }
+}
+
+/* Fits the blobs of a labeling that are not fitted yet; returns how many, or NO_MEMORY. */
+static int64_t fit_dots_of(Frame *frame, const Layout *layout, const Labeling *labeling)
+{
+    Scene *scene = &frame->scene;
+    int64_t count = 0, *which = frame->which;
     for (int64_t d = 0; d < layout->count; d++)
         if (labeling->labels[d] >= 0 && scene->blobs[labeling->labels[d]].state == ROUGH)
             which[count++] = labeling->labels[d];
-    if (!count || !image)
+    if (!count || !frame->image)
         return 0;
-    if (fit_blobs(image, scene->blobs, which, count))
+    if (fit_blobs(frame->image, scene->blobs, which, count))
         return NO_MEMORY;
     undo_lens(scene->camera, scene->blobs, which, count);
-    for (int64_t i = 0; i < count; i++) {
-        if (!scene->blobs[which[i]].known)
-            scene->taken[which[i]] = 1;
-        else
+    for (int64_t i = 0; i < count; i++)
+        if (scene->blobs[which[i]].known)
             update_blob(scene, which[i]);
-    }
+        else
+            scene->taken[which[i]] = 1;
+    forget(scene);
     return count;
 }
 
@@ -84,8 +110,7 @@ static int share(const Layout *one, const Labeling *a, const Layout *other, cons
     for (int64_t i = 0; i < one->count; i++)
         for (int64_t j = 0; j < other->count && a->labels[i] >= 0; j++)
             shared += a->labels[i] == b->labels[j];
-    const int64_t fewer = a->count < b->count ? a->count : b->count;
-    return 2 * shared >= fewer;
+    return 2 * shared >= (a->count < b->count ? a->count : b->count);
 }
 
 static int add_finding(Findings *findings, const Layout *layout, const Labeling *labeling, const Finding *base)
@@ -119,178 +144,421 @@ static int add_finding(Findings *findings, const Layout *layout, const Labeling 
     return 0;
 }
 
-int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    Findings *findings)
+/* Searches for a layout unless that is done. */
+static void seek(Frame *frame, int64_t l)
 {
-    const double FOCALS[] = {1, 0.4, 3};
-    Scene scene;
-    Work work;
-    int64_t status = 0, most = 0;
-    Quest *quests = calloc((size_t)model->layout_count + 1, sizeof *quests);
-    for (int64_t l = 0; l < model->layout_count; l++)
-        most = model->layouts[l].count > most ? model->layouts[l].count : most;
-    int64_t *which = malloc((size_t)(most + 1) * sizeof *which);
-    const int failed = !quests || !which;
-    if (scene_of(&scene, camera, calibrated, findings->blobs, findings->blob_count) || work_for(&work, most, scene.count) || failed)
-        status = NO_MEMORY;
-    Budget budget = {options->steps, late, options->deadline > 0 ? now() + options->deadline : 0};
-    for (int64_t l = 0; l < model->layout_count && !status; l++) {
-        status = pool_for(&quests[l].pool, model->layouts[l].count);
-        quests[l].left = options->copies;
-        quests[l].state = FEW;
-        quests[l].rival = quests[l].tag = -1;
-        quests[l].evidence = -INFINITY;
+    static const double FOCALS[] = {1, 0.4, 3};
+    Quest *quest = frame->quests + l;
+    const int first = quest->left == frame->options->copies;
+    if (!quest->searched) {
+        quest->pool.count = 0;
+        for (int f = 0; f < (frame->calibrated ? 1 : 3); f++) {
+            if (!frame->calibrated)
+                scene_focal(&frame->scene, FOCALS[f]);
+            search(&frame->scene, frame->model->layouts + l, &frame->budget, first, &frame->work, &quest->pool);
+            quest->why.cut |= frame->work.cut;
+            if (best_of(&quest->pool)->evidence > SURE)
+                break;
+        }
+        quest->searched = 1;
     }
-    while (!status) {
-        int64_t best = -1;
-        const Labeling *first = NULL;
-        for (int64_t l = 0; l < model->layout_count; l++) {
-            Quest *quest = quests + l;
-            if (quest->ended || !quest->left)
-                continue;
-            if (!quest->searched) {
-                quest->pool.count = 0;
-                for (int f = 0; f < (calibrated ? 1 : 3); f++) {
-                    if (!calibrated)
-                        scene_focal(&scene, FOCALS[f]);
-                    search(&scene, model->layouts + l, &budget, quest->left == options->copies, &work, &quest->pool);
-                    quest->cut |= work.cut;
-                    if (best_of(&quest->pool)->evidence > SURE)
-                        break;
-                }
-                quest->searched = 1;
-            }
-            const Labeling *own = best_of(&quest->pool);
-            if (own->evidence > quest->evidence && quest->left == options->copies) {
-                quest->evidence = own->evidence;
-                quest->state = own->count >= LEAST_DOTS ? UNSURE : UNFIT;
-                quest->count = own->count;
-                quest->missing = own->missing;
-            }
-            /* Rough outlines have less to say: fitted, they may say more. */
-            if (!(own->evidence > SURE / 2)) {
-                quest->ended = 1;
-                continue;
-            }
-            if (best < 0 || own->evidence > first->evidence) {
-                best = l;
-                first = own;
-            }
+    const Labeling *best = best_of(&quest->pool);
+    if (first && best->evidence > quest->why.evidence) {
+        quest->why.evidence = best->evidence;
+        quest->why.state = best->evidence > 0 ? UNSURE : UNFIT;
+        quest->why.count = best->count;
+        quest->why.missing = best->missing;
+    }
+    /* Rough outlines have less to say: fitted, they may say more. */
+    quest->ended = !(best->evidence > SURE / 2);
+}
+
+/* What the tag says of a labeling: 1 if it is the one of a member, who becomes the finding's, -1 if it is another, or not where
+   or as it should be, 0 if none is read. */
+static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Finding *finding)
+{
+    const Model *model = frame->model;
+    const Member *asked = NULL;
+    TagReading reading;
+    int answer = 0, members = 0;
+    finding->tag = -1;
+    finding->tag_state = TAG_NONE;
+    for (int64_t k = 0; k < model->member_count; k++) {
+        const Member *member = model->members + k;
+        if (member->layout != l)
+            continue;
+        if (!members++)
+            finding->member = (int32_t)k;
+        if (member->family < 0 || !frame->image)
+            continue;
+        if (!asked || asked->family != member->family || memcmp(asked->corners, member->corners, sizeof asked->corners)) {
+            asked = member;
+            read_tag(frame->image, frame->camera, &labeling->pose, member->corners, model->families + member->family,
+                     LEAST_CELL_PX, &reading);
         }
-        if (best < 0)
-            break;
-        Quest *quest = quests + best;
-        const Layout *layout = model->layouts + best;
-        const int64_t fresh = fit_dots_of(&scene, layout, first, image, which);
-        if (fresh < 0) {
-            status = NO_MEMORY;
-            break;
-        }
-        if (fresh) {
-            forget(&scene);
-            for (int64_t l = 0; l < model->layout_count; l++)
-                for (int64_t i = 0; i < quests[l].pool.count; i++)
-                    settle(&scene, model->layouts + l, quests[l].pool.best + i, &work);
-            /* Others may be better now. */
-            if (quest->restarts++ < RESTARTS)
-                continue;
-        }
-        add_rivals(&scene, layout, &work, &quest->pool);
-        Labeling chosen = *best_of(&quest->pool);
-        if (fit_dots_of(&scene, layout, &chosen, image, which) > 0) {
-            forget(&scene);
-            for (int64_t i = 0; i < quest->pool.count; i++)
-                fit_labeling(&scene, layout, quest->pool.best + i, &work);
-            chosen = *best_of(&quest->pool);
-        }
-        if (!(chosen.evidence > SURE + log((double)model->layout_count))) {
-            quest->ended = 1;
+        if (reading.state != TAG_READ) {
+            if (finding->tag_state == TAG_NONE)
+                finding->tag_state = reading.state;
             continue;
         }
-        Finding finding = {0};
-        finding.rival = finding.tag = -1;
-        finding.state = FOUND;
-        finding.cut = quest->cut;
-        finding.margin = INFINITY;
-        for (int64_t i = 0; i < quest->pool.count; i++) {
-            const Labeling *other = quest->pool.best + i;
-            if (other->labels != chosen.labels && contradict(layout, &chosen, other) && chosen.evidence - other->evidence < finding.margin)
-                finding.margin = chosen.evidence - other->evidence;
-        }
-        if (finding.margin < MARGIN)
-            finding.state = AMBIGUOUS;
-        for (int64_t l = 0; l < model->layout_count; l++) {
-            const Labeling *other = best_of(&quests[l].pool);
-            if (l == best || !quests[l].searched || !(other->evidence > chosen.evidence - MARGIN) ||
-                !share(layout, &chosen, model->layouts + l, other))
-                continue;
-            finding.state = CLAIMED;
-            finding.rival = l;
-        }
-        finding.member = (int32_t)best;
-        if (finding.state == FOUND || quest->left == options->copies)
-            status = add_finding(findings, layout, &chosen, &finding);
-        if (finding.state == CLAIMED) {
-            /* Neither has them. */
-            quests[finding.rival].ended = 1;
-            quests[finding.rival].state = CLAIMED;
-            quests[finding.rival].rival = best;
-        }
-        quest->left = finding.state == FOUND ? quest->left - 1 : 0;
-        quest->state = finding.state;
-        for (int64_t d = 0; d < layout->count; d++)
-            if (chosen.labels[d] >= 0)
-                scene.taken[chosen.labels[d]] = 1;
-        forget(&scene);
-        for (int64_t l = 0; l < model->layout_count; l++) {
-            Quest *own = quests + l;
-            drop_taken(&scene, model->layouts + l, &own->pool);
-            own->restarts = 0;
-            if (!own->pool.count)
-                own->searched = 0;
+        finding->tag_state = TAG_READ;
+        finding->tag = reading.id;
+        memcpy(finding->corners, reading.corners, sizeof finding->corners);
+        if (reading.mirrored || reading.rotation) {
+            finding->state = reading.mirrored ? MIRRORED : OTHER_TAG;
+            answer = -1;
+        } else if (reading.id == member->tag) {
+            finding->member = (int32_t)k;
+            return 1;
+        } else if (!answer) {
+            finding->state = OTHER_TAG;
+            answer = -1;
         }
     }
-    for (int64_t l = 0; l < model->layout_count && !status; l++)
-        if (quests[l].state != FOUND && quests[l].state != AMBIGUOUS && !(quests[l].left < options->copies)) {
-            Finding finding = {0};
-            finding.member = (int32_t)l;
-            finding.state = quests[l].state;
-            finding.cut = quests[l].cut;
-            finding.rival = quests[l].rival;
-            finding.tag = quests[l].tag;
-            finding.count = quests[l].count;
-            finding.missing = quests[l].missing;
-            finding.evidence = quests[l].evidence;
-            status = add_finding(findings, model->layouts + l, NULL, &finding);
+    /* Without it, who of a family it is, or whether it is one of its strangers, is not known. */
+    if (!answer && asked && (members > 1 || finding->tag_state == TAG_COVERED))
+        finding->state = HIDDEN_TAG;
+    return answer;
+}
+
+/* Judges the best labeling of a layout beside its rivals, with what tags say; returns its place in the pool, -1 if none holds. */
+static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding)
+{
+    Quest *quest = frame->quests + l;
+    const Layout *layout = frame->model->layouts + l;
+    Finding refuted = {0};
+    while (1) {
+        const int64_t chosen = best_of(&quest->pool) - quest->pool.best;
+        if (!quest->pool.count || !(quest->pool.best[chosen].evidence > SURE + log((double)frame->model->layout_count))) {
+            if (refuted.state)
+                *finding = refuted;
+            return -1;
         }
+        finding->state = FOUND;
+        finding->margin = INFINITY;
+        const int answer = ask_tag(frame, l, quest->pool.best + chosen, finding);
+        if (answer < 0) {
+            if (!refuted.state)
+                refuted = *finding;
+            drop(&quest->pool, chosen);
+            continue;
+        }
+        int64_t other = -1;
+        for (int64_t i = 0; i < quest->pool.count; i++) {
+            const Labeling *rival = quest->pool.best + i;
+            const double less = quest->pool.best[chosen].evidence - rival->evidence;
+            if (i != chosen && less < finding->margin && contradict(layout, quest->pool.best + chosen, rival)) {
+                finding->margin = less;
+                other = i;
+            }
+        }
+        if (answer > 0) {
+            finding->margin = INFINITY;
+            return chosen;
+        }
+        if (!(finding->margin < MARGIN))
+            return chosen;
+        /* A tag may tell between them. */
+        Finding second = *finding;
+        const int of_other = ask_tag(frame, l, quest->pool.best + other, &second);
+        if (of_other < 0) {
+            drop(&quest->pool, other);
+            continue;
+        }
+        if (of_other > 0) {
+            *finding = second;
+            finding->state = FOUND;
+            finding->margin = INFINITY;
+            return other;
+        }
+        finding->state = frame->options->symmetric ? FOUND : AMBIGUOUS;
+        finding->turns = turns_of(layout, &quest->pool, chosen, MARGIN, finding->turn);
+        return chosen;
+    }
+}
+
+/* Looks for the next body; returns 1 if there may be more, 0 if there are none, or NO_MEMORY. */
+static int next_finding(Frame *frame)
+{
+    const Model *model = frame->model;
+    int64_t best = -1;
+    double most = -INFINITY;
+    for (int64_t l = 0; l < model->layout_count; l++) {
+        Quest *quest = frame->quests + l;
+        if (quest->ended || !quest->left)
+            continue;
+        seek(frame, l);
+        if (!quest->ended && best_of(&quest->pool)->evidence > most) {
+            best = l;
+            most = best_of(&quest->pool)->evidence;
+        }
+    }
+    if (best < 0)
+        return 0;
+    Quest *quest = frame->quests + best;
+    const Layout *layout = model->layouts + best;
+    const int64_t fresh = fit_dots_of(frame, layout, best_of(&quest->pool));
+    if (fresh < 0)
+        return NO_MEMORY;
+    if (fresh) {
+        for (int64_t l = 0; l < model->layout_count; l++)
+            for (int64_t i = 0; i < frame->quests[l].pool.count; i++)
+                settle(&frame->scene, model->layouts + l, frame->quests[l].pool.best + i, &frame->work);
+        /* Others may be better now. */
+        if (quest->restarts++ < RESTARTS)
+            return 1;
+    }
+    add_rivals(&frame->scene, layout, &frame->work, &quest->pool);
+    const int64_t more = fit_dots_of(frame, layout, best_of(&quest->pool));
+    if (more < 0)
+        return NO_MEMORY;
+    for (int64_t i = 0; i < quest->pool.count && more; i++)
+        fit_labeling(&frame->scene, layout, quest->pool.best + i, &frame->work);
+    Finding finding = {0};
+    finding.rival = finding.tag = -1;
+    finding.cut = quest->why.cut;
+    const int64_t place = judge_labelings(frame, best, &finding);
+    if (place < 0) {
+        if (finding.state && quest->left == frame->options->copies) {
+            finding.count = quest->why.count;
+            finding.missing = quest->why.missing;
+            quest->why = finding;
+        }
+        quest->ended = 1;
+        return 1;
+    }
+    const Labeling *chosen = quest->pool.best + place;
+    for (int64_t l = 0; l < model->layout_count; l++) {
+        Quest *other = frame->quests + l;
+        if (l == best || !other->searched || !(best_of(&other->pool)->evidence > chosen->evidence - MARGIN) ||
+            !share(layout, chosen, model->layouts + l, best_of(&other->pool)))
+            continue;
+        /* Neither has them. */
+        finding.state = CLAIMED;
+        finding.rival = l;
+        other->ended = 1;
+        other->why.state = CLAIMED;
+        other->why.rival = best;
+    }
+    const int first = quest->left == frame->options->copies;
+    quest->left = finding.state == FOUND ? quest->left - 1 : 0;
+    int status = 0;
+    if (finding.state == FOUND || first)
+        status = add_finding(frame->findings, layout, chosen, &finding);
+    take(frame, layout, chosen);
+    return status ? status : 1;
+}
+
+/* Whether the mirrored image of a layout is there. */
+static int is_mirrored(Frame *frame, int64_t l)
+{
+    Scene *scene = &frame->scene;
+    Pool *pool = &frame->quests[l].pool;
+    pool->count = 0;
+    mirror_scene(scene);
+    search(scene, frame->model->layouts + l, &frame->budget, 0, &frame->work, pool);
+    mirror_scene(scene);
+    return best_of(pool)->evidence > SURE + 10;
+}
+
+int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                    const uint8_t *wanted, Findings *findings)
+{
+    Frame frame = {model, camera, calibrated, image, options, findings, NULL, {0}, {0}, {0}, NULL};
+    int64_t status = 0, most = 0;
+    for (int64_t l = 0; l < model->layout_count; l++)
+        most = model->layouts[l].count > most ? model->layouts[l].count : most;
+    frame.quests = calloc((size_t)model->layout_count + 1, sizeof *frame.quests);
+    frame.which = malloc((size_t)(most + 1) * sizeof *frame.which);
+    if (!frame.quests || !frame.which || scene_of(&frame.scene, camera, calibrated, findings->blobs, findings->blob_count) ||
+        work_for(&frame.work, most))
+        status = NO_MEMORY;
+    frame.budget = (Budget){options->steps, late, options->deadline > 0 ? now() + options->deadline : 0};
+    for (int64_t l = 0; l < model->layout_count && !status; l++) {
+        Quest *quest = frame.quests + l;
+        status = pool_for(&quest->pool, model->layouts[l].count);
+        quest->left = options->copies;
+        quest->ended = wanted && !wanted[l];
+        quest->why.state = findings->blob_count < LEAST_DOTS ? FEW : UNFIT;
+        quest->why.rival = quest->why.tag = -1;
+        quest->why.evidence = -INFINITY;
+    }
+    while (!status) {
+        const int more = next_finding(&frame);
+        if (more <= 0) {
+            status = more;
+            break;
+        }
+    }
+    for (int64_t k = 0; k < model->member_count && !status; k++) {
+        const int64_t l = model->members[k].layout;
+        int there = wanted && !wanted[l];
+        for (int64_t i = 0; i < findings->count; i++)
+            there |= findings->findings[i].member == k;
+        if (there)
+            continue;
+        Finding *why = &frame.quests[l].why;
+        if (why->state == UNFIT && findings->blob_count >= LEAST_DOTS && !late(&frame.budget) && is_mirrored(&frame, l))
+            why->state = MIRRORED;
+        Finding finding = *why;
+        finding.member = (int32_t)k;
+        status = add_finding(findings, NULL, NULL, &finding);
+    }
     for (int64_t i = 0; i < findings->count && !status; i++)
         if (findings->findings[i].dots)
-            status = complete_finding(model->layouts + findings->findings[i].member, camera, calibrated, findings->blobs,
-                                      findings->findings + i);
-    for (int64_t l = 0; l < model->layout_count && quests; l++)
-        free(quests[l].pool.memory);
-    scene_free(&scene);
-    work_free(&work);
-    free(quests);
-    free(which);
+            status = complete_finding(model->layouts + model->members[findings->findings[i].member].layout, camera, calibrated,
+                                      findings->blobs, findings->findings + i);
+    for (int64_t l = 0; l < model->layout_count && frame.quests; l++)
+        free(frame.quests[l].pool.memory);
+    scene_free(&frame.scene);
+    work_free(&frame.work);
+    free(frame.quests);
+    free(frame.which);
     return status;
 }
 
+/* ---- tracking ---- */
+
+/* Least distance that a dot may have moved since the frame before, px; large ones by their own diameter. */
+static const double LEAST_MOVE_PX = 12;
+
+/* Adds the findings of a window to those of the frame. */
+static int append(Findings *all, Findings *part)
+{
+    Blob *blobs = realloc(all->blobs, (size_t)(all->blob_count + part->blob_count + 1) * sizeof *blobs);
+    Finding *findings = realloc(all->findings, (size_t)(all->count + part->count + 1) * sizeof *findings);
+    if (blobs)
+        all->blobs = blobs;
+    if (findings)
+        all->findings = findings;
+    if (!blobs || !findings)
+        return NO_MEMORY;
+    memcpy(blobs + all->blob_count, part->blobs, (size_t)part->blob_count * sizeof *blobs);
+    for (int64_t i = 0; i < part->count; i++) {
+        Finding *finding = part->findings + i;
+        for (int64_t d = 0; finding->dots && d < finding->count + finding->dropped; d++)
+            finding->blobs[d] += all->blob_count;
+        findings[all->count++] = *finding;
+    }
+    all->blob_count += part->blob_count;
+    part->count = 0;
+    return 0;
+}
+
+/* The window in which the dots of a body may be that was there in the frame before; 0 if there are fewer than four of them. */
+static int window_of(const Layout *layout, const Camera *camera, const Image *image, const Pose *pose, int64_t *corner, Image *window,
+                     double *smallest)
+{
+    double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    const double right = (double)image->width - 1, bottom = (double)image->height - 1;
+    int64_t count = 0;
+    *smallest = INFINITY;
+    for (int64_t d = 0; d < layout->count; d++) {
+        Outline drawn;
+        double pixel[2];
+        outline_of(layout->dots + d, layout->dots[d].xyz, pose, &drawn);
+        if (!drawn.seen)
+            continue;
+        lens_pixel(camera, drawn.center, pixel, NULL);
+        if (!(pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] <= right && pixel[1] <= bottom))
+            continue;
+        const double wide = sqrt(drawn.shape[0]) * camera->fx, tall = sqrt(drawn.shape[2]) * camera->fy;
+        const double longer = wide > tall ? wide : tall, margin = longer + (2 * longer > LEAST_MOVE_PX ? 2 * longer : LEAST_MOVE_PX) + 8;
+        const double half[2] = {margin, margin};
+        for (int a = 0; a < 2; a++) {
+            low[a] = pixel[a] - half[a] < low[a] ? pixel[a] - half[a] : low[a];
+            high[a] = pixel[a] + half[a] > high[a] ? pixel[a] + half[a] : high[a];
+        }
+        const double det = drawn.shape[0] * drawn.shape[2] - drawn.shape[1] * drawn.shape[1], mean = (drawn.shape[0] + drawn.shape[2]) / 2;
+        const double shorter = 2 * sqrt(fmax(mean - sqrt(fmax(mean * mean - det, 0)), 0) * camera->fx * camera->fy);
+        *smallest = shorter < *smallest ? shorter : *smallest;
+        count++;
+    }
+    if (count < LEAST_DOTS)
+        return 0;
+    const int64_t left = low[0] > 0 ? (int64_t)low[0] : 0, top = low[1] > 0 ? (int64_t)low[1] : 0;
+    const int64_t end = high[0] < right ? (int64_t)high[0] : (int64_t)right, foot = high[1] < bottom ? (int64_t)high[1] : (int64_t)bottom;
+    corner[0] = left;
+    corner[1] = top;
+    *window = *image;
+    window->rows += top * image->stride + left * (image->wide ? 2 : 1);
+    window->width = end - left + 1;
+    window->height = foot - top + 1;
+    return window->width > 2 && window->height > 2;
+}
+
+/* Finds again what was found in the frame before, in windows around it; 1 if all of it is there with all dots but those that
+   were missing then, 0 if not, or NO_MEMORY. */
+static int track(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                 const Track *tracks, int64_t count, Findings *findings)
+{
+    uint8_t *wanted = calloc((size_t)model->layout_count + 1, 1);
+    int found = wanted != NULL;
+    int status = wanted ? 0 : NO_MEMORY;
+    for (int64_t k = 0; k < count && found && !status; k++) {
+        const int64_t l = model->members[tracks[k].member].layout;
+        Findings part = {0};
+        Image window;
+        Options own = *options;
+        int64_t corner[2];
+        double smallest;
+        found = window_of(model->layouts + l, camera, image, &tracks[k].pose, corner, &window, &smallest);
+        if (!found)
+            break;
+        own.copies = 1;
+        part.blob_count = find_blobs(&window, fmax(0.7 * smallest, options->smallest), options->blobs, &part.blobs);
+        status = part.blob_count < 0 ? NO_MEMORY : 0;
+        if (status)
+            break;
+        for (int64_t b = 0; b < part.blob_count; b++) {
+            part.blobs[b].center[0] += (double)corner[0];
+            part.blobs[b].center[1] += (double)corner[1];
+        }
+        undo_lens(camera, part.blobs, NULL, part.blob_count);
+        wanted[l] = 1;
+        status = (int)label_frame(model, camera, calibrated, image, &own, wanted, &part);
+        wanted[l] = 0;
+        found = 0;
+        for (int64_t i = 0; i < part.count && !status; i++)
+            found |= part.findings[i].state == FOUND && part.findings[i].member == tracks[k].member &&
+                     part.findings[i].count >= tracks[k].count;
+        for (int64_t i = 0; i < part.count; i++)
+            if (part.findings[i].state != FOUND) {
+                free(part.findings[i].dots);
+                free(part.findings[i].pixels);
+                part.findings[i--] = part.findings[--part.count];
+            }
+        if (found && !status)
+            status = append(findings, &part);
+        findings_free(&part);
+    }
+    free(wanted);
+    return status ? status : found;
+}
+
 int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                     Findings *findings)
+                     const Track *tracks, int64_t track_count, Findings *findings)
 {
     memset(findings, 0, sizeof *findings);
+    if (track_count) {
+        const int tracked = track(model, camera, calibrated, image, options, tracks, track_count, findings);
+        if (tracked)
+            return tracked < 0 ? tracked : 0;
+        findings_free(findings);
+    }
     findings->blob_count = find_blobs(image, options->smallest, options->blobs, &findings->blobs);
     if (findings->blob_count < 0)
         return NO_MEMORY;
     undo_lens(camera, findings->blobs, NULL, findings->blob_count);
-    return label_frame(model, camera, calibrated, image, options, findings);
+    return label_frame(model, camera, calibrated, image, options, NULL, findings);
 }
 
 void findings_free(Findings *findings)
 {
-    for (int64_t i = 0; i < findings->count; i++)
-        free(findings->findings[i].dots), free(findings->findings[i].pixels);
+    for (int64_t i = 0; i < findings->count; i++) {
+        free(findings->findings[i].dots);
+        free(findings->findings[i].pixels);
+    }
     free(findings->findings);
     free(findings->blobs);
     memset(findings, 0, sizeof *findings);

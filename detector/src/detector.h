@@ -290,11 +290,18 @@ typedef struct {
 } Member;
 
 typedef struct {
-    int64_t layout_count, member_count;
+    int64_t layout_count, member_count, family_count;
     const Layout *layouts;
     const Member *members;
+    const TagFamily *families;
     int32_t light; /* whether the dots are light */
 } Model;
+
+/* Where a body was in the frame before, and with how many dots. */
+typedef struct {
+    int64_t member, count;
+    Pose pose;
+} Track;
 
 typedef struct {
     double smallest;  /* diameter of the smallest dots, px */
@@ -302,6 +309,7 @@ typedef struct {
     int64_t copies;   /* most of each body */
     int64_t steps;    /* of the search for each body, before it is cut */
     double deadline;  /* s from now after which nothing more is begun; 0 for none */
+    int32_t symmetric; /* whether one of several labelings that are as likely will do */
 } Options;
 
 enum {
@@ -312,14 +320,20 @@ enum {
     AMBIGUOUS,  /* labels: another labeling of the same dots is about as likely */
     CLAIMED,    /* another body fits the same dots about as well: `rival` */
     MIRRORED,   /* the mirrored layout fits */
-    OTHER_TAG,  /* the tag at its place is another one: `tag` */
+    OTHER_TAG,  /* the tag at its place is another one, `tag`, or not as it should be */
     HIDDEN_TAG, /* no tag is read where its tag should be, and others differ by their tags alone */
     CONTRADICTED /* a plate is where, or as, it should not be */
 };
 
+enum { TURNS = 12, TAG_NONE = -1 };
+
 typedef struct {
     int32_t member, state, cut;
-    int64_t rival, tag;
+    int32_t tag_state;       /* of TagReading, TAG_NONE without a tag */
+    int64_t rival, tag;      /* number of a layout; code of the tag that was read, -1 for none */
+    double corners[4][2];    /* of that tag, px */
+    int64_t turns;           /* of other labelings that are about as likely */
+    double turn[TURNS];      /* by which they are turned about the plate's normal, rad */
     int64_t count, missing;
     double evidence, margin; /* of the labeling; how much less the next other one has */
     double sigma;            /* RMS by which the places miss, px */
@@ -339,11 +353,14 @@ typedef struct {
     Blob *blobs;
 } Findings;
 
+/* Finds the bodies of a model in an image: found ones and those with dots first, then one finding for each other member. With
+   tracks, these are looked for where they were; if not all of them are found again for certain, in the whole image. Returns 0 or
+   NO_MEMORY. */
 int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                     Findings *findings);
-/* The same from blobs that were found before, which become the findings' own. */
+                     const Track *tracks, int64_t track_count, Findings *findings);
+/* The same from blobs that were found before, which become the findings' own, of the layouts `wanted`, all if NULL. */
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    Findings *findings);
+                    const uint8_t *wanted, Findings *findings);
 void findings_free(Findings *findings);
 
 /* ---- results.c ---- */

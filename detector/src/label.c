@@ -139,7 +139,28 @@ static void show_blob(Scene *scene, int64_t k, double focal)
     shown->slack = SLACK + SLACK_PX / (scene->px * focal * shorter);
 }
 
-/* Numbers the blobs by squares of the image, and prepares what poses are guessed from. */
+/* Lists the blobs by squares of the image, in each in their order. */
+static void number_blobs(Scene *scene)
+{
+    const int64_t squares = scene->columns * scene->rows;
+    memset(scene->first, 0, (size_t)(squares + 2) * sizeof *scene->first);
+    int32_t *end = scene->first + 1, known = 0;
+    for (int64_t k = 0; k < scene->count; k++)
+        if (scene->blobs[k].known) {
+            end[square_of(scene, scene->blobs[k].at)]++;
+            known++;
+        }
+    for (int64_t s = 1; s < squares; s++)
+        end[s] += end[s - 1];
+    for (int64_t k = scene->count - 1; k >= 0; k--)
+        if (scene->blobs[k].known)
+            scene->member[--end[square_of(scene, scene->blobs[k].at)]] = (int32_t)k;
+    /* Now end[s] is where square s begins. */
+    memmove(scene->first, end, (size_t)squares * sizeof *end);
+    scene->first[squares] = known;
+}
+
+/* Takes an image's blobs, and prepares what poses are guessed from. */
 int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, int64_t count)
 {
     memset(scene, 0, sizeof *scene);
@@ -172,25 +193,12 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
     if (!scene->shown || !scene->taken || !scene->first || !scene->member || !scene->owner)
         return NO_MEMORY;
-    int32_t *end = scene->first + 1;
     for (int64_t k = 0; k < count; k++) {
         scene->owner[k] = -1;
         scene->shown[k].clutter = -1;
         scene->taken[k] = !blobs[k].known;
-        if (blobs[k].known)
-            end[square_of(scene, blobs[k].at)]++;
     }
-    for (int64_t s = 0; s < scene->columns * scene->rows; s++)
-        end[s] += end[s - 1];
-    for (int64_t k = count - 1; k >= 0; k--)
-        if (blobs[k].known)
-            scene->member[--end[square_of(scene, blobs[k].at)]] = (int32_t)k;
-    /* Now end[s] is where square s begins, which is first[s + 1]; move them down. */
-    memmove(scene->first, end, (size_t)(scene->columns * scene->rows) * sizeof *end);
-    int32_t known = 0;
-    for (int64_t k = 0; k < count; k++)
-        known += blobs[k].known;
-    scene->first[scene->columns * scene->rows] = known;
+    number_blobs(scene);
     for (int64_t k = 0; k < count; k++)
         if (blobs[k].known) {
             update_blob(scene, k);
@@ -1306,9 +1314,9 @@ int contradict(const Layout *layout, const Labeling *one, const Labeling *other)
 
 /* ---- memory ---- */
 
-int work_for(Work *work, int64_t dots, int64_t blobs)
+int work_for(Work *work, int64_t dots)
 {
-    const size_t n = (size_t)dots + 1, b = (size_t)blobs + 1;
+    const size_t n = (size_t)dots + 1;
     memset(work, 0, sizeof *work);
     work->drawn = malloc(n * sizeof *work->drawn);
     work->numbers = malloc(9 * n * sizeof *work->numbers);
@@ -1317,7 +1325,6 @@ int work_for(Work *work, int64_t dots, int64_t blobs)
     work->guesses = malloc(GUESSES * sizeof *work->guesses);
     work->near = malloc(NEARS * sizeof *work->near);
     work->tried = malloc(TRIED * sizeof *work->tried);
-    (void)b;
     if (!work->drawn || !work->numbers || !work->indices || !work->matches || !work->guesses || !work->near || !work->tried)
         return NO_MEMORY;
     work->seen = work->numbers;
@@ -1361,4 +1368,55 @@ void scene_focal(Scene *scene, double focal)
     for (int64_t k = 0; k < scene->count; k++)
         if (scene->blobs[k].known)
             show_blob(scene, k, focal);
+}
+
+/* Removes a labeling from a pool; the last one takes its place. */
+void drop(Pool *pool, int64_t place)
+{
+    const Labeling dropped = pool->best[place];
+    pool->best[place] = pool->best[--pool->count];
+    pool->best[pool->count] = dropped;
+}
+
+/* Mirrors the scene left to right; done twice, it is as before. */
+void mirror_scene(Scene *scene)
+{
+    const double middle = scene->low[0] + 0.5 * scene->side * (double)scene->columns;
+    for (int64_t k = 0; k < scene->count; k++)
+        if (scene->blobs[k].known) {
+            scene->blobs[k].at[0] = 2 * middle - scene->blobs[k].at[0];
+            scene->blobs[k].shape[1] = -scene->blobs[k].shape[1];
+            scene->blobs[k].spread[1] = -scene->blobs[k].spread[1];
+            update_blob(scene, k);
+            show_blob(scene, k, scene->focal);
+            scene->shown[k].clutter = -1;
+        }
+    number_blobs(scene);
+}
+
+/* By which angles about the plate's normal the labelings are turned that contradict a chosen one and are about as likely, rad;
+   at most TURNS, each once. */
+int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn)
+{
+    const Labeling *own = pool->best + chosen;
+    const double *N = layout->dots[0].normal;
+    int64_t count = 0;
+    for (int64_t i = 0; i < pool->count && count < TURNS; i++) {
+        const Labeling *other = pool->best + i;
+        if (i == chosen || !(own->evidence - other->evidence < margin) || !contradict(layout, own, other))
+            continue;
+        /* T = R' R_other turns about N: its angle is that of its skew part along N and its trace. */
+        double T[9];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                T[3 * a + b] = own->pose.R[a] * other->pose.R[b] + own->pose.R[3 + a] * other->pose.R[3 + b] + own->pose.R[6 + a] * other->pose.R[6 + b];
+        const double sine = ((T[7] - T[5]) * N[0] + (T[2] - T[6]) * N[1] + (T[3] - T[1]) * N[2]) / 2, cosine = (T[0] + T[4] + T[8] - 1) / 2;
+        const double angle = atan2(sine, cosine);
+        int there = 0;
+        for (int64_t k = 0; k < count; k++)
+            there |= fabs(remainder(turn[k] - angle, 2 * PI)) < 0.05;
+        if (!there)
+            turn[count++] = angle;
+    }
+    return count;
 }

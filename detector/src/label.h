@@ -78,7 +78,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
 void scene_free(Scene *scene);
 void update_blob(Scene *scene, int64_t k);
 void scene_focal(Scene *scene, double focal);
-int work_for(Work *work, int64_t dots, int64_t blobs);
+int work_for(Work *work, int64_t dots);
 void work_free(Work *work);
 int pool_for(Pool *pool, int64_t dots);
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool);
@@ -89,6 +89,9 @@ int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
 void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool);
 int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
 const Labeling *best_of(const Pool *pool);
+void drop(Pool *pool, int64_t place);
+void mirror_scene(Scene *scene);
+int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn);
 
 static inline int64_t square_of(const Scene *scene, const double *at)
 {
