@@ -34,6 +34,10 @@ STATES = {
 """Names of the core's states in results."""
 
 
+TAG_STATES = ("read", "small", "outside", "faint", "covered", "unclear", "none")
+"""What became of a body's tag, in the core's order; the last one stands for -1: it has none."""
+
+
 class Second(NamedTuple):
     """Another pose from which a flat body looks much the same, with its likelihood relative to the first one."""
 
@@ -80,6 +84,14 @@ class Finding(NamedTuple):
         RMS by which the dots miss their places, px.
     evidence, margin : float
         Logarithms of the likelihood ratio to clutter, and to the next other labeling.
+    tag_state : str
+        ``read``, or why not: see `TAG_STATES`.
+    tag_corners : array (4, 2), px, or None
+        Of the tag that was read, in the order of its description.
+    turns : array (k,), rad
+        By which other labelings that are about as likely are turned about the plate's normal.
+    placed : void or None
+        The core's own form of the pose, for the next frame.
     """
 
     ok: bool
@@ -107,6 +119,10 @@ class Finding(NamedTuple):
     misfit: float
     evidence: float
     margin: float
+    tag_state: str
+    tag_corners: "Array | None"
+    turns: Array
+    placed: Any
 
     @property
     def reason(self) -> str:
@@ -179,12 +195,17 @@ class Detector:
             if tag.bits is None
         )
 
-    def __call__(self, image: "NDArray[Any]", deadline: "float | None" = None) -> "list[Finding]":
+    def __call__(
+        self, image: "NDArray[Any]", near: "Sequence[Finding]" = (), deadline: "float | None" = None
+    ) -> "list[Finding]":
         """Find the bodies in a grey image: found ones first, then one finding with the reason for each other body.
 
         Parameters
         ----------
         image : array (h, w) of uint8 or uint16
+        near : sequence of Finding
+            The results for the frame before: if all were found, they are looked for where they were, and in the whole
+            image only if one of them is not found again for certain.
         deadline : float or None
             Seconds after which nothing more is begun.
 
@@ -196,7 +217,7 @@ class Detector:
         camera = self._camera_of(image)
         if image.strides[1] != image.itemsize or image.strides[0] < 0:
             image = np.ascontiguousarray(image)
-        findings = [finding for model in self._models for finding in self._find(model, image, camera, deadline)]
+        findings = [finding for model in self._models for finding in self._find(model, image, camera, near, deadline)]
         return sorted(findings, key=lambda finding: (not finding.ok, -len(finding.ids)))
 
     def _camera_of(self, image: "NDArray[Any]") -> Camera:
@@ -214,7 +235,9 @@ class Detector:
             raise DescriptionError(f"the image is {width}x{height} px, the camera {size} px")
         return self.camera
 
-    def _find(self, model: Model, image: "NDArray[Any]", camera: Camera, deadline: "float | None") -> "list[Finding]":
+    def _find(
+        self, model: Model, image: "NDArray[Any]", camera: Camera, near: "Sequence[Finding]", deadline: "float | None"
+    ) -> "list[Finding]":
         kinds = structures()
         picture, options, found = (np.zeros(1, kinds[name]) for name in ("Image", "Options", "Findings"))
         picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
@@ -224,8 +247,16 @@ class Detector:
             options[name] = value
         options["deadline"] = 0 if deadline is None else max(deadline, 1e-9)
         packed, calibrated = camera.packed(), self.camera is not None
+        tracks = self._tracks(model, near)
         status = library().detect_frame(
-            pointer(model.struct), pointer(packed), calibrated, pointer(picture), pointer(options), pointer(found)
+            pointer(model.struct),
+            pointer(packed),
+            calibrated,
+            pointer(picture),
+            pointer(options),
+            pointer(tracks),
+            len(tracks),
+            pointer(found),
         )
         try:
             if status < 0:
@@ -235,6 +266,15 @@ class Detector:
             return [self._finding(model, row, blobs, calibrated) for row in rows]
         finally:
             library().findings_free(pointer(found))
+
+    def _tracks(self, model: Model, near: "Sequence[Finding]") -> "NDArray[np.void]":
+        """Where the bodies of a model were; none unless all findings for them say where."""
+        own = [finding for finding in near if finding.body in model.bodies]
+        tracks = np.zeros(len(own) if all(finding.placed is not None for finding in own) else 0, structures()["Track"])
+        for track, finding in zip(tracks, own):
+            track["member"], track["count"] = model.bodies.index(finding.body), len(finding.ids)
+            track["pose"] = finding.placed
+        return tracks
 
     def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool) -> Finding:
         number = model.bodies[int(row["member"])]
@@ -255,6 +295,11 @@ class Detector:
             second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
         names = {constants()[name]: title for name, title in STATES.items()}
         facts = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
+        own_plates = zip(row["plates"], row["places"], row["plate_turns"])
+        facts["misplaced"] = [
+            (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
+            for plate, place, turn in list(own_plates)[: int(row["misplaced"])]
+        ]
         if row["rival"] >= 0:
             facts["rival"] = model.bodies[int(row["rival"])]
         return Finding(
@@ -283,6 +328,10 @@ class Detector:
             misfit=float(row["sigma"]),
             evidence=float(row["evidence"]),
             margin=float(row["margin"]),
+            tag_state=TAG_STATES[int(row["tag_state"])],
+            tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
+            turns=row["turn"][: int(row["turns"])].copy(),
+            placed=row["pose"].copy() if ok else None,
         )
 
 
@@ -306,7 +355,20 @@ def reason(finding: Finding) -> str:
         "mirrored": "the mirrored layout fits: is the image mirrored?",
         "other tag": "the tag at its place is another one",
         "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
-        "contradicted": "a plate is where, or as, it should not be",
+        "contradicted": _misplaced(facts["misplaced"]),
     }
     cut = "; the search was cut before its end" if facts["cut"] and not finding.ok else ""
     return lines[finding.state] + cut
+
+
+def _misplaced(plates: "list[tuple[str, str, float]]") -> str:
+    """What is wrong with a body's plates: each with the one in whose place it is, and by how many degrees it is turned."""
+    places, lines = {name: place for name, place, _ in plates}, []
+    for name, place, turn in plates:
+        if place == name:
+            lines.append(f"{name} looks turned by {turn:.0f} deg")
+        elif place and places.get(place) == name:
+            lines += [f"{name} and {place} exchanged"] if name < place else []
+        else:
+            lines.append(f"{name} is in the place of {place}" if place else f"{name} is where no plate should be")
+    return "the body is not put together as described: " + ", ".join(lines)

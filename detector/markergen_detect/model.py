@@ -77,12 +77,8 @@ def pack(
                     member["family"], member["tag"], member["corners"] = *families.place(tag), tag.corners
         struct = np.zeros(1, structures()["Model"])
         packed = {"layouts": np.concatenate(layouts), "members": members, "families": families.packed(kept)}
-        for name, array in packed.items():
-            if name in (struct.dtype.names or ()):
-                struct[name], struct[f"{name[:-1] if name != 'families' else 'family'}_count"] = (
-                    pointer(array),
-                    len(array),
-                )
+        for name, count in (("layouts", "layout_count"), ("members", "member_count"), ("families", "family_count")):
+            struct[name], struct[count] = pointer(packed[name]) or 0, len(packed[name])
         struct["light"] = light
         models.append(Model(chosen, struct, [*kept, *packed.values()]))
     return models

@@ -17,6 +17,9 @@ static const double MARGIN = 9.2;
    ends: in 800 views there was one at most, regular patterns have thousands. */
 enum { RESTARTS = 4 };
 
+/* Angle by which a plate is turned that is not in its place, rad: poses of single plates err by less. */
+static const double TURNED = 0.26;
+
 /* Narrowest cell of a tag that is read, px: of narrower ones some are read, and as many are not. */
 static const double LEAST_CELL_PX = 2.5;
 
@@ -215,10 +218,177 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
             answer = -1;
         }
     }
-    /* Without it, who of a family it is, or whether it is one of its strangers, is not known. */
-    if (!answer && asked && (members > 1 || finding->tag_state == TAG_COVERED))
+    /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
+    if (!answer && asked && (members > 1 || finding->tag_state >= TAG_FAINT))
         finding->state = HIDDEN_TAG;
     return answer;
+}
+
+/* ---- bodies that are put together otherwise ---- */
+
+/* One plate of a layout as a layout of its own, in the body's frame; its constellations are freed by the caller. */
+static int plate_layout(const Layout *layout, int64_t plate, Layout *own)
+{
+    int64_t first = 0, count = 0, parts = 0, dots = 0;
+    for (int64_t d = 0; d < layout->count; d++)
+        if (layout->dots[d].plate == plate && !count++)
+            first = d;
+    Constellation *constellations = calloc((size_t)layout->constellation_count + 1, sizeof *constellations);
+    int64_t *numbers = malloc((size_t)(layout->count + 1) * sizeof *numbers);
+    *own = *layout;
+    own->count = count;
+    own->dots = layout->dots + first;
+    own->constellations = constellations;
+    if (!constellations || !numbers) {
+        free(constellations);
+        free(numbers);
+        return NO_MEMORY;
+    }
+    constellations[layout->constellation_count].dots = numbers;
+    for (int64_t c = 0; c < layout->constellation_count; c++) {
+        if (layout->constellations[c].plate != plate)
+            continue;
+        constellations[parts] = layout->constellations[c];
+        constellations[parts++].dots = numbers + dots;
+        for (int64_t i = 0; i < layout->constellations[c].count; i++)
+            numbers[dots++] = layout->constellations[c].dots[i] - first;
+    }
+    own->constellation_count = parts;
+    for (int a = 0; a < 3; a++) {
+        own->middle[a] = 0;
+        for (int64_t d = 0; d < count; d++)
+            own->middle[a] += own->dots[d].xyz[a] / (double)count;
+    }
+    return 0;
+}
+
+/* The place that a plate seen with one pose of the body has in a body with another pose: the plate whose place it is, and by
+   how much it is turned there, rad; -1 if it is the place of none. */
+static int64_t place_of(const Layout *layout, int64_t plate, const Pose *body, const Pose *seen, double *turn)
+{
+    /* T = body^-1 seen, of the plate: R = R_body' R_seen R_plate, t = R_body' (R_seen t_plate + t_seen - t_body). */
+    const Plate *own = layout->plates + plate;
+    double A[9], R[9], b[3], t[3], nearest = layout->extent / 2;
+    int64_t place = -1;
+    for (int i = 0; i < 3; i++) {
+        b[i] = seen->t[i] - body->t[i];
+        for (int j = 0; j < 3; j++) {
+            b[i] += seen->R[3 * i + j] * own->t[j];
+            A[3 * i + j] = seen->R[3 * i] * own->R[j] + seen->R[3 * i + 1] * own->R[3 + j] + seen->R[3 * i + 2] * own->R[6 + j];
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        t[i] = body->R[i] * b[0] + body->R[3 + i] * b[1] + body->R[6 + i] * b[2];
+        for (int j = 0; j < 3; j++)
+            R[3 * i + j] = body->R[i] * A[j] + body->R[3 + i] * A[3 + j] + body->R[6 + i] * A[6 + j];
+    }
+    for (int64_t p = 0; p < layout->plate_count; p++) {
+        const Plate *other = layout->plates + p;
+        const double away = sqrt((t[0] - other->t[0]) * (t[0] - other->t[0]) + (t[1] - other->t[1]) * (t[1] - other->t[1]) +
+                                 (t[2] - other->t[2]) * (t[2] - other->t[2]));
+        const double along = R[2] * other->R[2] + R[5] * other->R[5] + R[8] * other->R[8];
+        if (!(away < nearest) || along < 0.87)
+            continue;
+        nearest = away;
+        place = p;
+        const double x = R[0] * other->R[0] + R[3] * other->R[3] + R[6] * other->R[6];
+        const double y = R[0] * other->R[1] + R[3] * other->R[4] + R[6] * other->R[7];
+        *turn = atan2(y, x);
+    }
+    return place;
+}
+
+/* The pose of the body if a plate that was seen with some pose of it is in the place of another one. */
+static Pose exchanged(const Plate *plate, const Plate *other, const Pose *seen)
+{
+    /* T_camera_body = T_camera_plate T_other_body, with T_camera_plate = seen T_body_plate. */
+    Pose body = {{0}, {0}, seen->focal};
+    double A[9], a[3];
+    for (int i = 0; i < 3; i++) {
+        a[i] = seen->t[i];
+        for (int j = 0; j < 3; j++) {
+            a[i] += seen->R[3 * i + j] * plate->t[j];
+            A[3 * i + j] = seen->R[3 * i] * plate->R[j] + seen->R[3 * i + 1] * plate->R[3 + j] + seen->R[3 * i + 2] * plate->R[6 + j];
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            body.R[3 * i + j] = A[3 * i] * other->R[3 * j] + A[3 * i + 1] * other->R[3 * j + 1] + A[3 * i + 2] * other->R[3 * j + 2];
+        body.t[i] = a[i] - body.R[3 * i] * other->t[0] - body.R[3 * i + 1] * other->t[1] - body.R[3 * i + 2] * other->t[2];
+    }
+    return body;
+}
+
+/* Looks for each plate by itself where a body's labeling has left a plate's dots unexplained, or another one contradicts it:
+   plates that are not at their places become the finding's. Returns how many, or NO_MEMORY. */
+static int contradictions(Frame *frame, const Layout *layout, const Labeling *chosen, Finding *finding)
+{
+    Pose poses[PLATES];
+    int64_t plates[PLATES], count = 0, unexplained = 0;
+    for (int64_t p = 0; p < layout->plate_count && finding->state == FOUND; p++) {
+        int64_t missing = 0, there = 0;
+        for (int64_t d = 0; d < layout->count; d++)
+            if (layout->dots[d].plate == p) {
+                there += chosen->labels[d] >= 0;
+                missing += chosen->labels[d] < 0 && in_plain_view(&frame->scene, layout->dots + d, &chosen->pose);
+            }
+        unexplained += missing >= LEAST_DOTS - 1 && missing > there;
+    }
+    if (layout->plate_count < 2 || (finding->state == FOUND && !unexplained))
+        return 0;
+    for (int64_t p = 0; p < layout->plate_count && count < PLATES; p++) {
+        Layout own;
+        Pool pool;
+        if (plate_layout(layout, p, &own))
+            return NO_MEMORY;
+        if (pool_for(&pool, own.count))
+            count = NO_MEMORY;
+        else if (own.constellation_count) {
+            search(&frame->scene, &own, &frame->budget, 0, &frame->work, &pool);
+            if (best_of(&pool)->evidence > SURE) {
+                poses[count] = best_of(&pool)->pose;
+                plates[count++] = p;
+            }
+        }
+        free((void *)own.constellations[layout->constellation_count].dots);
+        free((void *)own.constellations);
+        free(pool.memory);
+        if (count < 0)
+            return NO_MEMORY;
+    }
+    /* The body is where most plates agree with it; else where two are exchanged, or turned, or in other places. */
+    int64_t most = -1, places[PLATES] = {0};
+    double turns[PLATES] = {0};
+    for (int64_t i = 0; i < count; i++)
+        for (int64_t j = 0; j < count; j++) {
+            Pose body = poses[i];
+            if (i != j)
+                body = exchanged(layout->plates + plates[i], layout->plates + plates[j], poses + i);
+            int64_t own[PLATES], score = 0;
+            double turn[PLATES] = {0};
+            for (int64_t k = 0; k < count; k++)
+                own[k] = place_of(layout, plates[k], &body, poses + k, turn + k);
+            for (int64_t k = 0; k < count; k++) {
+                int mutual = 0;
+                for (int64_t m = 0; m < count; m++)
+                    mutual |= m != k && own[k] == plates[m] && own[m] == plates[k];
+                score += own[k] == plates[k] ? fabs(turn[k]) < TURNED ? 6 : 4 : mutual ? 5 : own[k] >= 0 ? 2 : 0;
+            }
+            if (score > most) {
+                most = score;
+                memcpy(places, own, sizeof own);
+                memcpy(turns, turn, sizeof turn);
+            }
+        }
+    finding->misplaced = 0;
+    for (int64_t k = 0; k < count; k++) {
+        if (places[k] == plates[k] && fabs(turns[k]) < TURNED)
+            continue;
+        finding->plates[finding->misplaced] = plates[k];
+        finding->places[finding->misplaced] = places[k];
+        finding->plate_turns[finding->misplaced++] = turns[k];
+    }
+    return (int)finding->misplaced;
 }
 
 /* Judges the best labeling of a layout beside its rivals, with what tags say; returns its place in the pool, -1 if none holds. */
@@ -229,7 +399,8 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding)
     Finding refuted = {0};
     while (1) {
         const int64_t chosen = best_of(&quest->pool) - quest->pool.best;
-        if (!quest->pool.count || !(quest->pool.best[chosen].evidence > SURE + log((double)frame->model->layout_count))) {
+        const double least = refuted.state ? refuted.evidence - MARGIN : SURE + log((double)frame->model->layout_count);
+        if (!quest->pool.count || !(quest->pool.best[chosen].evidence > least)) {
             if (refuted.state)
                 *finding = refuted;
             return -1;
@@ -238,8 +409,11 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding)
         finding->margin = INFINITY;
         const int answer = ask_tag(frame, l, quest->pool.best + chosen, finding);
         if (answer < 0) {
-            if (!refuted.state)
+            if (!refuted.state) {
                 refuted = *finding;
+                refuted.evidence = quest->pool.best[chosen].evidence;
+                refuted.count = quest->pool.best[chosen].count;
+            }
             drop(&quest->pool, chosen);
             continue;
         }
@@ -320,7 +494,6 @@ static int next_finding(Frame *frame)
     const int64_t place = judge_labelings(frame, best, &finding);
     if (place < 0) {
         if (finding.state && quest->left == frame->options->copies) {
-            finding.count = quest->why.count;
             finding.missing = quest->why.missing;
             quest->why = finding;
         }
@@ -328,6 +501,11 @@ static int next_finding(Frame *frame)
         return 1;
     }
     const Labeling *chosen = quest->pool.best + place;
+    const int misplaced = contradictions(frame, layout, chosen, &finding);
+    if (misplaced < 0)
+        return NO_MEMORY;
+    if (misplaced)
+        finding.state = CONTRADICTED;
     for (int64_t l = 0; l < model->layout_count; l++) {
         Quest *other = frame->quests + l;
         if (l == best || !other->searched || !(best_of(&other->pool)->evidence > chosen->evidence - MARGIN) ||
@@ -341,6 +519,10 @@ static int next_finding(Frame *frame)
         other->why.rival = best;
     }
     const int first = quest->left == frame->options->copies;
+    if (finding.state == HIDDEN_TAG) {
+        quest->why = finding;
+        quest->why.count = chosen->count;
+    }
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;
     int status = 0;
     if (finding.state == FOUND || first)
@@ -380,7 +562,7 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
         quest->left = options->copies;
         quest->ended = wanted && !wanted[l];
         quest->why.state = findings->blob_count < LEAST_DOTS ? FEW : UNFIT;
-        quest->why.rival = quest->why.tag = -1;
+        quest->why.rival = quest->why.tag = quest->why.tag_state = -1;
         quest->why.evidence = -INFINITY;
     }
     while (!status) {

@@ -325,7 +325,7 @@ enum {
     CONTRADICTED /* a plate is where, or as, it should not be */
 };
 
-enum { TURNS = 12, TAG_NONE = -1 };
+enum { TURNS = 12, PLATES = 12, TAG_NONE = -1 };
 
 typedef struct {
     int32_t member, state, cut;
@@ -334,6 +334,9 @@ typedef struct {
     double corners[4][2];    /* of that tag, px */
     int64_t turns;           /* of other labelings that are about as likely */
     double turn[TURNS];      /* by which they are turned about the plate's normal, rad */
+    int64_t misplaced;       /* plates that are not where or as they should be */
+    int64_t plates[PLATES], places[PLATES]; /* these, and the plates in whose places they are, -1 for none */
+    double plate_turns[PLATES]; /* by which they are turned there, rad */
     int64_t count, missing;
     double evidence, margin; /* of the labeling; how much less the next other one has */
     double sigma;            /* RMS by which the places miss, px */

@@ -199,6 +199,12 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
         scene->taken[k] = !blobs[k].known;
     }
     number_blobs(scene);
+    double rings = 0.5, known = 1;
+    for (int64_t k = 0; k < count; k++) {
+        rings += blobs[k].known && blobs[k].hole > 1 - DOUBTFUL;
+        known += blobs[k].known;
+    }
+    scene->rings = smaller(larger(rings / known, 0.02), 0.5);
     for (int64_t k = 0; k < count; k++)
         if (blobs[k].known) {
             update_blob(scene, k);
@@ -306,13 +312,14 @@ static const double PLANE = 6;
 /* A dot in plain view is missed for reasons other than its size in 4 % of cases (hidden, in a highlight); one seen flat or of
    few pixels, in 40 %. */
 static const double MISSED = 0.04, MISSED_AT_LIMIT = 0.4;
-static const double PLAIN_PX = 6, LIMIT_PX = 3.5, PLAIN_FACING = 0.35, LIMIT_FACING = 0.12, EDGE_PX = 3;
+static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.35, LIMIT_FACING = 0.12, EDGE_PX = 3;
 
-/* Probability ratio of a kind that is seen: from e^4 for the one to e^-4 for the other, 1 where none is seen. */
-static double kind_evidence(const Dot *dot, const Blob *blob)
+/* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
+   rings. Where a kind is sure, it is e^6 times as likely as the other one; where none is seen, this is zero. */
+static double kind_evidence(const Scene *scene, const Dot *dot, const Blob *blob)
 {
-    const double told = smaller(larger(8 * (blob->hole - 0.5), -4), 4);
-    return dot->ring ? told : -told;
+    const double told = 12 * smaller(larger(blob->hole - 0.5, -0.5), 0.5), ratio = exp(told);
+    return (dot->ring ? told : 0) - log(scene->rings * ratio + 1 - scene->rings);
 }
 
 /* Whether a dot lies inside the image with all its outline, and a margin. */
@@ -330,6 +337,14 @@ static double shorter_px(const Scene *scene, const double *shape)
 {
     const double half = (shape[0] + shape[2]) / 2, det = shape[0] * shape[2] - shape[1] * shape[1];
     return scene->px * sqrt(larger(half - sqrt(larger(half * half - det, 0)), 0));
+}
+
+/* Whether a dot should be seen with a pose: from the front, large enough, and inside the image. */
+int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose)
+{
+    Outline drawn;
+    outline_of(dot, dot->xyz, pose, &drawn);
+    return drawn.seen && drawn.facing > PLAIN_FACING && 2 * shorter_px(scene, drawn.shape) > PLAIN_PX && in_frame(scene, &drawn);
 }
 
 /* Derivatives (2, 7) of a dot's image by (w, dt, log focal), px. */
@@ -412,7 +427,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         /* One outline in ten is three times as far off. */
         const double shape = log(0.9 * exp(-0.5 * square) + 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300) -
                              1.5 * log(2 * PI * shown->sigma * shown->sigma);
-        const double kind = kind_evidence(layout->dots + i, blob);
+        const double kind = kind_evidence(scene, layout->dots + i, blob);
         double clutter, alike;
         clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
         shapes += shape - log(clutter);

@@ -25,6 +25,7 @@ struct Scene {
     const Camera *camera;
     int calibrated;
     double px, focal; /* px per unit; focal length that guesses are made with */
+    double rings;     /* share of rings among the blobs */
     Blob *blobs;
     int64_t count;
     Shown *shown;
@@ -90,6 +91,7 @@ void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool
 int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
 const Labeling *best_of(const Pool *pool);
 void drop(Pool *pool, int64_t place);
+int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose);
 void mirror_scene(Scene *scene);
 int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn);
 
