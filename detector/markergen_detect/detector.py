@@ -38,12 +38,46 @@ TAG_STATES = ("read", "small", "outside", "faint", "covered", "unclear", "none")
 """What became of a body's tag, in the core's order; the last one stands for -1: it has none."""
 
 
+CAUSES = (
+    "focal length", "aspect", "distortion", "stretch x", "stretch y", "bend x", "bend y", "shutter", "misplaced",
+)  # fmt: skip
+"""Names of causes; the core's own are the same in capitals."""
+
+
 class Second(NamedTuple):
     """Another pose from which a flat body looks much the same, with its likelihood relative to the first one."""
 
     rotation: Array
     translation: Array
     likelihood_ratio: float
+
+
+class Cause(NamedTuple):
+    """What may make image, camera and body disagree: its name, value and standard deviation, and what is left of chi2."""
+
+    name: str
+    plate: str
+    value: float
+    sigma: float
+    chi2: float
+
+
+class Verdict(NamedTuple):
+    """Whether image, print and camera are as stated, by chi2 of the residuals with all of their errors.
+
+    Attributes
+    ----------
+    consistent : bool
+    chi2, degrees_of_freedom, limit : float, int, float
+    causes : tuple of Cause
+        The likely ones, in order; empty if consistent, or if none explains the residuals.
+    """
+
+    consistent: bool
+    chi2: float
+    degrees_of_freedom: int
+    limit: float
+    causes: "tuple[Cause, ...]"
 
 
 class Finding(NamedTuple):
@@ -92,6 +126,8 @@ class Finding(NamedTuple):
         By which other labelings that are about as likely are turned about the plate's normal.
     placed : void or None
         The core's own form of the pose, for the next frame.
+    verdict : Verdict or None
+        Whether image, camera and body agree.
     """
 
     ok: bool
@@ -123,6 +159,7 @@ class Finding(NamedTuple):
     tag_corners: "Array | None"
     turns: Array
     placed: Any
+    verdict: "Verdict | None"
 
     @property
     def reason(self) -> str:
@@ -332,7 +369,21 @@ class Detector:
             tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
             turns=row["turn"][: int(row["turns"])].copy(),
             placed=row["pose"].copy() if ok else None,
+            verdict=_verdict(row["verdict"], body) if posed else None,
         )
+
+
+def _verdict(row: Any, body: Body) -> Verdict:
+    names = {constants()[name.upper().replace(" ", "_")]: name for name in CAUSES}
+    causes = tuple(
+        Cause(
+            names[int(cause["kind"])],
+            body.plate_names[int(cause["plate"])] if cause["plate"] >= 0 else "",
+            *(float(cause[name]) for name in ("value", "sigma", "chi2")),
+        )
+        for cause in row["causes"][: int(row["likely"])]
+    )
+    return Verdict(bool(row["consistent"]), float(row["chi2"]), int(row["freedom"]), float(row["limit"]), causes)
 
 
 def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":

@@ -348,6 +348,7 @@ typedef struct {
     double H[9];             /* if `plane`, from (x, y) of a flat body, m, to px of an image without lens distortion */
     int32_t plane;
     Estimate estimate;       /* with a camera */
+    Verdict verdict;         /* with a camera */
 } Finding;
 
 typedef struct {

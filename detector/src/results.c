@@ -61,6 +61,9 @@ int complete_finding(const Layout *layout, const Camera *camera, int calibrated,
         finding->count = kept;
         finding->dropped = m - kept;
         status = places(layout, camera, calibrated, blobs, matches, corrected, finding);
+        if (calibrated && !status)
+            status = judge(layout->dots, blobs, matches, camera, layout->errors ? layout->errors : &NONE, layout->plates,
+                           layout->plate_count, &finding->estimate, &finding->verdict);
     } else if (!status && finding->state == FOUND) {
         finding->state = UNFIT;
         finding->count = 0;
