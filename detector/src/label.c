@@ -7,7 +7,8 @@
    image is that of A. Desolneux, L. Moisan and J.-M. Morel). */
 
 #include "label.h"
-#ifdef COUNT
+#ifdef TALLIES
+#include <stdio.h>
 int64_t counts[8];
 #define TALLY(i) counts[i]++
 #else
@@ -1060,7 +1061,8 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool)
 {
     int64_t fresh = 0, blobs = layout->count + 4, after = -1;
-    const int64_t from = work->steps;
+    /* Larger layouts take longer to label; further copies are in plain sight. */
+    const int64_t until = work->steps + budget->steps * (32 + layout->count) / (thorough ? 32 : 96);
     work->guess_count = work->replaced = work->cut = 0;
     memset(work->tried, 0, TRIED * sizeof *work->tried);
     while (fresh < scene->count) {
@@ -1072,7 +1074,7 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
                 guess_from(scene, layout, i, fresh, blobs, strong, work);
                 if (strong && work->guess_count && follow_all(scene, layout, FOLLOWED, work, pool))
                     return;
-                work->cut = work->steps - from > budget->steps || budget->late(budget);
+                work->cut = work->steps > until || budget->late(budget);
                 if (work->cut)
                     break;
             }
@@ -1082,6 +1084,9 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
             if (!strong && follow_all(scene, layout, LAST_FOLLOWED, work, pool))
                 return;
         }
+#ifdef TALLIES
+        fprintf(stderr, "  search n=%d blobs=%d steps=%.0f best %.1f count %d thorough %d; pairs,windows,votes,guesses,follows,settles %.0f %.0f %.0f %.0f %.0f %.0f\n", (int)layout->count, (int)blobs, (double)(work->steps), best_of(pool)->evidence, (int)best_of(pool)->count, thorough, (double)counts[0], (double)counts[1], (double)counts[2], (double)counts[3], (double)counts[4], (double)counts[5]);
+#endif
         /* What is found is looked for among twice as many blobs, and no more. */
         if (work->cut || (after >= 0 && blobs >= after))
             return;
