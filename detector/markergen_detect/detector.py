@@ -11,10 +11,11 @@ from markergen_detect.camera import Camera, CameraLike
 from markergen_detect.core import constants, library, pointer, structures
 from markergen_detect.description import Body, DescriptionError, Source, read_bodies
 from markergen_detect.model import Model, pack
+from markergen_detect.verdict import Verdict, read_verdict
 
 Array = NDArray[np.float64]
 
-MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 60_000
+MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 20_000_000
 """Largest numbers of copies of a body, of blobs that are looked at, and of steps of the search for one."""
 LARGEST_IMAGE = 2**28
 """Largest number of pixels."""
@@ -38,46 +39,12 @@ TAG_STATES = ("read", "small", "outside", "faint", "covered", "unclear", "none")
 """What became of a body's tag, in the core's order; the last one stands for -1: it has none."""
 
 
-CAUSES = (
-    "focal length", "aspect", "distortion", "stretch x", "stretch y", "bend x", "bend y", "shutter", "misplaced",
-)  # fmt: skip
-"""Names of causes; the core's own are the same in capitals."""
-
-
 class Second(NamedTuple):
     """Another pose from which a flat body looks much the same, with its likelihood relative to the first one."""
 
     rotation: Array
     translation: Array
     likelihood_ratio: float
-
-
-class Cause(NamedTuple):
-    """What may make image, camera and body disagree: its name, value and standard deviation, and what is left of chi2."""
-
-    name: str
-    plate: str
-    value: float
-    sigma: float
-    chi2: float
-
-
-class Verdict(NamedTuple):
-    """Whether image, print and camera are as stated, by chi2 of the residuals with all of their errors.
-
-    Attributes
-    ----------
-    consistent : bool
-    chi2, degrees_of_freedom, limit : float, int, float
-    causes : tuple of Cause
-        The likely ones, in order; empty if consistent, or if none explains the residuals.
-    """
-
-    consistent: bool
-    chi2: float
-    degrees_of_freedom: int
-    limit: float
-    causes: "tuple[Cause, ...]"
 
 
 class Finding(NamedTuple):
@@ -308,7 +275,7 @@ class Detector:
         """Where the bodies of a model were; none unless all findings for them say where."""
         own = [finding for finding in near if finding.body in model.bodies]
         tracks = np.zeros(len(own) if all(finding.placed is not None for finding in own) else 0, structures()["Track"])
-        for track, finding in zip(tracks, own):
+        for track, finding in zip(tracks, own, strict=False):
             track["member"], track["count"] = model.bodies.index(finding.body), len(finding.ids)
             track["pose"] = finding.placed
         return tracks
@@ -332,7 +299,7 @@ class Detector:
             second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
         names = {constants()[name]: title for name, title in STATES.items()}
         facts = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
-        own_plates = zip(row["plates"], row["places"], row["plate_turns"])
+        own_plates = zip(row["plates"], row["places"], row["plate_turns"], strict=True)
         facts["misplaced"] = [
             (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
             for plate, place, turn in list(own_plates)[: int(row["misplaced"])]
@@ -369,21 +336,8 @@ class Detector:
             tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
             turns=row["turn"][: int(row["turns"])].copy(),
             placed=row["pose"].copy() if ok else None,
-            verdict=_verdict(row["verdict"], body) if posed else None,
+            verdict=read_verdict(row["verdict"], body.plate_names) if posed else None,
         )
-
-
-def _verdict(row: Any, body: Body) -> Verdict:
-    names = {constants()[name.upper().replace(" ", "_")]: name for name in CAUSES}
-    causes = tuple(
-        Cause(
-            names[int(cause["kind"])],
-            body.plate_names[int(cause["plate"])] if cause["plate"] >= 0 else "",
-            *(float(cause[name]) for name in ("value", "sigma", "chi2")),
-        )
-        for cause in row["causes"][: int(row["likely"])]
-    )
-    return Verdict(bool(row["consistent"]), float(row["chi2"]), int(row["freedom"]), float(row["limit"]), causes)
 
 
 def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":
@@ -413,7 +367,7 @@ def reason(finding: Finding) -> str:
 
 
 def _misplaced(plates: "list[tuple[str, str, float]]") -> str:
-    """What is wrong with a body's plates: each with the one in whose place it is, and by how many degrees it is turned."""
+    """What is wrong with plates: each with the one in whose place it is, and the degrees by which it is turned."""
     places, lines = {name: place for name, place, _ in plates}, []
     for name, place, turn in plates:
         if place == name:

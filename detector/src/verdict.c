@@ -183,7 +183,7 @@ static double adjusted(const Case *c, const Pose *start, Trial trial, double *va
             share = 1;
         } else
             share /= 2;
-        if (settled)
+        if (settled || !(best < INFINITY))
             break;
         double w[3];
         for (int a = 0; a < 3; a++) {

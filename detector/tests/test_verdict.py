@@ -5,6 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 from markergen_detect.core import constants, library, structures
+from markergen_detect.verdict import CAUSES, read_verdict
 from structures import ErrorsStruct
 from views import (
     CENTER,
@@ -189,3 +190,29 @@ def test_errors_as_stated_are_consistent(rng):
     blobs = seen(rng, dots, pose, camera(), real)
     assert not judge(dots, blobs, camera(), pose_of(*pose))[1]["consistent"]
     assert judge(dots, blobs, camera(), pose_of(*pose), ErrorsStruct(1, moved.ctypes.data, None, None))[1]["consistent"]
+
+
+def test_verdicts_in_words(rng):
+    dots, pose = plate(rng, 20), tilted(rng, 0.1)
+    blobs = seen(rng, dots, pose, camera())
+    assert str(read_verdict(judge(dots, blobs, camera(), pose_of(*pose))[1], ["front"])) == "consistent"
+    row = np.zeros(1, structures()["Verdict"])[0]
+    row["chi2"], row["limit"], row["freedom"], row["count"] = 160, 30, 10, len(CAUSES)
+    for cause, name in zip(row["causes"], CAUSES, strict=False):
+        cause["kind"], cause["plate"] = constants()[name.upper().replace(" ", "_")], 0 if name == "misplaced" else -1
+        cause["chi2"], cause["value"], cause["sigma"] = 40, -0.03, 0.002
+    large = "inconsistent: residuals are 4.0 times as large as expected; "
+    assert str(read_verdict(row, ["+x"])) == large + "no single cause explains it"
+    row["likely"] = len(CAUSES)
+    lines = [
+        "camera file: the focal length is 97.0 +- 0.2 % of the file's",
+        "camera file: fy/fx is 97.0 +- 0.2 % of the file's",
+        "camera file: k1 differs by -0.030 +- 0.002",
+        "print stretched: 97.0 +- 0.2 % along x",
+        "print stretched: 97.0 +- 0.2 % along y",
+        "bent by -30.0 +- 2.0 mm along x",
+        "bent by -30.0 +- 2.0 mm along y",
+        "rolling shutter: -0.030 +- 0.002 px from row to row",
+        "+x is -30.0 +- 2.0 mm from its place",
+    ]
+    assert str(read_verdict(row, ["+x"])) == large + "; or ".join(lines)
