@@ -15,7 +15,7 @@ from markergen_detect.verdict import Verdict, read_verdict
 
 Array = NDArray[np.float64]
 
-MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 20_000_000
+MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 60_000
 """Largest numbers of copies of a body, of blobs that are looked at, and of steps of the search for one."""
 LARGEST_IMAGE = 2**28
 """Largest number of pixels."""
