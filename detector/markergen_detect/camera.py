@@ -9,7 +9,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen_detect.core import constants, pointer, structures
+from markergen_detect.core import constants, library, pointer, structures
 from markergen_detect.description import DescriptionError, parsed
 
 LENSES = {
@@ -118,6 +118,15 @@ class Camera:
         loss = (6 * np.hypot(p1, p2) + 2 * np.hypot(s1, s3)) * r + 4 * np.hypot(s2, s4) * r**3
         conditions = (steep - loss * below**2, above - loss * below, below)
         return min(LARGEST_RADIUS, *(_first_root(condition.trim().coef) for condition in conditions))
+
+    def rays(self, pixels: "NDArray[np.float64]") -> "NDArray[np.float64]":
+        """Normalized coordinates (n, 2) of pixels (n, 2); nan where no ray is."""
+        pixels, rays = np.array(pixels, dtype=float), np.full((len(pixels), 2), np.nan)
+        struct = self.packed()
+        for pixel, ray in zip(pixels, rays):
+            if not library().lens_ray(pointer(struct), *pixel.tolist(), ray.ctypes.data):
+                ray[:] = np.nan
+        return rays
 
     def packed(self) -> "NDArray[np.void]":
         """Return the camera's structure (1,) in the core; a map must outlive it."""

@@ -111,13 +111,14 @@ class Body:
         """Normals (n, 3) of the dots' plates in the body."""
         return self.rotations[self.plates, :, 2]
 
-    def common_errors(self, sigma: float) -> "tuple[Array, Array] | None":
+    def common_errors(self, sigma: float, scale_sigma: float = 0.0) -> "tuple[Array, Array] | None":
         """Errors that dots have in common, and those that each has alone; None if they err alone.
 
         Displacements (n, 3, c) by one standard deviation of each of c common errors, m, and covariances (n, 3, 3) of
-        the places without these, m^2, with `sigma` for dots not measured.
+        the places without these, m^2, with `sigma` for dots not measured; those have the scale of their printer, too,
+        which is off by `scale_sigma` along x and y of all plates.
         """
-        if not self.joint and self.relation is None:
+        if not self.joint and self.relation is None and not scale_sigma:
             return None
         alone, moved, n = self._alone(sigma), [], len(self.ids)
         for dots, matrix in self.joint:
@@ -133,6 +134,15 @@ class Body:
                 rows[row, i, self.plates, j], rows[row, i, self.plates, k] = lever[:, k], -lever[:, j]
                 rows[row, i, self.plates, 3 + i] = 1
             moved.append(rows.reshape(n, 3, -1) @ _root(self.relation))
+        if scale_sigma:
+            axes = self.rotations[self.plates]
+            local = np.einsum("nji,nj->ni", axes, self.places - self.translations[self.plates])
+            columns = scale_sigma * axes[:, :, :2] * local[:, None, :2]
+            measured = np.isfinite(self.measured).all(axis=(1, 2))
+            for dots, _ in self.joint:
+                measured[dots] = True
+            columns[measured] = 0
+            moved.append(columns)
         return np.concatenate(moved, axis=-1), alone
 
     def print_blocks(self, sigma: float) -> Array:

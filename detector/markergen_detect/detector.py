@@ -151,6 +151,10 @@ class Detector:
         Largest number of copies of each body.
     smallest : float
         Diameter of the smallest dots, px: larger ones are found faster in large images.
+    symmetric : bool
+        True to take any of several labelings that are about as likely; `Finding.turns` has the others.
+    scale_sigma : float
+        Standard deviation of the scale of the print along x, and along y, as a fraction; measured dots have none.
 
     Raises
     ------
@@ -173,6 +177,8 @@ class Detector:
         camera_covariance: "Array | None" = None,
         copies: int = MOST_COPIES,
         smallest: float = 0.0,
+        symmetric: bool = False,
+        scale_sigma: float = 0.0,
     ) -> None:
         self.bodies = tuple(read_bodies(model))
         self.camera = None if camera is None else Camera.load(camera)
@@ -184,8 +190,9 @@ class Detector:
                 raise DescriptionError(f"expected a covariance of {size} x {size} numbers, found {calibration.shape}")
         if not (1 <= copies <= MOST_COPIES and np.isfinite(smallest)):
             raise DescriptionError(f"expected 1 to {MOST_COPIES} copies, and a diameter in px")
-        self._models = pack(self.bodies, print_sigma, calibration)
+        self._models = pack(self.bodies, print_sigma, calibration, scale_sigma)
         self._options = {"smallest": smallest, "copies": copies, "blobs": MOST_BLOBS, "steps": MOST_STEPS}
+        self._options["symmetric"] = symmetric
         for body in self.bodies:
             if self.camera is None and (
                 len(body.rotations) > 1 or np.ptp((body.xyz - body.xyz[0]) @ body.normals[0]) > 1e-9
@@ -338,6 +345,41 @@ class Detector:
             placed=row["pose"].copy() if ok else None,
             verdict=read_verdict(row["verdict"], body.plate_names) if posed else None,
         )
+
+
+class Dots(NamedTuple):
+    """Outlines of dots of an image, which need not be a body's, fitted to the grey levels.
+
+    Attributes
+    ----------
+    center, semi : arrays (m, 2), px, longer semi-axes first
+    angle : array (m,), rad, of the longer axis from x
+    covariance : array (m, 2, 2), px^2, of the centers
+    """
+
+    center: Array
+    semi: Array
+    angle: Array
+    covariance: Array
+
+
+def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0) -> Dots:
+    """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline all around."""
+    image = np.ascontiguousarray(image)
+    picture, address = np.zeros(1, structures()["Image"]), np.zeros(1, np.uint64)
+    picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
+    picture["stride"], picture["wide"], picture["inverted"] = image.strides[0], image.itemsize == 2, light
+    count = library().find_blobs(pointer(picture), smallest, MOST_BLOBS, pointer(address))
+    if count < 0:
+        raise MemoryError("not enough memory to search this image")
+    kind = structures()["Blob"]
+    blobs = _copied(address[0], kind, count)
+    library().blobs_free(ctypes.c_void_p(int(address[0]) or None))
+    if count and library().fit_blobs(pointer(picture), pointer(blobs), pointer(np.arange(count)), count) < 0:
+        raise MemoryError("not enough memory to search this image")
+    blobs = blobs[blobs["state"] == constants()["FITTED"]]
+    covariance = blobs["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return Dots(blobs["center"], blobs["semi"], blobs["angle"], covariance)
 
 
 def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":

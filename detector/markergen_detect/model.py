@@ -45,7 +45,10 @@ class Model:
 
 
 def pack(
-    bodies: "Sequence[Body]", print_sigma: "float | None" = None, calibration: "Array | None" = None
+    bodies: "Sequence[Body]",
+    print_sigma: "float | None" = None,
+    calibration: "Array | None" = None,
+    scale_sigma: float = 0.0,
 ) -> "list[Model]":
     """Return the models of bodies with dark dots and of those with light ones, as far as there are any.
 
@@ -55,6 +58,8 @@ def pack(
         Instead of the bodies' own, m.
     calibration : array (k, k) or None
         Covariance of the camera's parameters.
+    scale_sigma : float
+        Standard deviation of the scale of prints along x, and along y, as a fraction.
     """
     models = []
     for light in sorted({body.light for body in bodies}):
@@ -70,7 +75,7 @@ def pack(
             )
             if key not in of:
                 of[key] = len(layouts)
-                layouts.append(_layout(body, sigma, calibration, kept))
+                layouts.append(_layout(body, sigma, calibration, scale_sigma, kept))
             member["layout"], member["family"], member["tag"] = of[key], -1, -1
             for tag in body.tags[:1]:
                 if tag.bits is not None:
@@ -89,7 +94,9 @@ def _geometry(body: Body) -> "tuple[NDArray[Any], ...]":
     return body.xyz, body.places, body.plates, body.rotations, body.translations, body.diameters, body.rings, body.ids
 
 
-def _layout(body: Body, sigma: float, calibration: "Array | None", kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
+def _layout(
+    body: Body, sigma: float, calibration: "Array | None", scale_sigma: float, kept: "list[NDArray[Any]]"
+) -> "NDArray[np.void]":
     """Pack one body's geometry."""
     n = len(body.ids)
     dots, plates = np.zeros(n, structures()["Dot"]), np.zeros(len(body.rotations), structures()["Plate"])
@@ -120,15 +127,20 @@ def _layout(body: Body, sigma: float, calibration: "Array | None", kept: "list[N
     layout["flat"] = bool(len(plates) == 1 and np.ptp(heights) < 1e-9)
     layout["ringed"] = body.rings.any()
     if "errors" in (layout.dtype.names or ()):
-        layout["errors"] = pointer(_errors(body, sigma, len(parts), calibration, kept))
+        layout["errors"] = pointer(_errors(body, sigma, len(parts), calibration, scale_sigma, kept))
     return layout
 
 
 def _errors(
-    body: Body, sigma: float, parts: int, calibration: "Array | None", kept: "list[NDArray[Any]]"
+    body: Body,
+    sigma: float,
+    parts: int,
+    calibration: "Array | None",
+    scale_sigma: float,
+    kept: "list[NDArray[Any]]",
 ) -> "NDArray[np.void]":
     """Pack the errors that a body's dots have in common, and those of the camera."""
-    errors, common = np.zeros(1, structures()["Errors"]), body.common_errors(sigma)
+    errors, common = np.zeros(1, structures()["Errors"]), body.common_errors(sigma, scale_sigma)
     if common is not None:
         moved, alone = (np.ascontiguousarray(part) for part in common)
         errors["common"], errors["moved"], errors["alone"] = moved.shape[2], pointer(moved), pointer(alone)

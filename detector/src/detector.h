@@ -51,6 +51,7 @@ typedef struct {
    in which these are 5 px. Returns their number and writes *blobs, to be freed, or returns NO_MEMORY. At most `most` are
    returned. */
 int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
+void blobs_free(Blob *blobs);
 
 /* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 64 rows; 0 if there are none. */
 double grey_noise(const Image *image);

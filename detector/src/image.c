@@ -1256,3 +1256,5 @@ int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blo
     free(edges.all);
     return count;
 }
+
+void blobs_free(Blob *blobs) { free(blobs); }

@@ -61,7 +61,7 @@ def _dots(save: Save) -> None:
 def _bias(save: Save) -> None:
     import cv2
 
-    from markergen.detect.conic_projection import outlines
+    from markergen.maths.conics import outlines
 
     tilts = np.arange(0, 81, 2)
     turn = np.stack([cv2.Rodrigues(np.array([np.deg2rad(t), 0, 0]))[0] @ np.diag([1.0, -1, -1]) for t in tilts])

@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
 from markergen.calibration.network import Assembly, Network, Views, moved_camera
-from markergen.detect.conic_projection import pose_rows
+from markergen.maths.conics import pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.camera import Camera

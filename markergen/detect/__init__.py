@@ -1,8 +1,7 @@
-"""From an image to labeled dot centers and poses: candidates, ellipses, labels, corrected centers, pose."""
+"""Detection of markers and rigs in images, files, videos and live cameras."""
 
 from markergen.detect.detection import detect, detect_all
-from markergen.detect.detector import Detector, Found
-from markergen.detect.pose import PoseEstimate, estimate_pose
+from markergen.detect.detector import Detector, Found, SecondPose
 from markergen.detect.results import Detection
 
-__all__ = ["Detection", "Detector", "Found", "PoseEstimate", "detect", "detect_all", "estimate_pose"]
+__all__ = ["Detection", "Detector", "Found", "SecondPose", "detect", "detect_all"]

@@ -10,17 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markergen_detect import Verdict
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.detect.detection import MAX_COPIES, detect_dots, find_all, prepare
-from markergen.detect.photometric import check_refinement, refine
-from markergen.detect.pose import PoseEstimate
+from markergen.detect.detection import MAX_COPIES, Engine
 from markergen.detect.presentation import as_dict, draw, in_words, reason
 from markergen.detect.results import Detection
-from markergen.detect.tracking import track
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
+from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.maths.rotation import logarithm
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import Camera
@@ -216,6 +215,23 @@ class Found:
         """Corners (4, 2) of the marker's tag, px, in the order of `Tag.corners`; None if none was read."""
         return self.detection.tag
 
+    @property
+    def tag_state(self) -> str:
+        """What became of the marker's tag: ``read``, ``other``, ``not read``, or ``none`` for a marker without one."""
+        if self.detection.state == "other tag":
+            return "other"
+        return {"read": "read", "none": "none"}.get(self.detection.tag_state, "not read")
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether image, print and camera agree, with likely causes if they do not; None without a pose."""
+        return self.detection.verdict
+
+    @property
+    def turns(self) -> Array:
+        """Angles (k,), rad, by which other labelings that are about as likely are turned about the marker's normal."""
+        return self.detection.turns
+
     def draw(self, frame: NDArray[Any]) -> NDArray[Any]:
         """Draw the outline, the dots with their ids and the axes into a frame, and return it.
 
@@ -273,10 +289,13 @@ class Detector:
         Covariance or standard deviations of the calibration's parameters: fx, fy, cx, cy and the distortion coefficients,
         or the first four alone, in px for those. None takes that in the camera's file, if it has one; ``"none"`` takes
         the calibration as exact.
-    refine : str
-        ``none``, or ``photometric``: align the rendered dots with the grey levels after the detection.
     copies : int
         Maximum number of copies of each marker to look for in a frame.
+    symmetric : str
+        ``"none"``: a marker whose layout repeats under a turn is ambiguous; ``"any"``: one of its labelings is taken,
+        the same from frame to frame, and `Found.turns` has the others.
+    smallest : float
+        Diameter of the smallest dots to look for, px: with larger ones, large images take less time.
 
     Raises
     ------
@@ -303,7 +322,7 @@ class Detector:
     True [0 1 2 3] [0.01 0.   0.4 ]
     >>> (found,) = detector(np.full((120, 160, 3), 255, np.uint8))
     >>> found.ok, found.reason
-    (False, "found 0 dots, at least 4 of the marker's 4 are needed; dots less than 2.5 px across are hardly found")
+    (False, 'found 0 dots in the image, at least 4 are needed')
     >>> detector(None)
     Traceback (most recent call last):
     markergen.errors.InputError: expected an image as a numpy array, found None; cv2.imread returns None when it cannot read the file: check the path
@@ -316,10 +335,10 @@ class Detector:
         *,
         print_sigma: str | float | None = None,
         camera_covariance: CovarianceSource = None,
-        refine: str = "none",
         copies: int = MAX_COPIES,
+        symmetric: str = "none",
+        smallest: float = 0.0,
     ) -> None:
-        check_refinement(refine)
         self._camera = camera if camera is None or isinstance(camera, Camera) else Camera.load(camera)
         covariance = None
         if self._camera is not None:
@@ -337,11 +356,13 @@ class Detector:
         self._targets = tuple(marker for marker, _ in named)
         printed = planned_print(*self._targets) if print_sigma is None else parse_length(print_sigma, "print_sigma")
         self._errors = ErrorSources(printed, covariance)
-        self._sought = prepare(self._targets, self._camera is not None)
-        self._photometric = refine == "photometric"
-        if self._photometric and any(target.frame == "rig" for target in self._targets):
-            raise InputError("markers for --refine photometric", "a rig", "leave it out")
-        self._copies = _count(copies)
+        if symmetric not in ("none", "any"):
+            raise InputError("symmetric: none or any", brief(symmetric), "give one of these")
+        if not (isinstance(smallest, int | float) and 0 <= smallest < float("inf")):
+            raise InputError("a diameter of 0 px or more", f"smallest={brief(smallest)}", "give a number of px")
+        self._engine = Engine(
+            self._targets, self._camera, self._errors, _count(copies), symmetric=symmetric == "any", smallest=smallest
+        )
 
     @property
     def markers(self) -> tuple[Target, ...]:
@@ -363,7 +384,12 @@ class Detector:
         """Camera that takes the frames."""
         return self._camera
 
-    def __call__(self, frame: FrameLike, near: "Found | Iterable[Found] | None" = None) -> list[Found]:
+    def __call__(
+        self,
+        frame: FrameLike,
+        near: "Found | Iterable[Found] | None" = None,
+        deadline: float | None = None,
+    ) -> list[Found]:
         """Find the markers in a frame.
 
         With `near`, the result of the frame before, only the surroundings of what was found there are looked at, which
@@ -381,6 +407,8 @@ class Detector:
             cv2.imread rotates what has an EXIF orientation, and the calibration no longer applies.
         near : Found, several of them, or None
             Results for the frame before, of this detector or another one with these markers.
+        deadline : float or None
+            Seconds after which nothing more is begun; the reasons of what was not found then tell so.
 
         Returns
         -------
@@ -414,19 +442,13 @@ class Detector:
         [0.012 0.4  ]
         [0.014 0.4  ]
         """
-        frame = self._read(frame)
+        grey = grey_frame(self._read(frame))
         before = [] if near is None else self._before(near)
-        grey, found = None, None
-        if before and all(each.found for each in before):
-            found = track(frame, before, self._sought, self._camera, self._errors)
-        if found is None:
-            grey = grey_frame(frame)
-            found = find_all(grey, self._sought, self._camera, self._errors, self._copies)
-        if self._photometric:
-            grey = grey_frame(frame) if grey is None else grey
-            # Detections that failed come back unchanged.
-            found = [self._refined(grey, each) for each in found]
-        return [Found(each, self.markers, self._names, self._camera) for each in found]
+        tracked = before if all(detection.found for detection in before) else []
+        return [
+            Found(detection, self.markers, self._names, self._camera)
+            for detection in self._engine(grey, tracked, deadline)
+        ]
 
     def dots(self, frame: FrameLike) -> Array:
         """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.
@@ -434,18 +456,12 @@ class Detector:
         They are dark dots, light dots, or both, as the markers have them, the dark ones first. They are not corrected
         for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
-        grey = grey_frame(self._read(frame))
-        return np.concatenate([detect_dots(grey, light).center for light in self._sought.by_polarity])
+        return self._engine.dots(grey_frame(self._read(frame)))
 
     def __repr__(self) -> str:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")
         camera = f"{self._camera.width}x{self._camera.height} px" if self._camera else "no camera"
         return f"Detector({names}; {camera})"
-
-    def _refined(self, grey: NDArray[Any], found: Detection) -> Detection:
-        marker = self.markers[found.marker]
-        assert isinstance(marker, Marker)
-        return refine(grey, marker, self._camera, found, self._errors)
 
     def _read(self, frame: object) -> NDArray[Any]:
         """Pixels of a frame of the camera, whose file is read if this is a path."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.detect.pose import PoseEstimate
+from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.detect.results import Detection
 from markergen.errors import InputError
 from markergen.geometry.outlines import walked
@@ -189,6 +189,9 @@ def as_dict(detection: Detection, markers: Sequence[Target], names: Sequence[str
         "homography": None if detection.homography is None else detection.homography.tolist(),
         "pose": None if detection.pose is None else _pose(detection.pose),
         "tag": _tag(detection, marker),
+        "tag_state": detection.tag_state,
+        "verdict": _verdict(detection),
+        "turns_deg": np.rad2deg(detection.turns).tolist(),
     }
 
 
@@ -220,13 +223,21 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
     )
     if pose.alternative is not None:
         line += f"; the mirrored pose fits as well, likelihood ratio {pose.likelihood_ratio:.2g}"
-    return line
+    verdict = detection.verdict
+    return line if verdict is None or verdict.consistent else f"{line}; {verdict}"
 
 
 def _tag(detection: Detection, marker: Target) -> dict[str, Any] | None:
     if detection.tag is None or not isinstance(marker, Marker) or marker.tag is None:
         return None
     return {"family": marker.tag.family, "id": marker.tag.id, "corners": detection.tag.tolist()}
+
+
+def _verdict(detection: Detection) -> dict[str, Any] | None:
+    verdict = detection.verdict
+    if verdict is None:
+        return None
+    return {**verdict._asdict(), "causes": [cause._asdict() for cause in verdict.causes]}
 
 
 def _pose(pose: PoseEstimate) -> dict[str, Any]:

@@ -1,13 +1,15 @@
 """Results of detection: labeled dots with their pose, or dots without labels."""
-# tests: tests/detect/test_photometric.py
+# tests: tests/detect/test_detection.py
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from markergen_detect import Verdict
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.detect.pose import PoseEstimate
+from markergen.estimators.weighted_pose import PoseEstimate
 
 
 def _empty(*shape: int) -> Array:
@@ -39,7 +41,7 @@ class Unlabeled:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """Detection of one marker in one image.
+    """Detection of one marker or rig in one image.
 
     Attributes
     ----------
@@ -58,8 +60,8 @@ class Detection:
         Homography from the marker plane (m) to ideal px, those of `camera.ideal`; None for a marker with relief.
     pose : PoseEstimate or None
         Pose; None without a camera.
-    reason : str
-        Reason why the marker was not found; empty otherwise.
+    state, reason : str
+        ``found``, or the kind of reason why not, and the reason in words.
     marker : int
         Index among the markers that were looked for.
     rival : int or None
@@ -68,16 +70,20 @@ class Detection:
         Control points that were labeled, but lie farther from their predicted place than any error explains.
     tag : array (4, 2) in px, or None
         Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
+    tag_state : str
+        ``read``; ``none`` for a marker without one; or why it was not read.
+    turns : array (k,), rad
+        By which other labelings that are about as likely are turned about the marker's normal.
     unlabeled : Unlabeled or None
         The dots, if ambiguous labels are the reason; None otherwise.
     misfit : float, px
-        RMS by which the dots miss the labeling's prediction: see `misfits`; inf if not found.
-    checked : Detection or None
-        If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
-        if they were in this one.
-    parts : tuple of Detection
-        Those of the constellations that it was joined from, in their own frames, each with the number of its
-        constellation as `marker`; empty for a marker that is one constellation.
+        RMS by which the dots miss their places; inf if not found.
+    evidence : float
+        Logarithm of the likelihood ratio of the labeling to clutter.
+    verdict : Verdict or None
+        Whether image, print and camera agree; None without a pose.
+    track : object
+        Where the detector looks for it in the next frame; None if it was not found.
     """
 
     found: bool
@@ -94,5 +100,9 @@ class Detection:
     tag: Array | None = None
     unlabeled: Unlabeled | None = None
     misfit: float = float("inf")
-    checked: "Detection | None" = None
-    parts: "tuple[Detection, ...]" = ()
+    state: str = "found"
+    tag_state: str = "none"
+    turns: Array = field(default_factory=_empty)
+    evidence: float = float("-inf")
+    verdict: Verdict | None = None
+    track: Any = None

@@ -11,7 +11,7 @@ from markergen.calibration import calibration
 from markergen.calibration.calibration import Calibration
 from markergen.calibration.network import Views
 from markergen.calibration.photos import PhotographedDots
-from markergen.detect.conic_projection import outlines
+from markergen.maths.conics import outlines
 from markergen.model.camera import Distortion
 from markergen.model.marker import Marker
 

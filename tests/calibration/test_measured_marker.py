@@ -10,7 +10,7 @@ from simulated_photos import CAMERA, hand_held, nees, scene
 from markergen.api.validate import validate
 from markergen.calibration.adjustment import adjust
 from markergen.detect import Detector, kernel
-from markergen.detect.pose import estimate_pose
+from markergen.estimators.weighted_pose import estimate_pose
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.rotation import logarithm

@@ -10,7 +10,7 @@ from markergen.calibration.adjustment import adjust
 from markergen.calibration.network import Views
 from markergen.calibration.next_photo import LEAST_DIAMETER, MARGIN, candidate_photos, next_photos
 from markergen.calibration.working_error import sensitivity
-from markergen.detect.conic_projection import outlines
+from markergen.maths.conics import outlines
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.camera import Camera, Distortion
 

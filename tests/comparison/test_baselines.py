@@ -8,7 +8,7 @@ from markergen.comparison.baselines import DEFAULTS, line_up
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.layouts import DotMarker
 from markergen.comparison.contestants.tags import SquareTag
-from markergen.detect.fiducials import FiducialSettings
+from markergen.comparison.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project
 from markergen.model.body_json import to_json

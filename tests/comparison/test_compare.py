@@ -14,7 +14,7 @@ from markergen.comparison.contestants.tags import SquareTag
 from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
 from markergen.comparison.series import Observation
 from markergen.comparison.statistics import _ratio, rms_interval
-from markergen.detect.fiducials import FiducialSettings
+from markergen.comparison.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure

@@ -6,7 +6,7 @@ from plain_blobs import plain_blobs
 
 from markergen.detect import kernel
 from markergen.detect.blobs import Blobs
-from markergen.detect.conic_projection import outlines
+from markergen.maths.conics import outlines
 from markergen.detect.pose_hypotheses import layout_of
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA

@@ -7,7 +7,7 @@ import pytest
 
 from markergen.detect import detect, detect_all
 from markergen.detect.detection import UNREAD, identify
-from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, SILENT, Sightings, look_for_tags, verdicts
+from markergen.comparison.fiducials import CONFIRMS, NO_TAGS, REFUTES, SILENT, Sightings, look_for_tags, verdicts
 from markergen.detect.presentation import as_dict
 from markergen.detect.seen_models import Planes, Poses
 from markergen.maths.projection import plane_homography

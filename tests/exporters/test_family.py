@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markergen.detect.fiducials import FiducialSettings, find_tags
+from markergen.comparison.fiducials import FiducialSettings, find_tags
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError

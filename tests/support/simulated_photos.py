@@ -58,7 +58,7 @@ def scene(n, m, rng, *, sigma=0.03, misprint=1e-4, stretch=0.003, sag=5e-4, radi
     rotation, translation = hand_held(m, rng) if poses is None else poses
     pixels = CAMERA.project(places, rotation, translation)
     if radius:
-        from markergen.detect.conic_projection import outlines
+        from markergen.maths.conics import outlines
 
         pixels = CAMERA.to_pixels(outlines(places, np.full(n, radius), rotation, translation).center)
     noisy = pixels + rng.normal(0, sigma, pixels.shape)

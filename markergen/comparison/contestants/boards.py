@@ -11,7 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, share_of
-from markergen.detect.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
+from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Board

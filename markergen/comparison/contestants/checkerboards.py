@@ -10,7 +10,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, ours
-from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import cell_outlines, to_plane

@@ -11,7 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
-from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
 from markergen.model.camera import Camera

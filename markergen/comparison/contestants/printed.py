@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import FlatContestant, Image, Pose, Sighting
-from markergen.detect.fiducials import FiducialDetection
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
 from markergen.estimators.lm import LM

@@ -11,7 +11,7 @@ import numpy as np
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, ours
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 

@@ -13,7 +13,7 @@ from markergen.comparison.contestants.base import Contestant, Image, Pose, Sight
 from markergen.comparison.contestants.layouts import DotMarker
 from markergen.comparison.contestants.printed import Lattice
 from markergen.detect import detect
-from markergen.detect.fiducials import FiducialSettings, find_tags, tag_settings
+from markergen.comparison.fiducials import FiducialSettings, find_tags, tag_settings
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources
 from markergen.geometry.region import Region

@@ -11,7 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Printed, grid_size, share_of
-from markergen.detect.fiducials import FiducialDetection
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.geometry.region import Region, enclosing_circle
 from markergen.model.camera import Camera

@@ -14,7 +14,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed, ours
-from markergen.detect.fiducials import FiducialDetection, enlarged
+from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera

@@ -11,7 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey, Lattice, Printed
-from markergen.detect.fiducials import FiducialDetection, FiducialSettings, detect_fiducial, tag_settings
+from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, detect_fiducial, tag_settings
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag, parse_tag
 

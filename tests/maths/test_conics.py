@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.detect import kernel
-from markergen.detect.conic_projection import _turn, correct_centers, outlines, plane_outlines, pose_rows, refine_poses
+from markergen.maths.conics import _turn, correct_centers, outlines, plane_outlines, pose_rows, refine_poses
 from markergen.maths.information import pose_jacobian
 from markergen.maths.projection import apply_homography, circle_image, plane_homography, project
 from markergen.maths.rotation import angle_between, exponential

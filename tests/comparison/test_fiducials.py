@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.detect import fiducials
-from markergen.detect.fiducials import (
+from markergen.comparison.fiducials import (
     REFINEMENTS,
     FiducialSettings,
     board_settings,

@@ -7,8 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.detect import kernel, kernel_pose
-from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
+from markergen.maths.conics import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import (
@@ -45,12 +44,8 @@ DEFAULT_ERRORS = ErrorSources()
 ROUGH_SIGMA = 5.0
 """Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
 
-OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 FLATNESS = 0.01
 """Range of heights, as a share of the extent, of points that have a mirrored pose like those of a plane."""
-
-LEAST_TO_DROP = 6
-"""Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
 
 _LEAST_PX = 1e-6
 """Lower limit for a point's standard deviation, so that its weight stays finite without any error source."""
@@ -188,18 +183,6 @@ def _estimated(
     """
     points, radii, seen, image = dots
     flat = nearly_flat(points)
-    if kernel.library() is not None:
-        axes, place = 3 if points[:, 2].any() else 2, np.zeros((len(points), 3, 3))
-        place[:, :axes, :axes] = errors.place_blocks(points, axes)
-        settings = TOLERANCE, COARSE, SEARCHED, ROUGH_SIGMA
-        solved = kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
-        if errors.joint_places is not None and len(solved[2]):
-            rows = pose_rows(points, solved[0][:1], solved[1][:1])
-            printed = print_covariance(rows, points, solved[0][:1], errors)
-            gain = pose_gain(rows, image + printed)
-            solved[3][1] = together_covariance(gain, rows, solved[0][:1], errors)[0]
-        return solved
-
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
@@ -278,42 +261,6 @@ def residual_scale(residual: Array, spread: Array) -> float:
     return max(1.0, float(chi2[precise].sum()) / freedom) if freedom > 0 else 1.0
 
 
-def outlier(
-    points: Array,
-    radii: Array,
-    seen: Array,
-    covariance: Array,
-    camera: Camera,
-    errors: ErrorSources,
-    pose: PoseEstimate,
-) -> int | None:
-    """Return the index of the point more than `OUTLIER_SIGMA` sigma from where the others predict it; None if none is.
-
-    Leaving out point i lowers chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image, print and a
-    twentieth of a pixel, and C the pose's. This is compared in units of the factor by which the others' chi2 exceeds
-    its expectation: in a print that is worse than stated, all points are off, and none is an outlier. With fewer than
-    six points none can be identified, nor where all of chi2 is less than an outlier would lower it by.
-    """
-    if len(points) < LEAST_TO_DROP or pose.chi2 <= OUTLIER_SIGMA**2:
-        return None
-    rotation, translation = pose.rotation[None], pose.translation[None]
-    spread = normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
-    rows = pose_rows(points, rotation, translation)
-    spread, rows = spread + print_covariance(rows, points, rotation, errors)[0], rows[0]
-    weighted = np.linalg.inv(spread) @ rows
-    normal = np.linalg.inv(np.einsum("mia,mib->ab", weighted, rows))
-    residual = seen - outlines(points, radii, rotation, translation).center[0]
-    # The pose was fitted with other weights: a step adapts it to these.
-    residual = residual - rows @ normal @ np.einsum("mia,mi->a", weighted, residual)
-    total = np.einsum("mi,mij,mj->", residual, np.linalg.inv(spread), residual)
-    left = spread - rows @ normal @ rows.swapaxes(-1, -2)
-    gain = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(left), residual)
-    others = (total - gain) / (2 * len(points) - 8)
-    excess = gain / np.maximum(1.0, others)
-    worst = int(np.argmax(excess))
-    return worst if excess[worst] > OUTLIER_SIGMA**2 else None
-
-
 def nearly_flat(points: Array) -> bool:
     """Return whether points (m, 3) are on a plane z = const, up to the bending of a print."""
     return bool(np.ptp(points[:, 2]) <= FLATNESS * np.ptp(points[:, :2]))
@@ -341,24 +288,3 @@ def normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Arr
         return np.broadcast_to(scaled, (*seen.shape[:-1], 2, 2))
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ covariance @ lens.swapaxes(-1, -2)
-
-
-def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
-    """Return the homography from a flat marker's plane, m, to ideal px, by DLT, or from the pose of degenerate points.
-
-    Parameters
-    ----------
-    points, corrected : arrays (m, 3) and (m, 2)
-        Control points, m, and their images in normalized coordinates.
-    """
-    if _in_general_position(points[:, :2].tobytes()):
-        estimate = estimate_homography if kernel.library() is None else kernel_pose.homography
-        return np.asarray(estimate(points[:, :2], corrected * camera.focal + [camera.cx, camera.cy]), dtype=float)
-    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
-    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
-
-
-@lru_cache(maxsize=256)
-def _in_general_position(points: bytes) -> bool:
-    """Return whether points (n, 2), as bytes, determine a homography."""
-    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

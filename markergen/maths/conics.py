@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
-from markergen.detect import kernel
 from markergen.maths.batched import Batched
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
-from markergen.maths.levenberg_marquardt import FACTOR, Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
-from markergen.model.body import Body
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 
 DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
 """Damping; the ridge holds the direction that collinear dots leave free."""
-SCHEDULE = DAMPING.start, DAMPING.least, DAMPING.slack, DAMPING.ridge, FACTOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,24 +54,11 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
         0 for bare points.
     rotation, translation : arrays (k, 3, 3) and (k, 3)
     """
-    if kernel.library() is not None:
-        center, point, shape, seen = kernel.disk_outlines(points, radii, rotation, translation)
-        return Outlines(center, point, shape, seen)
     place = points @ rotation.swapaxes(-1, -2) + translation[:, None]
     normal = rotation[:, None, :, 2]
     disk = np.eye(3) - normal[..., :, None] * normal[..., None, :]
     facing = np.sum(place * normal, axis=-1) < 0
     return _images(place, disk * (radii**2)[:, None, None], facing)
-
-
-def body_outlines(body: Body, rotation: Array, translation: Array) -> Outlines:
-    """Return the outlines (k, n) of all dots of a body for poses T_camera_body, (k, 3, 3) and (k, 3)."""
-    drawn = [
-        outlines(plate.marker.xyz, plate.marker.radii, *plate.camera_pose(rotation, translation))
-        for plate in body.plates
-    ]
-    parts = zip(*((plate.center, plate.point, plate.shape, plate.seen) for plate in drawn), strict=True)
-    return Outlines(*(np.concatenate(part, axis=1) for part in parts))
 
 
 def plane_outlines(points: Array, radii: Array, homography: Array) -> Outlines:
@@ -158,8 +142,6 @@ def refine_poses(
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
-    if kernel.library() is not None:
-        return kernel.refine_poses(points, radii, seen, weight, rotation, translation, steps, tolerance, SCHEDULE)
     problems = EllipseCenters(points, radii, seen, weight, np.asarray(weight.any(axis=(-2, -1))), tolerance)
     (rotation, translation), chi2 = levenberg_marquardt(problems, (rotation, translation), DAMPING, steps)
     return rotation, translation, chi2

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from markergen.detect.conic_projection import pose_rows
+from markergen.maths.conics import pose_rows
 from markergen.detect.detection import identify
-from markergen.detect.pose import LEAST_TO_DROP, estimate_pose, outlier, residual_scale
+from markergen.estimators.weighted_pose import LEAST_TO_DROP, estimate_pose, outlier, residual_scale
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget, print_covariance
 from markergen.maths.information import mirrored_rotation
