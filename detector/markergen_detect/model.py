@@ -228,7 +228,9 @@ class _Families:
 
     def packed(self, kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
         """Return the families' structures."""
-        families = np.zeros(len(self.names), structures().get("TagFamily", np.dtype("u1")))
+        if "TagFamily" not in structures():
+            return np.zeros(0, "u1")
+        families = np.zeros(len(self.names), structures()["TagFamily"])
         for family, codes, cells in zip(families, self.codes, self.cells, strict=True):
             table = np.array(codes, dtype=np.uint64)
             family["cells"], family["count"], family["codes"] = cells, len(table), pointer(table)
