@@ -61,7 +61,8 @@ def pack(
         kept: list[NDArray[Any]] = []
         chosen = tuple(k for k, body in enumerate(bodies) if body.light == light)
         families = _Families([tag for k in chosen for tag in bodies[k].tags])
-        layouts, members, of = [], np.zeros(len(chosen), structures()["Member"]), dict[bytes, int]()
+        layouts, of = list[NDArray[np.void]](), dict[bytes, int]()
+        members = np.zeros(len(chosen), structures()["Member"])
         for member, k in zip(members, chosen, strict=True):
             body = bodies[k]
             sigma = body.print_sigma if print_sigma is None else print_sigma
@@ -97,7 +98,7 @@ def _layout(body: Body, sigma: float, calibration: "Array | None", kept: "list[N
     dots["radius"], dots["print"] = body.diameters / 2, body.print_blocks(sigma).reshape(n, 9)
     dots["ring"], dots["plate"], dots["id"] = body.rings, body.plates, body.ids
     plates["R"], plates["t"] = body.rotations.reshape(-1, 9), body.translations
-    parts = []
+    parts = list[NDArray[np.void]]()
     for index in constellations(body):
         dots["constellation"][index] = len(parts)
         parts.append(_constellation(body, index, kept))
@@ -146,7 +147,7 @@ def constellations(body: Body) -> "list[Indices]":
 
     All of a plate's dots if only one size has enough.
     """
-    result = []
+    result = list[Indices]()
     for k in range(len(body.rotations)):
         own = np.flatnonzero(body.plates == k)
         order = own[np.argsort(-body.diameters[own], kind="stable")]
