@@ -53,20 +53,11 @@ def random_body(rng, name):
             xyz = rng.uniform(-size, size, 3) * [1, 1, rng.random() < 0.1]
             if rng.random() < 0.3:
                 xyz = np.round(xyz / size * 4) * size / 4  # on a grid, some at one place
-            dot = {
-                "id": len(dots),
-                "plate": k,
-                "kind": rng.choice(["ring", "disk"]),
-                "diameter": size * rng.uniform(0.02, 0.5),
-            }
-            dots.append({**dot, "xyz": plate["rotation"] @ xyz + plate["translation"]})
-    body = {
-        "name": name,
-        "plates": plates,
-        "dots": dots,
-        "print_sigma": rng.choice([0, 1e-4]),
-        "light": rng.random() < 0.2,
-    }
+            dot = {"id": len(dots), "plate": k, "kind": rng.choice(["ring", "disk"])}
+            dot["xyz"] = plate["rotation"] @ xyz + plate["translation"]
+            dots.append({**dot, "diameter": size * rng.uniform(0.02, 0.5)})
+    body = {"name": name, "plates": plates, "dots": dots, "print_sigma": rng.choice([0, 1e-4])}
+    body["light"] = bool(rng.random() < 0.2)
     if rng.random() < 0.5:
         bits = np.ones((6, 6), dtype=int)
         bits[1:-1, 1:-1] = rng.integers(0, 2, (4, 4))

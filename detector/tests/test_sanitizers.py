@@ -34,7 +34,7 @@ def sanitized(tmp_path_factory):
     flags = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", compiler)
-        builder["build"](folder / "markergen_detect", flags)
+        builder["build"](package, flags)
     return folder, runtime
 
 
