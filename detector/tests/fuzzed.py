@@ -8,13 +8,13 @@ import sys
 import numpy as np
 from markergen_detect import Camera, DescriptionError, Detector, Finding
 
-SIZES = (1, 2, 3, 5, 8, 16, 17, 33, 64, 100, 127, 320)
+SIZES = (1, 2, 3, 5, 8, 16, 17, 33, 64, 100, 127, 240, 320)
 LENSES = {"none": 0, "radtan": 5, "rational": 14, "equidistant": 4}
 CORNERS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
 
 
-def random_image(rng, height, width):
-    kind = rng.integers(6)
+def random_image(rng, height, width, body):
+    kind = rng.integers(8)
     y, x = np.mgrid[:height, :width]
     if kind == 0:
         image = rng.integers(0, 256, (height, width))
@@ -22,6 +22,9 @@ def random_image(rng, height, width):
         image = np.full((height, width), rng.integers(0, 256))
     elif kind == 2:
         image = 255 * (((x // rng.integers(1, 9)) + (y // rng.integers(1, 9))) % 2)
+    elif kind > 4:
+        image = seen(rng, body, x, y)
+        image = image + rng.normal(0, rng.choice([0, 2]), image.shape)
     else:
         image = np.full((height, width), 200.0)
         for _ in range(rng.integers(0, 60)):
@@ -35,6 +38,29 @@ def random_image(rng, height, width):
     if rng.random() < 0.2:
         image = np.pad(image, 3)[3:-3, 3:-3]
     return image
+
+
+def seen(rng, body, x, y):
+    """A body from the front, as a camera with this focal length at most sees it: dots, and a square for a tag."""
+    height, width = x.shape
+    ink, extent = np.zeros(x.shape), max(np.abs([dot["xyz"] for dot in body["dots"]]).max(), 1e-9)
+    cosine, sine = np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)
+    scale = min(height, width) / extent * rng.uniform(0.2, 0.6)
+    places = [(dot["xyz"], dot["diameter"] / 2, dot["kind"] == "ring") for dot in body["dots"] if dot["plate"] == 0]
+    for (u, v, _), radius, ring in places:
+        across = width / 2 + scale * (cosine * u - sine * v)
+        down = height / 2 - scale * (sine * u + cosine * v)
+        rho = np.hypot(x - across, (y - down) / rng.choice([1, 0.97])) - scale * radius
+        ink = np.maximum(ink, np.clip(0.5 - rho, 0, 1) - ring * np.clip(0.5 - rho - scale * radius / 2, 0, 1))
+    for tag in body.get("tags", []):
+        (left, top, _), (right, bottom, _) = tag["corners"][0], tag["corners"][2]
+        a, b = (x - width / 2) / scale, -(y - height / 2) / scale
+        u, v = cosine * a + sine * b, cosine * b - sine * a
+        column, row = ((u - left) / (right - left) * 6).astype(int), ((v - top) / (bottom - top) * 6).astype(int)
+        inside = (column >= 0) & (column < 6) & (row >= 0) & (row < 6) & (u > left) & (v < top)
+        ink[inside] = tag["bits"][row[inside], column[inside]]
+    ink = 200 - 160 * ink
+    return 255 - ink if body["light"] else ink
 
 
 def random_rotation(rng):
@@ -56,6 +82,18 @@ def random_body(rng, name):
             dot = {"id": len(dots), "plate": k, "kind": rng.choice(["ring", "disk"])}
             dot["xyz"] = plate["rotation"] @ xyz + plate["translation"]
             dots.append({**dot, "diameter": size * rng.uniform(0.02, 0.5)})
+    if rng.random() < 0.5:  # one that is found where it is seen
+        cells = rng.permutation(25)[: rng.integers(5, 13)]
+        places = np.stack([cells % 5, cells // 5, np.full(len(cells), 2)], axis=-1) / 2 - 1
+        places += rng.uniform(-0.08, 0.08, places.shape) * [1, 1, 0]
+        places -= [0, 0, places[0, 2]]
+        plates, dots = (
+            plates[:1],
+            [
+                {"id": i, "kind": "disk" if i else "ring", "plate": 0, "xyz": size * xyz, "diameter": 0.24 * size}
+                for i, xyz in enumerate(places)
+            ],
+        )
     body = {"name": name, "plates": plates, "dots": dots, "print_sigma": rng.choice([0, 1e-4])}
     body["light"] = bool(rng.random() < 0.2)
     if rng.random() < 0.5:
@@ -92,7 +130,7 @@ def checked(finding: Finding):
 def main(seed, rounds):
     rng, found = np.random.default_rng(seed), 0
     for _ in range(rounds):
-        height, width = rng.choice(SIZES, 2)
+        height, width = rng.choice(SIZES[-3:] if rng.random() < 0.5 else SIZES, 2)
         content = {"format": "markergen-detector", "version": 1, "unit": "m"}
         content["bodies"] = [random_body(rng, str(k)) for k in range(rng.integers(1, 4))]
         calibrated = rng.random() < 0.7
@@ -105,7 +143,7 @@ def main(seed, rounds):
         findings = ()
         for _ in range(2):  # the second frame is tracked
             deadline = rng.choice([0.02, 0.2])
-            findings = detector(random_image(rng, height, width), findings, deadline=deadline)
+            findings = detector(random_image(rng, height, width, content["bodies"][0]), findings, deadline=deadline)
             for finding in findings:
                 checked(finding)
                 found += finding.ok

@@ -26,9 +26,8 @@ def sanitized(tmp_path_factory):
     if not Path(runtime).is_absolute():
         pytest.skip(f"{compiler} has no libasan.so")
     folder = tmp_path_factory.mktemp("sanitized")
-    shutil.copytree(
-        HERE.parent / "markergen_detect", folder / "markergen_detect", ignore=shutil.ignore_patterns("lib*")
-    )
+    package = folder / "markergen_detect"
+    shutil.copytree(HERE.parent / "markergen_detect", package, ignore=shutil.ignore_patterns("lib*"))
     shutil.copy(HERE / "fuzzed.py", folder)
     builder = runpy.run_path(str(HERE.parent / "build_core.py"))
     flags = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
