@@ -70,13 +70,18 @@ $(VENV)/python:
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip
 	touch $@
 
-$(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
+$(VENV)/installed: $(VENV)/python pyproject.toml detector/pyproject.toml constraints.txt
 	@echo "Installing markergen and what it needs (about 2.5 GB the first time, a few minutes)..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ./detector --editable '.[all]'
 	touch $@
 
+# The detector's compiled core, once more after a change; without a compiler the package ziglang is one.
+$(VENV)/core: $(VENV)/installed $(wildcard detector/src/*.[ch]) detector/build_core.py
+	@$(BIN)/python detector/build_core.py || { $(BIN)/python -m pip install --quiet ziglang && $(BIN)/python detector/build_core.py; }
+	@touch $@
+
 # The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
-$(VENV)/kernel: $(VENV)/installed $(wildcard markergen/detect/kernel*.c) markergen/detect/kernel_build.py
+$(VENV)/kernel: $(VENV)/core $(wildcard markergen/detect/kernel*.c) markergen/detect/kernel_build.py
 	@$(BIN)/python -m markergen.detect.kernel_build || true
 	@touch $@
 

@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 ALWAYS = ["tests/contracts", "tests/test_layers.py"]
 """Where any module changed."""
-OUTSIDE = {"docs": "tests/docs", "templates": "tests/api/test_templates.py", "examples": "tests/examples"}
+OUTSIDE = {"detector": "detector/tests", "docs": "tests/docs", "templates": "tests/api/test_templates.py", "examples": "tests/examples"}
 """Tests of folders beside the package."""
 HEAD = 10
 """Lines in which a module may name its tests."""

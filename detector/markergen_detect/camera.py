@@ -87,12 +87,12 @@ class Camera:
         values = source if isinstance(source, Mapping) else parsed(Path(source))
         lens = values.get("distortion") or {"model": "none", "coefficients": []}
         try:
-            numbers = [float(values[name]) for name in ("fx", "fy", "cx", "cy")]
+            fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
             grid = None if lens.get("map") is None else np.array(lens["map"], dtype=float)
             coefficients = tuple(float(value) for value in lens.get("coefficients", ()))
             model = _ALIASES.get(lens["model"], lens["model"])
-            size = int(values["width"]), int(values["height"])
-            return cls(*size, *numbers, model, coefficients, grid, float(lens.get("error_px", 0)))
+            width, height, error = int(values["width"]), int(values["height"]), float(lens.get("error_px", 0))
+            return cls(width, height, fx, fy, cx, cy, model, coefficients, grid, error)
         except KeyError as error:
             raise DescriptionError(f"the camera's key {error} is missing") from error
         except (TypeError, ValueError) as error:
@@ -142,7 +142,7 @@ class Camera:
         return struct
 
 
-def _first_root(ascending: "list[float]") -> float:
+def _first_root(ascending: Any) -> float:
     """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none.
 
     The roots of the reversed polynomial are 1/r; it is monic, so that tiny leading coefficients do no harm. Double

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 _HERE = Path(__file__).parent
 _SOURCES = _HERE.parent / "src"
-_TYPES = {"double": np.dtype("f8"), "int64_t": np.dtype("i8"), "int32_t": np.dtype("i4"), "int": np.dtype("i4")}
+_TYPES: "dict[str, np.dtype[Any]]" = {
+    "double": np.dtype("f8"),
+    "int64_t": np.dtype("i8"),
+    "int32_t": np.dtype("i4"),
+    "int": np.dtype("i4"),
+}
 _TYPES |= {"uint64_t": np.dtype("u8"), "uint8_t": np.dtype("u1")}
 _ARGUMENTS = {"double": ctypes.c_double, "int64_t": ctypes.c_int64, "int": ctypes.c_int, "void": None}
 _POINTER = np.dtype("u8" if ctypes.sizeof(ctypes.c_void_p) == 8 else "u4")

@@ -198,8 +198,10 @@ def read_bodies(source: "Source | Body | Sequence[Source | Body]") -> "list[Body
         if not bodies:
             raise DescriptionError("expected one body or more, found none: say what to look for")
         return bodies
-    content, name, folder = source, "body", Path()
-    if isinstance(source, (str, os.PathLike)):
+    name, folder = "body", Path()
+    if isinstance(source, Mapping):
+        content = source
+    else:
         path = Path(source)
         content, name, folder = parsed(path), path.name, path.parent
         for ending in (".json", ".detector"):

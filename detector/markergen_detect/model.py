@@ -66,7 +66,8 @@ def pack(
         kept: list[NDArray[Any]] = []
         chosen = tuple(k for k, body in enumerate(bodies) if body.light == light)
         families = _Families([tag for k in chosen for tag in bodies[k].tags])
-        layouts, members, of = [], np.zeros(len(chosen), structures()["Member"]), dict[bytes, int]()
+        layouts, of = list[NDArray[np.void]](), dict[bytes, int]()
+        members = np.zeros(len(chosen), structures()["Member"])
         for member, k in zip(members, chosen, strict=True):
             body = bodies[k]
             sigma = body.print_sigma if print_sigma is None else print_sigma
@@ -104,7 +105,7 @@ def _layout(
     dots["radius"], dots["print"] = body.diameters / 2, body.print_blocks(sigma).reshape(n, 9)
     dots["ring"], dots["plate"], dots["id"] = body.rings, body.plates, body.ids
     plates["R"], plates["t"] = body.rotations.reshape(-1, 9), body.translations
-    parts = []
+    parts = list[NDArray[np.void]]()
     for index in constellations(body):
         dots["constellation"][index] = len(parts)
         parts.append(_constellation(body, index, kept))
@@ -158,7 +159,7 @@ def constellations(body: Body) -> "list[Indices]":
 
     All of a plate's dots if only one size has enough.
     """
-    result = []
+    result = list[Indices]()
     for k in range(len(body.rotations)):
         own = np.flatnonzero(body.plates == k)
         order = own[np.argsort(-body.diameters[own], kind="stable")]
@@ -240,7 +241,9 @@ class _Families:
 
     def packed(self, kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
         """Return the families' structures."""
-        families = np.zeros(len(self.names), structures().get("TagFamily", np.dtype("u1")))
+        if "TagFamily" not in structures():
+            return np.zeros(0, "u1")
+        families = np.zeros(len(self.names), structures()["TagFamily"])
         for family, codes, cells in zip(families, self.codes, self.cells, strict=True):
             table = np.array(codes, dtype=np.uint64)
             family["cells"], family["count"], family["codes"] = cells, len(table), pointer(table)

@@ -18,8 +18,6 @@ enum { NO_MEMORY = -1 };
 
 /* Digest of the sources that the library was built from. */
 const char *detector_source(void);
-/* Writes the sizes of the structures below in bytes, in their order, at most `capacity`; returns their number. */
-int64_t detector_sizes(int64_t *sizes, int64_t capacity);
 
 /* ---- image.c ---- */
 

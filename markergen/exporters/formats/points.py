@@ -14,6 +14,7 @@ import markergen
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
 from markergen.model.body_json import rig_to_json, to_json
+from markergen.model.detector_json import detector_json
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
 from markergen.model.tag import FAMILIES
@@ -65,6 +66,20 @@ def record_of(body: Marker | Rig) -> bytes:
 
 EXPORTERS.register(".json")(
     Exporter(write_record, "the marker itself", rig_description="the rig itself, all its markers in one file")
+)
+
+
+def write_detector(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
+    """See `model.detector_json`; its name is the file's."""
+    return Output(detector_json([only(bodies, ".detector.json")], [options.stem]))
+
+
+EXPORTERS.register(".detector.json")(
+    Exporter(
+        write_detector,
+        "all that markergen-detect needs to find it",
+        rig_description="all that markergen-detect needs to find it",
+    )
 )
 
 
