@@ -47,37 +47,6 @@ class Second(NamedTuple):
     likelihood_ratio: float
 
 
-<<<<<<< HEAD
-=======
-class Cause(NamedTuple):
-    """What may make image, camera and body disagree: name, value and standard deviation, and what is left of chi2."""
-
-    name: str
-    plate: str
-    value: float
-    sigma: float
-    chi2: float
-
-
-class Verdict(NamedTuple):
-    """Whether image, print and camera are as stated, by chi2 of the residuals with all of their errors.
-
-    Attributes
-    ----------
-    consistent : bool
-    chi2, degrees_of_freedom, limit : float, int, float
-    causes : tuple of Cause
-        The likely ones, in order; empty if consistent, or if none explains the residuals.
-    """
-
-    consistent: bool
-    chi2: float
-    degrees_of_freedom: int
-    limit: float
-    causes: "tuple[Cause, ...]"
-
-
->>>>>>> c7bc563b (Follow the style of the rest)
 class Finding(NamedTuple):
     """What was found of one body in one frame, or why it was not.
 
@@ -395,7 +364,7 @@ class Dots(NamedTuple):
 
 
 def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0) -> Dots:
-    """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline all around."""
+    """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline."""
     image = np.ascontiguousarray(image)
     picture, address = np.zeros(1, structures()["Image"]), np.zeros(1, np.uint64)
     picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
@@ -440,11 +409,7 @@ def reason(finding: Finding) -> str:
 
 
 def _misplaced(plates: "list[tuple[str, str, float]]") -> str:
-<<<<<<< HEAD
     """What is wrong with plates: each with the one in whose place it is, and the degrees by which it is turned."""
-=======
-    """What is wrong with a body's plates: each with the one in whose place it is, and by how many degrees turned."""
->>>>>>> c7bc563b (Follow the style of the rest)
     places, lines = {name: place for name, place, _ in plates}, []
     for name, place, turn in plates:
         if place == name:
