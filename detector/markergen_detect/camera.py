@@ -123,7 +123,7 @@ class Camera:
         """Normalized coordinates (n, 2) of pixels (n, 2); nan where no ray is."""
         pixels, rays = np.array(pixels, dtype=float), np.full((len(pixels), 2), np.nan)
         struct = self.packed()
-        for pixel, ray in zip(pixels, rays):
+        for pixel, ray in zip(pixels, rays, strict=True):
             if not library().lens_ray(pointer(struct), *pixel.tolist(), ray.ctypes.data):
                 ray[:] = np.nan
         return rays

@@ -364,7 +364,7 @@ class Dots(NamedTuple):
 
 
 def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0) -> Dots:
-    """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline all around."""
+    """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline."""
     image = np.ascontiguousarray(image)
     picture, address = np.zeros(1, structures()["Image"]), np.zeros(1, np.uint64)
     picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
