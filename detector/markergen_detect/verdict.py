@@ -8,6 +8,7 @@ from markergen_detect.core import constants
 
 CAUSES = (
     "focal length", "aspect", "distortion", "stretch x", "stretch y", "bend x", "bend y", "shutter", "misplaced",
+    "camera file", "bent",
 )  # fmt: skip
 """Names of causes; the core's own are the same in capitals."""
 
@@ -26,6 +27,8 @@ class Cause(NamedTuple):
         the logarithm of the camera's ratio to its file. ``distortion``: k1 beyond the file's. ``stretch``: the share by
         which the print is longer along an axis of its plate; of a single one, relative to the other axis. ``bend``: the
         rise of its ends toward the viewer, m. ``shutter``: px along x from one row to the next. ``misplaced``: m.
+        If none alone explains it: ``camera file``, the first three together, with the first one's value, and ``bent``,
+        the rise in any direction, m.
     chi2 : float
         What is left with it.
     """
@@ -51,6 +54,8 @@ class Cause(NamedTuple):
             "bend": f"bent by {length} along {axis}",
             "shutter": f"rolling shutter: {plain} px from row to row",
             "misplaced": f"{self.plate} is {length} from its place",
+            "camera file": "camera file: focal length, fy/fx and k1 together",
+            "bent": f"bent by {length}",
         }[self.name.removesuffix(f" {axis}")]
 
 

@@ -256,6 +256,8 @@ enum {
     BEND_Y,
     SHUTTER,      /* px that the image moves along x from one row to the next */
     MISPLACED,    /* m that a plate is away from its place in the body; it may be turned, too */
+    CAMERA_FILE,  /* the first three together, if no one alone explains it: the first's value */
+    BENT,         /* m that a plate rises toward its ends in any direction; likewise */
     CAUSES
 };
 enum { MOST_CAUSES = 16 };

@@ -23,13 +23,23 @@ static const double TELLING = 12, ALIKE = 6;
 /* Share of chi2 that the best cause must leave less than to be a likely one: else several errors, or others, are at work. */
 static const double EXPLAINED = 0.5;
 
-enum { ROUNDS = 12, WIDTH = 6 /* most values of a cause */ };
+/* What may be wrong, in order: focal length, fy/fx and k1 of the camera; stretch along x and y of a print; its rise at the
+   ends along x and y and at opposite corners; the shutter; and a plate's motion (w, dt). */
+enum { BENDS = 5, SHUTTERS = 8, MOTION = 9, PARAMETERS = 15 };
+static const double STEP[PARAMETERS] = {1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-6, 1e-6, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7};
+
+/* The parameters of each cause: the first, how many, and which of these make its value, the last ones or the first alone. */
+static const struct {
+    int first, width, valued;
+} FREE[CAUSES + 1] = {{0, 1, 0}, {1, 1, 0}, {2, 1, 0}, {3, 1, 0}, {4, 1, 0}, {5, 1, 0}, {6, 1, 0}, {8, 1, 0}, {9, 6, 3}, {0, 3, 0},
+                      {5, 3, 3}, {0, 0, 0}};
+
+enum { ROUNDS = 20, WIDTH = 6 /* most parameters of a cause */ };
 static const double SETTLED = 1e-3; /* share of chi2 by which a step must lower it for another one */
 
 typedef struct {
     int32_t kind, plate;
-    int width;
-    double value[WIDTH];
+    double v[PARAMETERS];
 } Trial;
 
 typedef struct {
@@ -46,27 +56,26 @@ typedef struct {
     double *memory;           /* normal equations and steps */
 } Case;
 
-/* Where a dot is if a cause has a value. */
+/* Where a dot is with what is wrong. */
 static void caused_place(const Case *c, const Dot *dot, const Trial *trial, double *place)
 {
-    const double *v = trial->value;
-    memcpy(place, dot->place, 3 * sizeof *place);
-    if (trial->kind < STRETCH_X || trial->kind == SHUTTER || (trial->kind == MISPLACED && dot->plate != trial->plate))
-        return;
+    const double *v = trial->v;
     const Plate *plate = c->plates + dot->plate;
-    double from[3];
+    double from[3], at[2], share[2];
     for (int a = 0; a < 3; a++)
         from[a] = dot->place[a] - plate->t[a];
-    if (trial->kind == MISPLACED) {
-        for (int a = 0; a < 3; a++)
-            place[a] += v[3 + a] + v[(a + 1) % 3] * from[(a + 2) % 3] - v[(a + 2) % 3] * from[(a + 1) % 3];
-        return;
+    for (int a = 0; a < 2; a++) {
+        at[a] = plate->R[a] * from[0] + plate->R[3 + a] * from[1] + plate->R[6 + a] * from[2];
+        share[a] = (2 * at[a] - c->high[a] - c->low[a]) / fmax(c->high[a] - c->low[a], 1e-12);
     }
-    const int along = trial->kind == STRETCH_Y || trial->kind == BEND_Y, bends = trial->kind >= BEND_X;
-    const double at = plate->R[along] * from[0] + plate->R[3 + along] * from[1] + plate->R[6 + along] * from[2];
-    const double half = (c->high[along] - c->low[along]) / 2, share = (at - (c->high[along] + c->low[along]) / 2) / half;
-    for (int a = 0; a < 3; a++)
-        place[a] += bends ? v[0] * share * share * plate->R[3 * a + 2] : v[0] * at * plate->R[3 * a + along];
+    const double *bend = v + BENDS, *w = v + MOTION;
+    const double rise = bend[0] * share[0] * share[0] + bend[1] * share[1] * share[1] + bend[2] * share[0] * share[1];
+    for (int a = 0; a < 3; a++) {
+        const double *R = plate->R + 3 * a;
+        place[a] = dot->place[a] + v[3] * at[0] * R[0] + v[4] * at[1] * R[1] + rise * R[2];
+        if (dot->plate == trial->plate)
+            place[a] += w[3 + a] + w[(a + 1) % 3] * from[(a + 2) % 3] - w[(a + 2) % 3] * from[(a + 1) % 3];
+    }
 }
 
 /* Measured less predicted center of a dot, px, without the common errors. The offset from its blob is carried by the lens's
@@ -74,22 +83,15 @@ static void caused_place(const Case *c, const Dot *dot, const Trial *trial, doub
 static int caused_residual(const Case *c, int64_t i, const Pose *pose, const Trial *trial, double *residual)
 {
     const Dot *dot = c->dots + c->matches[i].dot;
-    const double *at = c->blobs[c->matches[i].blob].at, *v = trial->value;
-    double place[3], pixel[2], D[4], moved[2] = {0, 0};
+    const double *at = c->blobs[c->matches[i].blob].at, *v = trial->v;
+    double place[3], pixel[2], D[4];
     Outline o;
     caused_place(c, dot, trial, place);
     outline_of(dot, place, pose, &o);
     lens_pixel(c->camera, o.center, pixel, D);
     const double x = pixel[0] - c->camera->cx, y = pixel[1] - c->camera->cy;
-    const double u = x / c->camera->fx, w = y / c->camera->fy;
-    if (trial->kind == FOCAL_LENGTH)
-        moved[0] = x * expm1(v[0]), moved[1] = y * expm1(v[0]);
-    else if (trial->kind == ASPECT)
-        moved[1] = y * expm1(v[0]);
-    else if (trial->kind == DISTORTION)
-        moved[0] = x * v[0] * (u * u + w * w), moved[1] = y * v[0] * (u * u + w * w);
-    else if (trial->kind == SHUTTER)
-        moved[0] = y * v[0];
+    const double u = x / c->camera->fx, w = y / c->camera->fy, bent = 1 + v[2] * (u * u + w * w);
+    const double moved[2] = {x * (exp(v[0]) * bent - 1) + y * v[SHUTTERS], y * (exp(v[0] + v[1]) * bent - 1)};
     for (int a = 0; a < 2; a++)
         residual[a] = D[2 * a] * (at[0] - o.center[0]) + D[2 * a + 1] * (at[1] - o.center[1]) - moved[a];
     return o.seen && isfinite(residual[0]) && isfinite(residual[1]);
@@ -98,8 +100,7 @@ static int caused_residual(const Case *c, int64_t i, const Pose *pose, const Tri
 /* chi2 with the normal equations of pose, common errors and the cause; INFINITY where dots are not seen. */
 static double equations(const Case *c, const Pose *pose, const Trial *trial, const double *error, double *N, double *g)
 {
-    static const double STEP[CAUSES] = {1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-7, 1e-7, 1e-6, 1e-7};
-    const int k = c->common, n = POSE + k + trial->width;
+    const int k = c->common, width = FREE[trial->kind].width, first = FREE[trial->kind].first, n = POSE + k + width;
     double *rows = g + n, chi2 = 0;
     memset(N, 0, sizeof *N * (size_t)(n * n));
     memset(g, 0, sizeof *g * (size_t)n);
@@ -124,19 +125,19 @@ static double equations(const Case *c, const Pose *pose, const Trial *trial, con
             for (int p = 0; p < POSE; p++)
                 rows[n * a + p] = D[2 * a] * J[0][p] + D[2 * a + 1] * J[1][p];
         for (int p = 0; p < k; p++)
-            for (int a = 0; a < 2; a++) {
+            for (int a = 0; a < 2; a++)
                 rows[n * a + POSE + p] = A[k * a + p];
-                r[a] -= A[k * a + p] * error[p];
-            }
-        for (int p = 0; p < trial->width; p++) {
-            double by[2], from[2];
+        for (int p = 0; p < width; p++) {
+            double by[2];
             Trial other = *trial;
-            other.value[p] += STEP[trial->kind];
-            caused_residual(c, i, pose, trial, from);
+            other.v[first + p] += STEP[first + p];
             caused_residual(c, i, pose, &other, by);
             for (int a = 0; a < 2; a++)
-                rows[n * a + POSE + k + p] = (from[a] - by[a]) / STEP[trial->kind];
+                rows[n * a + POSE + k + p] = (r[a] - by[a]) / STEP[first + p];
         }
+        for (int p = 0; p < k; p++)
+            for (int a = 0; a < 2; a++)
+                r[a] -= A[k * a + p] * error[p];
         const double x = W[0] * r[0] + W[1] * r[1], y = W[1] * r[0] + W[2] * r[1];
         chi2 += x * r[0] + y * r[1];
         for (int p = 0; p < n; p++) {
@@ -149,53 +150,64 @@ static double equations(const Case *c, const Pose *pose, const Trial *trial, con
     return chi2;
 }
 
-/* Least chi2 with a cause, from the estimate and a value of 0, by steps of Gauss and Newton, halved where they lead up. Its
-   value, of a plate the distance, with the standard deviation at unit weight. */
+/* Least chi2 with a cause, from the estimate and values of 0, by steps of Levenberg and Marquardt. Its value, with the
+   standard deviation at unit weight, is one of its parameters, or the length of several. */
 static double adjusted(const Case *c, const Pose *start, Trial trial, double *value, double *sigma)
 {
-    const int k = c->common, n = POSE + k + trial.width;
-    double *N = c->memory, *g = N + n * n, *step = g + 3 * n, *error = c->error, *moved = error + k, best = INFINITY, share = 1;
+    const int k = c->common, first = FREE[trial.kind].first, width = FREE[trial.kind].width, n = POSE + k + width;
+    const int several = FREE[trial.kind].valued, from = several ? width - several : 0, to = several ? width : width > 0;
+    double *N = c->memory, *L = N + n * n, *kept = L + n * n, *g = kept + n * n, *step = g + 3 * n;
+    double *error = c->error, *moved = error + k, *along = step + n, best = INFINITY, damping = 1e-5;
     Pose pose = *start, next = pose;
-    Trial to = trial;
+    Trial tried = trial;
     memset(error, 0, sizeof *error * (size_t)(2 * k));
-    *value = *sigma = 0;
     for (int round = 0; round < ROUNDS; round++) {
-        const double chi2 = equations(c, &next, &to, moved, N, g);
+        const double chi2 = equations(c, &next, &tried, moved, N, g);
         const int settled = best < INFINITY && fabs(chi2 - best) <= SETTLED * best;
         if (chi2 < best) {
             best = chi2;
             pose = next;
-            trial = to;
+            trial = tried;
+            damping /= 10;
             memcpy(error, moved, sizeof *error * (size_t)k);
-            memcpy(step, g, sizeof *step * (size_t)n);
-            /* The second right side gives the variance along the value. */
-            memset(step + n, 0, sizeof *step * (size_t)n);
-            const int from = trial.width == WIDTH ? 3 : 0;
-            *value = trial.width == WIDTH ? sqrt(product(trial.value + 3, trial.value + 3)) : trial.value[0];
-            for (int p = from; p < trial.width; p++)
-                step[2 * n - trial.width + p] = trial.width == 1 ? 1 : *value > 0 ? trial.value[p] / *value : 0;
-            memcpy(g, step + n, sizeof *g * (size_t)n);
-            solve_positive(n, N, step, 2, 1e-300);
-            double variance = 0;
-            for (int p = 0; p < n; p++)
-                variance += g[p] * step[n + p];
-            *sigma = sqrt(variance);
-            share = 1;
+            memcpy(kept, N, sizeof *N * (size_t)(n * n));
+            memcpy(along, g, sizeof *g * (size_t)n);
         } else
-            share /= 2;
+            damping *= 10;
         if (settled || !(best < INFINITY))
             break;
-        double w[3];
-        for (int a = 0; a < 3; a++) {
-            w[a] = share * step[a];
-            next.t[a] = pose.t[a] + share * step[3 + a];
-        }
-        turn(w, pose.R, next.R);
+        memcpy(L, kept, sizeof *L * (size_t)(n * n));
+        memcpy(step, along, sizeof *step * (size_t)n);
+        for (int p = 0; p < n; p++)
+            L[(n + 1) * p] *= 1 + damping;
+        solve_positive(n, L, step, 1, 1e-300);
+        turn(step, pose.R, next.R);
+        for (int a = 0; a < 3; a++)
+            next.t[a] = pose.t[a] + step[3 + a];
         for (int p = 0; p < k; p++)
-            moved[p] = error[p] + share * step[POSE + p];
-        for (int p = 0; p < trial.width; p++)
-            to.value[p] = trial.value[p] + share * step[POSE + k + p];
+            moved[p] = error[p] + step[POSE + p];
+        for (int p = 0; p < width; p++)
+            tried.v[first + p] = trial.v[first + p] + step[POSE + k + p];
     }
+    double length = 0, variance = 0;
+    for (int p = from; p < to; p++)
+        length += trial.v[first + p] * trial.v[first + p];
+    length = sqrt(length);
+    *value = to - from == 1 ? trial.v[first + from] : length;
+    *sigma = 0;
+    if (!(best < INFINITY) || !(length > 0))
+        return best;
+    /* N^-1 times the direction of the value. */
+    memset(along, 0, sizeof *along * (size_t)n);
+    for (int p = from; p < to; p++)
+        along[POSE + k + p] = to - from == 1 ? 1 : trial.v[first + p] / length;
+    memcpy(step, along, sizeof *step * (size_t)n);
+    for (int p = 0; p < n; p++)
+        kept[(n + 1) * p] *= 1 + 1e-12;
+    solve_positive(n, kept, step, 1, 1e-300);
+    for (int p = 0; p < n; p++)
+        variance += along[p] * step[p];
+    *sigma = sqrt(variance);
     return best;
 }
 
@@ -270,9 +282,20 @@ static double chi2_point(double freedom)
     return freedom * root * root * root;
 }
 
-/* Puts a cause in its place by what is left of chi2 for each degree of freedom; the last one falls out when all are taken. */
-static void add_cause(Verdict *verdict, const Cause *cause, double left, double *by)
+/* Tries a cause, and puts it in its place by what is left of chi2 for each degree of freedom, `by`, if it explains something;
+   the last one falls out when all are taken. */
+static void try_cause(const Case *c, const Estimate *estimate, int32_t kind, int32_t plate, Verdict *verdict, double *by)
 {
+    const Trial trial = {kind, plate, {0}};
+    const double freedom = (double)(verdict->freedom - FREE[kind].width);
+    Cause cause = {kind, plate, 0, 0, 0};
+    if (!(freedom > 0))
+        return;
+    cause.chi2 = adjusted(c, &estimate->pose, trial, &cause.value, &cause.sigma);
+    const double left = cause.chi2 / freedom, scale = fmax(1, left);
+    cause.sigma *= sqrt(scale);
+    if (!((verdict->chi2 - cause.chi2) / FREE[kind].width > TELLING * scale))
+        return;
     int at = verdict->count < MOST_CAUSES ? verdict->count++ : MOST_CAUSES;
     for (; at > 0 && by[at - 1] > left; at--)
         if (at < MOST_CAUSES) {
@@ -280,9 +303,16 @@ static void add_cause(Verdict *verdict, const Cause *cause, double left, double 
             by[at] = by[at - 1];
         }
     if (at < MOST_CAUSES) {
-        verdict->causes[at] = *cause;
+        verdict->causes[at] = cause;
         by[at] = left;
     }
+}
+
+static void count_likely(Verdict *verdict, const double *by)
+{
+    verdict->likely = 0;
+    for (int i = 0; i < verdict->count && verdict->causes[0].chi2 < EXPLAINED * verdict->chi2; i++)
+        verdict->likely += by[i] - by[0] <= ALIKE / (double)verdict->freedom * fmax(1, by[0]);
 }
 
 int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera *camera, const Errors *errors,
@@ -291,8 +321,8 @@ int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera
     const int64_t m = estimate->count;
     const int k = (int)errors->common + (errors->calibration ? 4 + camera->count : 0), n = POSE + k + WIDTH;
     int64_t *seen = calloc((size_t)plate_count + 1, sizeof *seen), plates_seen = 0;
-    double *memory = malloc(sizeof *memory * ((size_t)m * (size_t)(3 + 2 * k) + (size_t)(2 * k + n * n + 5 * n)));
-    double by[MOST_CAUSES + 1], value, sigma = 0;
+    double *memory = malloc(sizeof *memory * ((size_t)m * (size_t)(3 + 2 * k) + (size_t)(2 * k + 3 * n * n + 5 * n)));
+    double by[MOST_CAUSES], value, sigma;
     memset(verdict, 0, sizeof *verdict);
     if (!memory || !seen) {
         free(memory);
@@ -303,34 +333,27 @@ int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera
     c.error = c.columns + 2 * k * m;
     c.memory = c.error + 2 * k;
     prepare(&c, errors, &estimate->pose);
-    Trial none = {CAUSES, -1, 0, {0}};
+    const Trial none = {CAUSES, -1, {0}};
     verdict->freedom = 2 * m - POSE;
     verdict->chi2 = adjusted(&c, &estimate->pose, none, &value, &sigma);
     verdict->limit = verdict->freedom > 0 ? fmax(chi2_point((double)verdict->freedom), USUAL * (double)verdict->freedom) : INFINITY;
     verdict->consistent = verdict->chi2 <= verdict->limit;
     for (int64_t i = 0; i < m; i++)
         plates_seen += seen[dots[matches[i].dot].plate]++ == 0;
-    const int64_t trials = verdict->consistent ? 0 : MISPLACED + (plates_seen > 1 ? plate_count : 0);
-    for (int64_t i = 0; i < trials; i++) {
-        Trial trial = {(int32_t)(i < MISPLACED ? i : MISPLACED), (int32_t)(i < MISPLACED ? -1 : i - MISPLACED), 1, {0}};
-        if (i >= MISPLACED) {
-            trial.width = WIDTH;
-            if (seen[trial.plate] < 3)
-                continue;
-        } else if ((trial.kind == STRETCH_Y && plates_seen == 1) || ((trial.kind == BEND_X || trial.kind == BEND_Y) && plates_seen > 1))
-            continue;
-        const double freedom = (double)(verdict->freedom - trial.width);
-        if (!(freedom > 0))
-            continue;
-        Cause cause = {trial.kind, trial.plate, 0, 0, 0};
-        cause.chi2 = adjusted(&c, &estimate->pose, trial, &cause.value, &sigma);
-        const double left = fmax(1, cause.chi2 / freedom);
-        cause.sigma = sigma * sqrt(left);
-        if ((verdict->chi2 - cause.chi2) / trial.width > TELLING * left)
-            add_cause(verdict, &cause, cause.chi2 / freedom, by);
+    const int single = plates_seen == 1;
+    for (int32_t kind = 0; kind < MISPLACED && !verdict->consistent; kind++)
+        if (!(single ? kind == STRETCH_Y : kind == BEND_X || kind == BEND_Y))
+            try_cause(&c, estimate, kind, -1, verdict, by);
+    for (int32_t plate = 0; plate < plate_count && !single && !verdict->consistent; plate++)
+        if (seen[plate] >= 3)
+            try_cause(&c, estimate, MISPLACED, plate, verdict, by);
+    count_likely(verdict, by);
+    if (!verdict->likely && !verdict->consistent) {
+        try_cause(&c, estimate, CAMERA_FILE, -1, verdict, by);
+        if (single)
+            try_cause(&c, estimate, BENT, -1, verdict, by);
+        count_likely(verdict, by);
     }
-    for (int i = 0; i < verdict->count && verdict->causes[0].chi2 < EXPLAINED * verdict->chi2; i++)
-        verdict->likely += by[i] - by[0] <= ALIKE / (double)verdict->freedom * fmax(1, by[0]);
     free(memory);
     free(seen);
     return 0;

@@ -214,5 +214,7 @@ def test_verdicts_in_words(rng):
         "bent by -30.0 +- 2.0 mm along y",
         "rolling shutter: -0.030 +- 0.002 px from row to row",
         "+x is -30.0 +- 2.0 mm from its place",
+        "camera file: focal length, fy/fx and k1 together",
+        "bent by -30.0 +- 2.0 mm",
     ]
     assert str(read_verdict(row, ["+x"])) == large + "; or ".join(lines)
