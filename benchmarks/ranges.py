@@ -28,8 +28,8 @@ from markergen.comparison.contestants.printed import lm_pose
 from markergen.comparison.contestants.pupil import PupilTag
 from markergen.comparison.contestants.pupil import Settings as PupilSettings
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.detect import detect
 from markergen.comparison.fiducials import FiducialSettings
+from markergen.detect import detect
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance, mirrored_rotation, rotation_bound
 from markergen.maths.rotation import angle_between
