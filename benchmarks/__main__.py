@@ -26,7 +26,7 @@ subprocess.run(
 if not chosen:
     for module, arguments in (
         ("loading", []),
-        ("detection", ["--sizes", "640x480", "--views", "5"]),
+        ("detection", ["--only", "starts", "sizes", "--sizes", "640x480", "--views", "5"]),
         ("solids", []),
         ("trials", ["--poses", "40"]),
         ("shapes", SHAPES),

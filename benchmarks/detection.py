@@ -1,22 +1,33 @@
 """CPU time of detection per frame beside ArUco, AprilTag and OpenCV's circle grids, on the same scenes; one thread.
 
-    python -m benchmarks.detection [--sizes 640x480 1920x1080 4000x3000] [--photos FOLDER] [--json F] [--against F]
+    python -m benchmarks.detection [--only PART...] [--sizes 640x480 1280x720 1920x1080 4000x3000] [--photos FOLDER]
+                                   [--frames FOLDER] [--json F] [--against F]
+
+starts:      import and first call
+photographs: labeled photographs, if there are any
+sizes:       markers, tags and grids in images of each size, also with nothing to find, and tracking
+bodies:      a family of 20, a cube of six faces, and a wall of six plates beside ArUco's GridBoard
+worst:       frames full of what might be dots, relative to a photograph with the marker; also those of a folder
+threads:     two threads that share one detector; the time is that of a clock
+memory:      peak memory in images of 4000x3000, above imports and image
 
 Markers, tags and grids stand in the same disk, in the same poses, before the same photographs, and every detector takes
 its turn on every frame. A wrong result has a wrong label or number (grids of OpenCV are often mirrored). Errors are
-those of dots or corners.
+those of dots or corners. ArUco's fast mode shrinks images to the smallest tag, 5 % of the longer side; then no dot is
+smaller than 5 px, which detectors are told that can use it.
 """
 
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import argparse
-import inspect
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +37,7 @@ import numpy as np
 
 import markergen as mg
 from benchmarks import detection_scenes as scenes
+from benchmarks import rigs
 from benchmarks.detection_photos import GRIDS, add_photos, labeled, photos
 from benchmarks.detection_scenes import Image, Rows
 from benchmarks.loading import seconds
@@ -33,14 +45,21 @@ from markergen.arrays import Array
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
-from markergen.render import Optics, Patch, Scenery, circle, render_patches
+from markergen.render import Optics, Patch, Scenery, circle, render_patches, render_view
 
-VIEWS = {"640x480": 20, "1920x1080": 10, "4000x3000": 5}
+VIEWS = {"640x480": 20, "1280x720": 14, "1920x1080": 10, "4000x3000": 5}
 TIMES = 3
 GRID = (5, 4)
 ARUCO = Tag("aruco:DICT_4X4_50", 7, np.sqrt(2) * scenes.RADIUS * 6 / 8)
 APRILTAG = Tag("apriltag:36h11", 7, np.sqrt(2) * scenes.RADIUS * 8 / 10)
 FAR_PX = 5.0
+SMALLEST_SHARE, SMALLEST_DOT_PX = 0.05, 5.0
+FAMILY = 20
+NEAR = (0.53, 0.58), (0, 25)
+"""Distances in m and tilts in deg in which tags of a board are seen in ArUco's fast mode: it takes 32 px more than the
+smallest share."""
+UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+WALL_PITCH, LARGE = 0.34, "4000x3000"
 
 Sight = tuple[Sequence[int], Array] | None
 """Labels (k,) and pixels (k, 2) that a detector has, or None."""
@@ -82,56 +101,209 @@ class Score:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = scenes.parser_of(__doc__, PARTS)
     parser.add_argument("--sizes", nargs="*", default=list(VIEWS), help="of images")
     parser.add_argument("--views", type=int, help="of each size")
+    parser.add_argument("--frames", type=Path, help="folder of more frames without a marker")
     add_photos(parser)
-    parser.add_argument("--json", help="where to write the results")
-    parser.add_argument("--against", help="results of an earlier run, to show both")
     options = parser.parse_args()
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    os.sched_setaffinity(0, {min(CORES)})
     cv2.setNumThreads(1)
-    before, folder = scenes.load_run(options.against), photos(options.photos)
-
-    def show(title: str, rows: Rows) -> None:
-        scenes.print_table(title, rows, before.get(title))
-        scenes.save_run(options.json, {title: rows})
-
-    show("import and first call", starts())
-    if folder is None:
-        print("photographs skipped: no folder given, and none in MARKERGEN_PHOTOS\n")
-    else:
-        show("photographs", photographs(folder))
-    for size in options.sizes:
-        width, height = map(int, size.split("x"))
-        show(size, rendered(scenes.camera_of(width, height), options.views or VIEWS.get(size, 5)))
+    before = scenes.load_run(options.against)
+    for name in scenes.chosen(options, PARTS):
+        for title, rows in PARTS[name](options).items():
+            scenes.print_table(title, rows, before.get(title))
+            scenes.save_run(options.json, {title: rows})
 
 
-def rendered(camera: Camera, views: int) -> Rows:
+def of_sizes(measure: Callable[[Camera, Any], Rows], title: str = "{}") -> Callable[[Any], dict[str, Rows]]:
+    """Return the part that measures in images of each size."""
+
+    def part(options: Any) -> dict[str, Rows]:
+        tables = {}
+        for size in options.sizes:
+            options.count = options.views or VIEWS.get(size, 5)
+            tables[title.format(size)] = measure(scenes.camera_of(*map(int, size.split("x"))), options)
+        return tables
+
+    return part
+
+
+def detector_of(body: Any, camera: Any) -> Any:
+    return mg.Detector(body, camera, **scenes.supported(mg.Detector, smallest=SMALLEST_DOT_PX))
+
+
+@cache
+def markers() -> dict[str, mg.Marker]:
+    return {
+        "ring": scenes.ring_marker(), "no ring": scenes.random_marker(scenes.PLAIN, ringed=False, seed=1),
+        "no ring, n=24": scenes.random_marker(24, ringed=False, seed=1),
+    }  # fmt: skip
+
+
+def rendered(camera: Camera, options: Any) -> Rows:
     """Every detector on its own mark in the same disk, poses and backgrounds."""
-    ring, plain = scenes.ring_marker(), scenes.random_marker(scenes.PLAIN, ringed=False, seed=1)
-    detectors = {"ring": mg.Detector(ring, camera), "no ring": mg.Detector(plain, camera)}
+    detectors = {name: detector_of(marker, camera) for name, marker in markers().items()}
     arucos, apriltags = aruco(), apriltag()
     scores = dict[str, Score]()
-    for k in range(views):
+    for k in range(options.count):
         rng = np.random.default_rng([k, 0])
         placed = scenes.pose(camera, rng)
         behind = scenes.background("photo", camera, rng)
-        for name, marker in (("ring", ring), ("no ring", plain)):
+        empty = render_patches([], camera, *placed, Optics(), np.random.default_rng([k, 2]), Scenery(behind))
+        for name, marker in markers().items():
             scene = scenes.view(marker, camera, placed, np.random.default_rng([k, 1]), Optics(), behind)
             detector, image = detectors[name], scene.image
             score(scores, f"markergen, {name}").run(partial(ours, detector, image), scene.pixels)
             track(scores, f"markergen, {name}, tracking", detector, scene, behind, k)
-            if name == "ring":
-                empty = render_patches([], camera, *placed, Optics(), np.random.default_rng([k, 2]), Scenery(behind))
-                score(scores, "markergen, no marker there").run(partial(ours, detector, empty), None)
+            score(scores, f"markergen, {name}, no marker there").run(partial(ours, detector, empty), None)
         for tag, peers in ((ARUCO, arucos), (APRILTAG, apriltags)):
             image, corners = tag_scene(tag, camera, placed, behind, k)
             for label, detect in peers.items():
                 score(scores, label).run(partial(detect, image), corners)
+        score(scores, f"{FAST}, no tag there").run(partial(arucos[FAST], empty), None)
         image, centers = grid_scene(camera, placed, behind, k)
         score(scores, "cv2.findCirclesGrid").run(partial(circles_grid, image, centers), centers)
     return {name: each.row() for name, each in scores.items()}
+
+
+def bodies(camera: Camera, options: Any) -> Rows:
+    """A family and bodies of several plates in the poses of one marker, beside ArUco's board in the wall's places."""
+    family = [scenes.random_marker(12, True, seed=1, tag=k) for k in range(FAMILY)]
+    faces = enumerate(rigs.tag_cube().markers)
+    scale = scenes.RADIUS / (rigs.EDGE / 2)
+    cube = mg.Rig(
+        tuple(
+            replace(face, marker=plain_plate(k), translation=tuple(scale * np.array(face.translation)))
+            for k, face in faces
+        )
+    )
+    places = [(f"{k}", ((k % 3 - 1) * WALL_PITCH, (0.5 - k // 3) * WALL_PITCH, 0.0)) for k in range(6)]
+    wall, tags = (
+        mg.Rig(tuple(mg.Plate(name, made(k), UPRIGHT, place) for k, (name, place) in enumerate(places)))
+        for made in (plain_plate, partial(rigs.tag_plate, 2 * scenes.RADIUS))
+    )
+    cases: dict[str, tuple[Any, Any, Any]] = {
+        "one marker with a tag": (family[7], family[7], None), f"family of {FAMILY}": (family[7], family, None),
+        "cube of six": (cube, cube, None), "wall of six": (wall, wall, None),
+        "ArUco's GridBoard of six": (tags, tags, rigs.engine()), "the same, fast": (tags, tags, fast_aruco()),
+    }  # fmt: skip
+    detects, scores = dict[str, Callable[[Image], Sight]](), dict[str, Score]()
+    for name, (_, sought, engine) in cases.items():
+        detects[name] = board(tags, camera, engine) if engine else partial(ours, detector_of(sought, camera))
+    for k in range(options.count):
+        for name, (body, _, _) in cases.items():
+            rng = np.random.default_rng([k, 6])
+            rotation, translation = scenes.pose(camera, rng, *NEAR)
+            behind = Scenery(scenes.background("photo", camera, rng))
+            if name.startswith("cube"):
+                rotation = rotation @ exponential(rng.uniform(-2, 2, 3))
+            translation = translation * body.radius / scenes.RADIUS
+            image = render_view(body, camera, rotation, translation, Optics(), rng, behind)
+            points = rigs.corners_of(tags).reshape(-1, 3) if body is tags else body.xyz
+            pixels = camera.project(points, rotation[None], translation[None])[0]
+            score(scores, name).run(partial(detects[name], image), pixels)
+    return relative({name: each.row() for name, each in scores.items()}, "one marker with a tag")
+
+
+def plain_plate(k: int) -> mg.Marker:
+    return scenes.random_marker(6, ringed=False, seed=20 + k)
+
+
+def board(tags: Any, camera: Camera, engine: Any) -> Callable[[Image], Sight]:
+    """Return ArUco's detection of a board, with the corners where its pose has them."""
+    detect, corners = rigs.grid_board(tags, camera, engine), rigs.corners_of(tags).reshape(-1, 3)
+
+    def sight(image: Image) -> Sight:
+        pose = detect(image)
+        return pose and (range(len(corners)), camera.project(corners, pose[0][None], pose[1][None])[0])
+
+    return sight
+
+
+def relative(rows: Rows, first: str) -> Rows:
+    return {name: {**row, "ratio": row["CPU ms"] / rows[first]["CPU ms"]} for name, row in rows.items()}
+
+
+def worst(camera: Camera, options: Any) -> Rows:
+    """CPU time in frames that look full of dots, in ms and relative to a photograph with the marker."""
+    rng = np.random.default_rng(8)
+    behind, placed = scenes.background("photo", camera, rng), scenes.pose(camera, rng)
+    frames = {name: scenes.crowd(name, camera.width, camera.height, rng) for name in scenes.CROWDS}
+    detectors, rows = {name: detector_of(marker, camera) for name, marker in markers().items()}, Rows()
+    paths = sorted(options.frames.glob("*.png")) if options.frames else []
+    for name, detector in detectors.items():
+        scene = scenes.view(markers()[name], camera, placed, rng, Optics(), behind)
+        spent = milliseconds(partial(detector, scene.image), 5)
+        rows.setdefault("photograph with the marker", {})[f"{name}, ms"] = spent
+        for frame, image in frames.items():
+            slow = milliseconds(partial(detector, image), 1)
+            rows.setdefault(frame, {}).update({f"{name}, ms": slow, f"{name}, ratio": slow / spent})
+        for path in paths:
+            image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+            height, width = image.shape
+            slow = milliseconds(partial(detector_of(markers()[name], scenes.camera_of(width, height)), image), 1)
+            title = f"{path.stem}, {width}x{height}"
+            rows.setdefault(title, {}).update({f"{name}, ms": slow, f"{name}, ratio": slow / spent})
+    return rows
+
+
+def milliseconds(call: Callable[[], Any], times: int) -> float:
+    timed = Score()
+    timed.run(lambda: call() and None, None, times)
+    return 1e3 * float(np.median(timed.times))
+
+
+def threads(camera: Camera, options: Any) -> Rows:
+    """Frames a second by one thread and by two that share a detector, taken in turn."""
+    detector = detector_of(scenes.ring_marker(), camera)
+    images, rates = list[Image](), dict[int, list[float]]()
+    for k in range(4):
+        rng = np.random.default_rng([k, 9])
+        placed = scenes.pose(camera, rng)
+        images.append(scenes.view(scenes.ring_marker(), camera, placed, rng, Optics(), "photo").image)
+    rounds = max(options.count, 3)
+    os.sched_setaffinity(0, CORES)
+    for _ in range(rounds):
+        for count in (1, 2):
+            with ThreadPoolExecutor(count) as pool:
+                list(pool.map(detector, images))
+                began = time.perf_counter()
+                list(pool.map(detector, 4 * images))
+                rates.setdefault(count, []).append(4 * len(images) / (time.perf_counter() - began))
+    os.sched_setaffinity(0, {min(CORES)})
+    best = {count: max(rate) for count, rate in rates.items()}
+    return {f"{count} threads": {"frames/s": rate, "ratio": rate / best[1]} for count, rate in best.items()}
+
+
+def memory(_: Any) -> dict[str, Rows]:
+    """Peak memory of a process that detects in one large image, MB above what imports and the image take."""
+    camera, rows = scenes.camera_of(*map(int, LARGE.split("x"))), Rows()
+    rng = np.random.default_rng(10)
+    photo = scenes.view(scenes.ring_marker(), camera, scenes.pose(camera, rng), rng, Optics(), "photo").image
+    images = {"photograph": photo, "page of text": scenes.crowd("page of text", camera.width, camera.height, rng)}
+    for name, image in images.items():
+        with tempfile.TemporaryDirectory() as folder:
+            np.save(f"{folder}/image.npy", image)
+            code = f"from benchmarks.detection import peak; peak({folder!r}, {LARGE!r})"
+            peak_mb = float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout)
+        rows[name] = {"MB": peak_mb, "bytes/px above 50 MB": (peak_mb - 50) * 1e6 / image.size}
+    return {f"peak memory, {LARGE}": rows}
+
+
+def peak(folder: str, size: str) -> None:
+    """Print what detection in an image adds to the memory of this process at its peak, MB."""
+    detector = detector_of(scenes.ring_marker(), scenes.camera_of(*map(int, size.split("x"))))
+    image = np.load(f"{folder}/image.npy")
+    Path("/proc/self/clear_refs").write_text("5")
+    before = _status_kb("VmRSS")
+    detector(image)
+    print((_status_kb("VmHWM") - before) * 1024 / 1e6)
+
+
+def _status_kb(name: str) -> float:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return float(next(line for line in lines if line.startswith(name)).split()[1])
 
 
 def score(scores: dict[str, Score], label: str) -> Score:
@@ -145,7 +317,7 @@ def ours(detector: Any, image: Image, **options: Any) -> Sight:
 
 def track(scores: dict[str, Score], label: str, detector: Any, scene: scenes.Scene, behind: Any, k: int) -> None:
     """Time the frame after a scene, in which the marker has moved by about a percent of the distance and a degree."""
-    if "near" not in inspect.signature(detector.__call__).parameters:
+    if not scenes.supported(detector.__call__, near=None):
         return
     previous = detector(scene.image)
     rng = np.random.default_rng([k, 3])
@@ -155,15 +327,26 @@ def track(scores: dict[str, Score], label: str, detector: Any, scene: scenes.Sce
     score(scores, label).run(partial(ours, detector, after.image, near=previous), after.pixels)
 
 
+FAST = "cv2.aruco, subpixel, fast"
+
+
+def fast_aruco() -> Any:
+    """Return ArUco's detector in its fast mode."""
+    engine = rigs.engine()
+    parameters = engine.getDetectorParameters()
+    parameters.useAruco3Detection, parameters.minMarkerLengthRatioOriginalImg = True, SMALLEST_SHARE
+    engine.setDetectorParameters(parameters)
+    return engine
+
+
 def aruco() -> dict[str, Callable[[Image], Sight]]:
-    """Return ArUco's detector without refinement of corners, and with that to subpixels."""
+    """Return ArUco's detector without refinement of corners, with that to subpixels, and fast."""
+    plain = rigs.engine()
+    parameters = plain.getDetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    plain.setDetectorParameters(parameters)
 
-    def detector(refinement: int) -> Callable[[Image], Sight]:
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = refinement
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-        engine = cv2.aruco.ArucoDetector(dictionary, parameters)
-
+    def detector(engine: Any) -> Callable[[Image], Sight]:
         def detect(image: Image) -> Sight:
             corners, ids, _ = engine.detectMarkers(image)
             return _tag_sight([(int(i), c[0]) for i, c in zip(np.ravel(ids), corners, strict=True)] if corners else [])
@@ -171,9 +354,9 @@ def aruco() -> dict[str, Callable[[Image], Sight]]:
         return detect
 
     return {
-        "cv2.aruco, no refinement": detector(cv2.aruco.CORNER_REFINE_NONE),
-        "cv2.aruco, subpixel": detector(cv2.aruco.CORNER_REFINE_SUBPIX),
-    }
+        "cv2.aruco, no refinement": detector(plain), "cv2.aruco, subpixel": detector(rigs.engine()),
+        FAST: detector(fast_aruco()),
+    }  # fmt: skip
 
 
 @cache
@@ -232,9 +415,12 @@ def circles_grid(image: Image, truth: Array) -> Sight:
     return range(len(centers)), centers[::-1] if turned else centers
 
 
-def photographs(folder: Path) -> Rows:
+def photographs(options: Any) -> dict[str, Rows]:
     """CPU time in labeled photographs: our markers, our dots, and ArUco, which has nothing to find there."""
-    rows: Rows = {}
+    folder, rows = photos(options.photos), Rows()
+    if folder is None:
+        print("photographs skipped: no folder given, and none in MARKERGEN_PHOTOS\n")
+        return {}
     for kind in (*GRIDS, "random_dots"):
         files = sorted((folder / kind).glob("marker*.json"))
         lens = folder / kind / "camera.yaml"
@@ -244,18 +430,12 @@ def photographs(folder: Path) -> Rows:
         for path, _ in labeled(folder / kind):
             image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
             for name, call in calls.items():
-                spent = Score()
-                spent.run(partial(_no_sight, call, image), None, times=1)
-                times[name] += spent.times
-        rows[kind] = {f"{name} ms": 1e3 * float(np.median(spent)) for name, spent in times.items()}
-    return rows
+                times[name].append(milliseconds(partial(call, image), 1))
+        rows[kind] = {f"{name} ms": float(np.median(spent)) for name, spent in times.items()}
+    return {"photographs": rows}
 
 
-def _no_sight(call: Callable[[Image], Any], image: Image) -> None:
-    call(image)
-
-
-def starts() -> Rows:
+def starts(_: Any) -> dict[str, Rows]:
     """CPU time of a fresh interpreter that imports and detects once, beside ArUco's."""
     camera = scenes.camera_of(640, 480)
     scene = scenes.view(
@@ -276,7 +456,14 @@ def starts() -> Rows:
         }
         times = [{name: seconds(code, folder) for name, code in codes.items()} for _ in range(5)]
     # The first of them compiles to bytecode.
-    return {name: {"CPU s": min(each[name] for each in times[1:])} for name in codes}
+    return {"import and first call": {name: {"CPU s": min(each[name] for each in times[1:])} for name in codes}}
+
+
+PARTS: dict[str, Callable[[Any], dict[str, Rows]]] = {
+    "starts": starts, "photographs": photographs, "sizes": of_sizes(rendered), "bodies": of_sizes(bodies, "bodies, {}"),
+    "worst": of_sizes(worst, "worst frames, {}"), "threads": of_sizes(threads, "threads, {}"), "memory": memory,
+}  # fmt: skip
+CORES = os.sched_getaffinity(0)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,10 @@
 """Detection on real photographs with labeled dots, one row for each.
 
-    python -m benchmarks.detection_photos --photos FOLDER [--json F] [--against F]
+    python -m benchmarks.detection_photos --photos FOLDER [--only dots markers grids] [--json F] [--against F]
+
+dots:    labeled dots that are located
+markers: markers of random dots, and photographs without any
+grids:   grids, symmetric ones with any of their labelings; angles between poses against those of the robot's flange
 
 The folder is also taken from the variable MARKERGEN_PHOTOS. It has a folder for each kind of marker, with the images,
 labels.json, markers, and the camera where one is known.
@@ -10,6 +14,7 @@ import argparse
 import json
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,26 +23,26 @@ import cv2
 import numpy as np
 
 import markergen as mg
-from benchmarks.detection_scenes import Image, Rows, load_run, print_table, save_run
+from benchmarks.detection_scenes import Image, Rows, chosen, load_run, parser_of, print_table, save_run, supported
 from markergen.arrays import Array
+from markergen.maths.rotation import angle_between, exponential
 
 HIT_PX, WRONG_PX, DOTS = 0.4, 3.0, 15
 GRIDS = ("robot_grid", "circle_grid", "hex_grid", "dual_asymmetric")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, PARTS)
     add_photos(parser)
-    parser.add_argument("--json", help="where to write the results")
-    parser.add_argument("--against", help="results of an earlier run, to show both")
     options = parser.parse_args()
     folder = photos(options.photos)
     if folder is None:
         sys.exit("photographs skipped: no folder given, and none in MARKERGEN_PHOTOS")
-    parts, before = {"dots": dots(folder), "markers": markers(folder)}, load_run(options.against)
-    for name, rows in parts.items():
+    before = load_run(options.against)
+    for name in chosen(options, PARTS):
+        rows = PARTS[name](folder)
         print_table(name, rows, before.get(name))
-    save_run(options.json, parts)
+        save_run(options.json, {name: rows})
 
 
 def add_photos(parser: argparse.ArgumentParser) -> None:
@@ -88,6 +93,49 @@ def markers(folder: Path) -> Rows:
     return rows
 
 
+def grids(folder: Path) -> Rows:
+    """Grids found, with the median distance of their dots from the nearest label; wrong dots are over 3 px from any.
+
+    For robot_grid, whose flange's poses are known, also how the angle between a photograph's pose and that of the
+    first differs from the flange's.
+    """
+    rows: Rows = {}
+    for kind in (*GRIDS, "symmetric_grid", "asymmetric_grid"):
+        lens = folder / kind / "camera.yaml"
+        options = supported(mg.Detector, symmetric="any")
+        detector = mg.Detector(folder / kind / "marker.json", lens if lens.exists() else None, **options)
+        entries = dict(labeled(folder / kind)) if (folder / kind / "labels.json").exists() else {}
+        first = None
+        for path in sorted(path for path in (folder / kind).iterdir() if path.suffix in (".png", ".jpg")):
+            began = time.process_time()
+            (result, *_) = detector(read(path))
+            row = rows[f"{kind} {path.name}"] = {"found": int(result.ok), "dots": len(result.ids)}
+            row["CPU ms"] = 1e3 * (time.process_time() - began)
+            places = [
+                np.array(label[key]) for label in entries.get(path, []) for key in label if key.startswith("centres")
+            ]
+            if result.ok and places:
+                gap = nearest(result.pixels, np.concatenate(places))
+                row |= {"wrong": int(np.sum(gap > WRONG_PX)), "median px": float(np.median(gap))}
+            flange = path.with_suffix(".flange-pose.yaml")
+            if result.ok and result.rotation is not None and flange.exists():
+                pose = result.rotation, _flange(flange)
+                first = first or pose
+                camera, arm = (float(angle_between(b, a)) for a, b in zip(first, pose, strict=True))
+                row["angle off, deg"] = abs(float(np.rad2deg(camera - arm)))
+            row["reason"] = result.reason
+    return rows
+
+
+def _flange(path: Path) -> Array:
+    """Rotation (3, 3) of the flange in the robot's base."""
+    values = dict(line.split(": ") for line in path.read_text().splitlines() if ": " in line)
+    x, y, z, w = (float(values[name]) for name in ("qx", "qy", "qz", "qw"))
+    axis = np.array([x, y, z])
+    angle = 2 * np.arctan2(np.linalg.norm(axis), w)
+    return np.asarray(exponential(axis / np.linalg.norm(axis) * angle))
+
+
 def labeled(folder: Path) -> Iterator[tuple[Path, list[Any]]]:
     """Images of a folder with the entries of its labels.json; one without an image's name belongs to the one before."""
     images: dict[str, list[Any]] = {}
@@ -131,6 +179,9 @@ def _marker_row(found: list[mg.Found], label: Any) -> dict[str, Any]:
         "found": int(bool(hits)), "wrong": int(wrong), "dots": len(hits[0].ids) if hits else 0,
         "median px": float(np.median(gaps)) if gaps else np.nan, "reason": "" if hits else found[0].reason,
     }  # fmt: skip
+
+
+PARTS = {"dots": dots, "markers": markers, "grids": grids}
 
 
 if __name__ == "__main__":

@@ -1,23 +1,22 @@
 """How accurate detection is, and how often it is wrong, on rendered views; every view has a seed of its own.
 
-    python -m benchmarks.detection_quality [centers] [labels] [finds] [coverage] [small] [blurred] [--share 0.03]
-                                           [--json F] [--against F] [--keep FOLDER]
+    python -m benchmarks.detection_quality [--only PART...] [--share 0.03] [--json F] [--against F] [--keep FOLDER]
 
 centers:  errors of labeled dots and markers found, in clean, ordinary, steep, occluded and small views
 labels:   wrong labelings in 5,000 views of many kinds and layouts, and why markers were refused
 finds:    markers found in 1,000 images without one
-coverage: true poses within the 95 % region of the covariance, clean and in damaged images, 300 each
+disks:    markers of 5 to 60 dots found among 250 to 1,000 disks of equal size, in 300 images
+coverage: true poses within the 95 % region of the covariance, clean and in damaged images, 2,000 each
 small:    markers and dots found by the dots' diameter in the image
 blurred:  markers found by blur and by the dots' diameter in the image
 
-A share of 0.03 takes about a minute; all of it some twenty minutes.
+A share of 0.03 takes two minutes, all of it an hour or two.
 """
 
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import argparse
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -42,20 +41,18 @@ CHI2_95_OF_6 = 12.5916
 KINDS = ("ordinary", "steep", "occluded", "small", "noisy", "clutter", "strangers", "damaged")
 EMPTY = ("photo", "clutter", "noise", "dots", "checkerboard", "text", "strangers", "gradient")
 BLURS_PX, BLURRED_PX = (0.7, 1.0, 1.5, 2.0, 2.5, 3.0), (6, 8, 10, 12, 14, 16)
+DISK_DOTS = (5, 6, 8, 12, 20, 30, 45, 60)
 DIAMETERS_PX = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], help="all by default")
+    parser = scenes.parser_of(__doc__, PARTS)
     parser.add_argument("--share", type=float, default=1.0, help="of the views")
-    parser.add_argument("--json", help="where to write the results")
-    parser.add_argument("--against", help="results of an earlier run, to show both")
     parser.add_argument("--keep", type=Path, help="folder for the images of failures")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     before = scenes.load_run(options.against)
-    for name in options.parts or PARTS:
+    for name in scenes.chosen(options, PARTS):
         for title, rows in PARTS[name](options.share, options.keep).items():
             scenes.print_table(title, rows, before.get(title))
             scenes.save_run(options.json, {title: rows})
@@ -165,7 +162,7 @@ def empty(k: int) -> tuple[str, Image]:
                 ellipse = place, (size, size * rng.uniform(0.5, 1)), rng.uniform(0, 180)
                 cv2.ellipse(image, ellipse, 30.0, -1, cv2.LINE_AA)
                 cv2.circle(image, place, int(size / 4), 230.0 if rng.random() < 0.1 else 30.0, -1, cv2.LINE_AA)
-    return kind, np.clip(cv2.GaussianBlur(image, (0, 0), 0.7) + rng.normal(0, 2, shape), 0, 255).astype(np.uint8)
+    return kind, scenes.camera_like(image, rng)
 
 
 def finds(share: float, keep: Path | None) -> dict[str, Rows]:
@@ -183,11 +180,28 @@ def finds(share: float, keep: Path | None) -> dict[str, Rows]:
     return {"finds": rows}
 
 
+def disks(share: float, keep: Path | None) -> dict[str, Rows]:
+    rows: Rows = {}
+    for n in DISK_DOTS:
+        sought = scenes.random_marker(n, ringed=False, seed=7)
+        for k in range(max(round(300 / len(DISK_DOTS) * share), 1)):
+            rng, image = np.random.default_rng([7, n, k]), np.full((CAMERA.height, CAMERA.width), 225, np.uint8)
+            scenes.disks(image, rng, int(rng.integers(250, 1001)), (float(rng.uniform(3.5, 6.5)),) * 2)
+            image = scenes.camera_like(image, rng)
+            hits = [result for result in detector_of(sought)(image) if result.ok]
+            row = rows.setdefault(f"{n} dots", {"images": 0, "finds": 0})
+            row["images"], row["finds"] = row["images"] + 1, row["finds"] + len(hits)
+            if hits:
+                _keep(keep, f"find-disks-{n}-{k}", image, hits[0])
+    rows["all"] = {name: sum(row[name] for row in rows.values()) for name in ("images", "finds")}
+    return {"finds among equal disks": rows}
+
+
 def coverage(share: float, keep: Path | None) -> dict[str, Rows]:
     markers, rows = [scenes.ring_marker(), scenes.random_marker(12, True, seed=1)], Rows()
     for index, damage in enumerate(("", *scenes.DAMAGE)):
         inside, verdicts = [], []
-        for k in range(max(round(300 * share), 1)):
+        for k in range(max(round(2000 * share), 1)):
             rng = np.random.default_rng([4, index, k])
             placed = scenes.pose(CAMERA, rng, distance=(0.6, 1.0), tilt_deg=(15, 55))
             scene = scenes.view(markers[k % 2], CAMERA, placed, rng, Optics(), "photo", damage=damage)
@@ -240,8 +254,8 @@ def blurred(share: float, keep: Path | None) -> dict[str, Rows]:
 
 
 PARTS: dict[str, Callable[[float, Path | None], dict[str, Rows]]] = {
-    "centers": centers, "labels": labels, "finds": finds, "coverage": coverage, "small": small,
-    "blurred": blurred,
+    "centers": centers, "labels": labels, "finds": finds, "disks": disks, "coverage": coverage,
+    "small": small, "blurred": blurred,
 }  # fmt: skip
 
 

@@ -1,7 +1,9 @@
 """Scenes for the benchmarks of detection: markers, poses, backgrounds, damage, and what counts as right; all seeded."""
 
+import argparse
+import inspect
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,6 +53,12 @@ class Verdict:
     wrong: bool
     reason: str
     error_px: Array
+
+
+def supported(call: Callable[..., Any], **options: Any) -> dict[str, Any]:
+    """Return those options that a call has: detectors of several versions are measured alike."""
+    has = inspect.signature(call).parameters
+    return {name: value for name, value in options.items() if name in has}
 
 
 def ring_marker() -> Marker:
@@ -121,6 +129,79 @@ def background(name: str, camera: Camera, rng: np.random.Generator) -> Array | N
     tile = camera_of(-(-camera.width // columns), -(-camera.height // rows))
     tiles = [[BACKGROUNDS[name](tile, rng) for _ in range(columns)] for _ in range(rows)]
     return np.asarray(np.block(tiles)[: camera.height, : camera.width], dtype=float)
+
+
+def _text(image: Image, rng: np.random.Generator) -> None:
+    """A printed page: lines of words in small letters, half of them bold."""
+    height, width = image.shape
+    y = 14
+    while y < height:
+        size, bold, x = float(rng.uniform(0.25, 0.6)), int(rng.integers(1, 3)), 8
+        while x < width:
+            word = "".join(rng.choice(list("aeionstrdlumcbpgfhqADEORSB0689.,;:"), int(rng.integers(2, 10))))
+            cv2.putText(image, word, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, 30.0, bold, cv2.LINE_AA)
+            x += 8 + cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, size, bold)[0][0]
+        y += int(36 * size) + 2
+
+
+def disks(image: Image, rng: np.random.Generator, count: int, semi: tuple[float, float], flat: float = 1.0) -> None:
+    """Draw dark ellipses apart from each other, the shorter semi-axis at least `flat` times the longer one."""
+    height, width = image.shape
+    far = np.full((height // 2 + 1, width // 2 + 1), True)
+    for _ in range(20 * count):
+        radius = rng.uniform(*semi)
+        x, y = rng.uniform(radius, [width - radius, height - radius])
+        row, column, reach = int(y / 2), int(x / 2), int(radius + 1.5)
+        around = far[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+        if around.all() and count > 0:
+            around[...], count = False, count - 1
+            axes = (16 * radius, 16 * radius * rng.uniform(flat, 1))
+            center, sizes = tuple(int(16 * v) for v in (x, y)), tuple(map(int, axes))
+            cv2.ellipse(image, center, sizes, rng.uniform(0, 180), 0, 360, 40.0, -1, cv2.LINE_AA, 4)
+
+
+def _grass(image: Image, rng: np.random.Generator) -> None:
+    height, width = image.shape
+    image[...] = 40
+    for _ in range(image.size // 60):
+        x, y = rng.uniform(0, [width, height])
+        lean, length, curl = rng.uniform(0, 2 * np.pi), rng.uniform(4, 14), rng.normal(0, 0.6)
+        path = np.cumsum([[x, y], *(length * np.array([np.sin(a), np.cos(a)]) for a in (lean, lean + curl))], axis=0)
+        level, wide = float(rng.uniform(50, 200)), int(rng.integers(1, 3))
+        cv2.polylines(image, [np.int32(16 * path)], False, level, wide, cv2.LINE_AA, 4)
+
+
+def _keyboard(image: Image, rng: np.random.Generator) -> None:
+    """Rows of dark keys with round corners, each with a light letter or a light dot."""
+    height, width = image.shape
+    for row, y in enumerate(range(12, height, 22)):
+        for x in range(10 + 5 * (row % 4), width, 22):
+            cv2.line(image, (x, y), (x + 3, y), 45.0, 16, cv2.LINE_AA)
+            letter = str(rng.choice(list("QWERTZUIOPASDFGHJKLYXCVBNM0123456789....")))
+            cv2.putText(image, letter, (x - 3, y + 4), cv2.FONT_HERSHEY_SIMPLEX, 0.3, 210.0, 1, cv2.LINE_AA)
+
+
+CROWDS: dict[str, Callable[[Image, np.random.Generator], None]] = {
+    "page of text": _text,
+    "300 dots": lambda image, rng: disks(image, rng, 300, (0.0095 * image.shape[1],) * 2),
+    "1,000 blobs": lambda image, rng: disks(image, rng, 1000, (2.5, 5.0), 0.5),
+    "grass": _grass,
+    "keyboard": _keyboard,
+}
+"""Frames full of what might be dots, drawn on light grey."""
+
+
+def crowd(name: str, width: int, height: int, rng: np.random.Generator) -> Image:
+    """Return an image of `CROWDS`."""
+    image = np.full((height, width), 225, np.uint8)
+    CROWDS[name](image, rng)
+    return camera_like(image, rng)
+
+
+def camera_like(image: Image, rng: np.random.Generator) -> Image:
+    """Return an image with the blur and noise of a camera."""
+    grey = cv2.GaussianBlur(np.asarray(image, dtype=float), (0, 0), 0.7)
+    return np.clip(grey + rng.normal(0, 2, grey.shape), 0, 255).astype(np.uint8)
 
 
 def view(
@@ -224,6 +305,20 @@ def judge(results: Sequence[mg.Found], scene: Scene) -> Verdict:
     error = gaps[np.arange(len(gaps)), hits[0].ids]
     wrong = len(hits) > 1 or bool(np.any(error > _WRONG_PX) or np.any(gaps.argmin(axis=1) != hits[0].ids))
     return Verdict(True, wrong, "", error)
+
+
+def parser_of(doc: str | None, parts: Iterable[str]) -> argparse.ArgumentParser:
+    """Return a parser with the options that all benchmarks of detection share; `chosen` tells which parts to run."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=[[], *parts], help="all by default")
+    parser.add_argument("--only", nargs="+", choices=list(parts), default=[], help="parts, likewise")
+    parser.add_argument("--json", help="where to write the results")
+    parser.add_argument("--against", help="results of an earlier run, to show both")
+    return parser
+
+
+def chosen(options: argparse.Namespace, parts: Iterable[str]) -> list[str]:
+    return [*options.parts, *options.only] or list(parts)
 
 
 def print_table(title: str, rows: Rows, before: Mapping[str, Mapping[str, Any]] | None = None) -> None:

@@ -166,7 +166,7 @@ def walls(rig: mg.Rig, camera: Camera, views: int) -> Rows:
     board = mg.Rig(tuple(replace(each, marker=tag_plate(PLATE, k)) for k, each in places))
     reach = rig.radius * camera.fx / (0.45 * camera.height)
     poses = named_poses(f"cone:distance={reach:.3g}..{1.5 * reach:.3g}m,tilt=0..50,count={views}")
-    detector, aruco = mg.Detector(rig, camera, print_sigma="0mm"), grid_board(board, camera)
+    detector, aruco = mg.Detector(rig, camera, print_sigma="0mm"), grid_board(board, camera, engine())
     scores = {"this wall": Score(), "ArUco's GridBoard": Score()}
     for k, truth in enumerate(zip(poses.rotation, poses.translation, strict=True)):
         behind = Scenery(scenes.background("photo", camera, np.random.default_rng([k, 0])))
@@ -255,9 +255,8 @@ def tag_poses(tags: mg.Rig, camera: Camera) -> Callable[[Image], Pose | None]:
     return detect
 
 
-def grid_board(tags: mg.Rig, camera: Camera) -> Callable[[Image], Pose | None]:
+def grid_board(tags: mg.Rig, camera: Camera, detector: Any) -> Callable[[Image], Pose | None]:
     """ArUco's detection of a GridBoard, by a `Board` of the same corners, and its pose."""
-    detector = engine()
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     board = cv2.aruco.Board(list(corners_of(tags).astype(np.float32)), dictionary, np.arange(len(tags.markers)))
 

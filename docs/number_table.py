@@ -38,7 +38,7 @@ RELIEF_20, RELIEF_50 = (
 )
 ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in range(4, 9)]
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
-SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
+SPEED = Command("python -m benchmarks.detection --only sizes --sizes 640x480", 120)
 IN_ROOMS = Command(
     "python -m benchmarks.shapes --beside pose rotation translation homography --shapes disk rectangle L flange "
     "--n 5 10 20 60 --starts 0",
