@@ -9,23 +9,23 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo check test test-browser test-docs test-long test-outside test-package lint bench docs book numbers clean
 
-demo: $(VENV)/installed $(VENV)/kernel
+demo: $(VENV)/installed $(VENV)/core
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
 # What is to pass before every commit, in a minute: lint, types, contracts, and the tests of what changed since BASE.
 BASE ?= main
-check: lint $(VENV)/kernel
+check: lint $(VENV)/core
 	@tests=$$($(BIN)/python tests/changed.py $(BASE)) || exit; echo $$tests; \
 	[ -z "$$tests" ] || $(BIN)/python -m pytest $(CORE) $$tests || [ $$? = 5 ]  # 5: none of them is in the core suite
 
-test: lint $(VENV)/kernel
+test: lint $(VENV)/core
 	$(BIN)/python -m pytest $(CORE)
 
-test-long: $(VENV)/developed $(VENV)/kernel
+test-long: $(VENV)/developed $(VENV)/core
 	$(BIN)/python -m pytest -m long
 
 # What is generated, linked and shown to readers, and every block of code of README and docs, page by page.
-test-docs: $(VENV)/developed $(VENV)/kernel
+test-docs: $(VENV)/developed $(VENV)/core
 	$(BIN)/python -m pytest -rs -n 2 --dist worksteal tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
 
 # Our files in slicers, CAD, viewers and simulators. Installs none of these; what is missing is skipped by name.
@@ -33,7 +33,7 @@ test-outside: $(VENV)/developed
 	$(BIN)/python -m pytest -rs -m outside tests/outside
 
 # Our pages in an installed Chromium: what they show, react to, and whether everyone can read them.
-test-browser: $(VENV)/developed $(VENV)/kernel
+test-browser: $(VENV)/developed $(VENV)/core
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group browser
 	$(BIN)/python -m pytest -rs -m browser tests/browser
 
@@ -46,7 +46,7 @@ lint: $(VENV)/developed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/developed $(VENV)/kernel
+bench: $(VENV)/developed $(VENV)/core
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/developed
@@ -58,7 +58,7 @@ book: $(VENV)/developed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 
 # Runs every command that README and docs name for their numbers, and fails where the text has another.
-numbers: $(VENV)/developed $(VENV)/kernel
+numbers: $(VENV)/developed $(VENV)/core
 	$(BIN)/python -m docs.numbers
 
 clean:
@@ -75,14 +75,9 @@ $(VENV)/installed: $(VENV)/python pyproject.toml detector/pyproject.toml constra
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ./detector --editable '.[all]'
 	touch $@
 
-# The detector's compiled core, once more after a change; without a compiler the package ziglang is one.
+# The detector's compiled core, once more after a change; where there is no compiler, the package ziglang is one.
 $(VENV)/core: $(VENV)/installed $(wildcard detector/src/*.[ch]) detector/build_core.py
 	@$(BIN)/python detector/build_core.py || { $(BIN)/python -m pip install --quiet ziglang && $(BIN)/python detector/build_core.py; }
-	@touch $@
-
-# The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
-$(VENV)/kernel: $(VENV)/core $(wildcard markergen/detect/kernel*.c) markergen/detect/kernel_build.py
-	@$(BIN)/python -m markergen.detect.kernel_build || true
 	@touch $@
 
 $(VENV)/developed: $(VENV)/installed

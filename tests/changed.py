@@ -15,7 +15,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 ALWAYS = ["tests/contracts", "tests/test_layers.py"]
 """Where any module changed."""
-OUTSIDE = {"detector": "detector/tests", "docs": "tests/docs", "templates": "tests/api/test_templates.py", "examples": "tests/examples"}
+OUTSIDE = {
+    "detector": "detector/tests",
+    "docs": "tests/docs",
+    "examples": "tests/examples",
+    "templates": "tests/api/test_templates.py",
+}
 """Tests of folders beside the package."""
 HEAD = 10
 """Lines in which a module may name its tests."""

@@ -14,7 +14,7 @@ def root(tmp_path):
         "markergen/maths/dlt.py": "", "tests/maths/test_homographies.py": "from markergen.maths.dlt import dlt\n",
         "markergen/maths/lenses/thin.py": "", "tests/maths/test_lenses.py": "",
         "markergen/maths/crlb.py": "", "tests/read/test_videos.py": "from tests.support.videos import video\n",
-        "markergen/detect/kernel.c": "", "tests/detect/test_kernel.py": "",
+        "markergen/drawing/font.ttf": "", "tests/drawing/test_font.py": "",
     }  # fmt: skip
     for name, text in files.items():
         path = tmp_path / name
@@ -28,7 +28,7 @@ def root(tmp_path):
     [
         ("markergen/maths/rotation.py", ["tests/maths/test_rotation.py"]),
         ("markergen/units.py", ["tests/test_units.py"]),
-        ("markergen/detect/kernel.c", ["tests/detect/test_kernel.py"]),
+        ("markergen/drawing/font.ttf", ["tests/drawing/test_font.py"]),
         ("markergen/maths/lm.py", ["tests/maths/test_fit.py"]),
         ("markergen/maths/dlt.py", ["tests/maths/test_homographies.py"]),
         ("markergen/maths/lenses/thin.py", ["tests/maths/test_lenses.py"]),
@@ -47,6 +47,7 @@ def test_tests_are_run_that_changed_or_use_what_did(root):
 def test_what_lies_beside_the_package_has_tests_too(root):
     assert selected(["docs/detect.md", "README.md"], root) == ["tests/docs"]
     assert selected(["pyproject.toml"], root) == ["tests/test_packaging.py"]
+    assert selected(["detector/src/lens.c"], root) == ["detector/tests"]
     assert selected([], root) == []
 
 

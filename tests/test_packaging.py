@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -11,11 +12,11 @@ import pytest
 import yaml
 
 import markergen
-from markergen.detect.kernel_build import LIBRARY
 from markergen.files import schemas, shipped_folder
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+DETECTOR = tomllib.loads((ROOT / "detector/pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 DISTRIBUTIONS = {
     "OCP": "cadquery", "PIL": "pillow", "cv2": "opencv-contrib-python-headless", "distributed": "dask",
@@ -23,6 +24,7 @@ DISTRIBUTIONS = {
     "yaml": "pyyaml",
 }  # fmt: skip
 """Distributions of modules that are not named as they are."""
+OWN = {"markergen", "markergen_detect", ""}
 
 
 def named(requirement: str) -> str:
@@ -41,13 +43,13 @@ def third_party(path: Path) -> set[str]:
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names.add((node.module or "").split(".")[0])
-    return {named(DISTRIBUTIONS.get(name, name)) for name in names - sys.stdlib_module_names - {"markergen", ""}}
+    return {named(DISTRIBUTIONS.get(name, name)) for name in names - sys.stdlib_module_names - OWN}
 
 
 def test_what_is_imported_is_declared():
     used = set().union(*map(third_party, (ROOT / "markergen").rglob("*.py")))
     optional = declared(*EXTRAS.values())
-    core = declared(PROJECT["project"]["dependencies"])
+    core = declared(PROJECT["project"]["dependencies"]) - {"markergen-detect"}
     assert used <= core | optional
     assert core <= used
     assert not core & optional
@@ -64,7 +66,7 @@ def test_every_requirement_is_pinned_by_version_alone():
     assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines)
     assert lines == sorted(lines, key=str.lower)
     groups = [PROJECT["project"]["dependencies"], *EXTRAS.values(), *PROJECT["dependency-groups"].values()]
-    assert declared(*groups) - {"markergen"} <= declared(lines)
+    assert declared(*groups) - {"markergen", "markergen-detect"} <= declared(lines)
 
 
 def test_the_version_is_one():
@@ -92,7 +94,8 @@ def test_every_supported_python_is_tested():
     job = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))["jobs"]["test"]
     assert job["strategy"]["matrix"]["python"] == supported
     assert PROJECT["project"]["requires-python"] == f">={supported[0]}"
-    assert PROJECT["tool"]["cibuildwheel"]["build"] == f"cp{supported[0].replace('.', '')}-manylinux_*"
+    oldest = DETECTOR["project"]["requires-python"].removeprefix(">=").replace(".", "")
+    assert DETECTOR["tool"]["cibuildwheel"]["build"] == f"cp{oldest}-manylinux_*"
 
 
 def test_hooks_run_the_pinned_versions():
@@ -111,12 +114,23 @@ def test_every_schema_goes_into_the_wheel():
     assert [path.name for path in schemas().values()] == [path.name for path in published]
 
 
-def test_the_compiled_part_is_built_by_a_hook_that_needs_what_builds_the_package():
-    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"] == {}
+def test_the_detector_is_a_distribution_of_its_own_of_the_same_version():
+    project = DETECTOR["project"]
+    assert project["version"] == PROJECT["project"]["version"]
+    assert f"markergen-detect=={project['version']}" in PROJECT["project"]["dependencies"]
+    package = ROOT / "detector" / "markergen_detect"
+    assert set().union(*map(third_party, package.glob("*.py"))) == declared(project["dependencies"]) == {"numpy"}
+    assert (ROOT / "detector/LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+
+
+def test_the_detector_is_compiled_by_a_hook_that_needs_what_builds_the_package():
+    assert DETECTOR["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"] == {}
     # hatchling itself requires packaging.
-    assert third_party(ROOT / "hatch_build.py") == {"hatchling", "packaging"}
+    assert third_party(ROOT / "detector/hatch_build.py") == {"hatchling", "packaging"}
+    assert third_party(ROOT / "detector/build_core.py") == set()
     # What is built in a checkout is of this computer, and goes neither into git nor by itself into a distribution.
-    assert LIBRARY in (ROOT / ".gitignore").read_text().splitlines()
+    library = runpy.run_path(str(ROOT / "detector/build_core.py"))["LIBRARY"]
+    assert {library, "detector/markergen_detect/detector.h"} <= set((ROOT / ".gitignore").read_text().splitlines())
 
 
 def test_the_papers_study_is_installed_and_found_in_a_checkout():

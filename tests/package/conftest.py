@@ -26,7 +26,7 @@ def call(*words: object, cwd: Path, check: bool = True, **variables: str) -> sub
 
 @pytest.fixture(scope="session")
 def distributions(tmp_path_factory) -> dict[str, Path]:
-    """The sdist and the wheel that is built from it, by suffix."""
+    """The sdist and the wheel that is built from it, by suffix; the detector's are in a folder beside theirs."""
     pytest.importorskip("build", reason="needs the dependency group package: make test-package")
     folder = tmp_path_factory.mktemp("dist")
     asked = call(
@@ -35,11 +35,18 @@ def distributions(tmp_path_factory) -> dict[str, Path]:
     if asked.returncode:
         pytest.skip(f"the package index cannot be reached: {(asked.stderr.splitlines() or ['no answer'])[-1]}")
     call(sys.executable, "-m", "build", "--outdir", folder / "made", ROOT, cwd=folder)
+    call(sys.executable, "-m", "build", "--outdir", folder / "detector", ROOT / "detector", cwd=folder)
     return {path.suffix: path for path in (folder / "made").iterdir()}
 
 
 @pytest.fixture(scope="session")
-def install(distributions, tmp_path_factory) -> Callable[[str], Path]:
+def detector(distributions) -> dict[str, Path]:
+    """The same of the detector."""
+    return {path.suffix: path for path in distributions[".whl"].parents[1].joinpath("detector").iterdir()}
+
+
+@pytest.fixture(scope="session")
+def install(distributions, detector, tmp_path_factory) -> Callable[[str], Path]:
     """Install the wheel with extras such as ``[all]`` into an environment of its own; returns its folder of programs.
 
     The newest releases of everything, which is what a user gets, and not those of constraints.txt.
@@ -50,7 +57,8 @@ def install(distributions, tmp_path_factory) -> Callable[[str], Path]:
         call(sys.executable, "-m", "venv", folder, cwd=folder)
         programs = folder / "bin"
         wheel = f"markergen{extras} @ {distributions['.whl'].as_uri()}"
-        call(programs / "python", "-m", "pip", "install", "--quiet", wheel, cwd=folder)
+        links = "--find-links", detector[".whl"].parent
+        call(programs / "python", "-m", "pip", "install", "--quiet", *links, wheel, cwd=folder)
         return programs
 
     return installed

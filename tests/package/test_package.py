@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -91,28 +90,9 @@ def test_the_wheel_has_templates_schemas_and_the_marker_of_types(distributions):
     assert not [name for name in names if name.startswith(("tests", "docs", "benchmarks", "examples"))]
 
 
-def test_the_wheel_has_the_compiled_part_and_is_for_this_platform(distributions, bare, tmp_path):
-    from markergen.detect.kernel_build import LIBRARY, build
-
-    try:
-        build(tmp_path)
-    except OSError as error:
-        pytest.skip(str(error))
-    wheel = distributions[".whl"]
-    assert f"markergen/detect/{LIBRARY}" in zipfile.ZipFile(wheel).namelist()
-    assert wheel.stem.endswith(f"-py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}")
-    code = "from markergen.detect import kernel; print(kernel.missing())"
-    assert call(bare / "python", "-c", code, cwd=tmp_path).stdout.strip() == "None"
-
-
-def test_without_a_compiler_the_wheel_is_for_any_platform(distributions, tmp_path):
-    done = call(
-        sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT, cwd=tmp_path, CC="no-such-compiler"
-    )  # fmt: skip
-    assert "without the compiled part of detection: " in done.stdout + done.stderr
-    (wheel,) = tmp_path.iterdir()
-    assert wheel.name.endswith("-py3-none-any.whl")
-    assert not [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith((".so", ".dll"))]
+def test_the_wheel_is_for_any_platform(distributions):
+    assert distributions[".whl"].name.endswith("-py3-none-any.whl")
+    assert not [name for name in zipfile.ZipFile(distributions[".whl"]).namelist() if name.endswith((".so", ".dll"))]
 
 
 def test_it_is_imported_from_where_it_is_installed(bare, tmp_path):

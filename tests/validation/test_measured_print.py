@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect
-from markergen.estimators.weighted_pose import estimate_pose
 from markergen.estimators.budget import ErrorSources
+from markergen.estimators.weighted_pose import estimate_pose
 from markergen.maths.rotation import logarithm
 from markergen.model.body_json import from_json, to_json
 from markergen.model.camera import PAPER_CAMERA

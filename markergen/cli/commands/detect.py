@@ -57,7 +57,6 @@ def detect(
       markergen detect walk.mp4 --marker marker.json --camera camera.yaml --json found.jsonl --overlay seen.mp4
       markergen detect 0 --marker marker.json --camera camera.yaml --json - | jq .markers[0].pose
     """
-    from markergen.detect import kernel
     from markergen.detect.batch import detect_files
     from markergen.detect.video import detect_video
     from markergen.read.videos import is_video
@@ -75,6 +74,4 @@ def detect(
     else:
         with console.progress_bar() as progress:
             result = detect_files(images, marker, camera, progress=progress, **options)
-    if missing := kernel.missing():
-        console.note(f"markergen: note: {missing}")
     raise typer.Exit(result.status)
