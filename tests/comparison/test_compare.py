@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from markergen.comparison import compare as module
-from markergen.comparison.compare import compare
+from markergen.comparison.compare import _ratio, compare, rms_interval
 from markergen.comparison.contestants.boards import ChArUco
-from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
 from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
 from markergen.comparison.series import Observation
-from markergen.comparison.statistics import _ratio, rms_interval
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
@@ -237,13 +236,13 @@ def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views,
 
 
 def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch):
-    honest = DotMarker.sight
+    honest = DotBody.sight
 
     def careless(*arguments):
         found = honest(*arguments)
         return replace(found, pixels=np.roll(found.pixels, 1, axis=0))
 
-    monkeypatch.setattr(DotMarker, "sight", careless)
+    monkeypatch.setattr(DotBody, "sight", careless)
     first = compare([path, "square"], views=3, workers=1)["contestants"][0]
     assert (first["detected"], first["wrong"], first["rotation_deg"]["count"]) == (0, 3, 0)
     assert all("px off" in failure["reason"] for failure in first["failures"])
