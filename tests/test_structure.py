@@ -156,4 +156,4 @@ def test_the_command_lists_what_a_figure_counts():
     assert listed.stdout.splitlines()[-1] in ("markergen.arrays", "markergen.errors")
     refused = subprocess.run([*command, "ceilings"], cwd=root, capture_output=True, text=True)
     assert refused.returncode == 2
-    assert "there is no 'ceilings'" in refused.stderr
+    assert "no 'ceilings'" in refused.stderr

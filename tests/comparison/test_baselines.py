@@ -213,14 +213,14 @@ def test_what_is_none_is_refused_in_one_line(text, said):
 def test_markers_of_two_sizes_are_no_comparison(marker, tmp_path, make_ngon):
     other = tmp_path / "small.json"
     other.write_bytes(to_json(make_ngon(5, 0.1, 0.02)))
-    with pytest.raises(InputError, match="circles of one size, here of radius 150 mm"):
+    with pytest.raises(InputError, match="here of radius 150 mm"):
         line_up([marker, str(other)])
 
 
 def test_bare_points_cannot_be_seen(tmp_path, make_ngon):
     bare = tmp_path / "bare.json"
     bare.write_bytes(to_json(make_ngon(5, 0.15, 0.0)))
-    with pytest.raises(InputError, match="dots that can be seen"):
+    with pytest.raises(InputError, match="can be seen"):
         line_up([str(bare)])
 
 

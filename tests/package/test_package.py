@@ -109,7 +109,7 @@ def test_without_a_compiler_the_wheel_is_for_any_platform(distributions, tmp_pat
     done = call(
         sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT, cwd=tmp_path, CC="no-such-compiler"
     )  # fmt: skip
-    assert "without the compiled part of detection: " in done.stdout + done.stderr
+    assert "the compiled part" in done.stdout + done.stderr
     (wheel,) = tmp_path.iterdir()
     assert wheel.name.endswith("-py3-none-any.whl")
     assert not [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith((".so", ".dll"))]
@@ -174,7 +174,7 @@ def test_a_solid_is_refused_in_one_line_that_says_what_to_install(bare, desk, su
     done = call(bare / "markergen", "export", "marker.json", "-o", f"m{suffix}", cwd=desk, check=False)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert "No module named 'OCP'" in line
+    assert "module named 'OCP'" in line
     assert "pip install 'markergen[solids]'" in line
     assert not (desk / f"m{suffix}").exists()
 
