@@ -263,7 +263,7 @@ def test_others_may_speak_while_one_decodes(capfd):
     with quiet:
         os.write(2, b"of a decoder\n")
         with quiet.lifted():
-            os.write(2, b"of another thread\n")
+            os.write(2, b"another thread\n")
         os.write(2, b"of a decoder\n")
     with quiet.lifted():
         os.write(2, b"afterward\n")
