@@ -10,8 +10,8 @@
 
 #include <time.h>
 
-/* Least difference of evidence between a labeling and any that contradicts it: odds of 10,000. */
-static const double MARGIN = 9.2;
+/* Least difference of evidence between a labeling and any that contradicts it: odds of 3,000. */
+static const double MARGIN = 8;
 
 /* Labelings of one layout, or bodies of the same dots, that do not hold once their dots are fitted, before the search for it
    ends: in 800 views there was one at most, regular patterns have thousands. */
@@ -26,7 +26,7 @@ static const double LEAST_CELL_PX = 2.5;
 /* What is left to find of a layout, and why nothing was found. */
 typedef struct {
     Pool pool;
-    int64_t left, restarts;
+    int64_t members, found, left, restarts; /* bodies of the layout; copies found, and looked for */
     int searched, ended;
     Finding why;
 } Quest;
@@ -152,7 +152,8 @@ static void seek(Frame *frame, int64_t l)
 {
     static const double FOCALS[] = {1, 0.4, 3};
     Quest *quest = frame->quests + l;
-    const int first = quest->left == frame->options->copies;
+    /* All members of a family may be there; further copies are in plain sight. */
+    const int first = quest->found < quest->members;
     if (!quest->searched) {
         quest->pool.count = 0;
         for (int f = 0; f < (frame->calibrated ? 1 : 3); f++) {
@@ -166,7 +167,7 @@ static void seek(Frame *frame, int64_t l)
         quest->searched = 1;
     }
     const Labeling *best = best_of(&quest->pool);
-    if (first && best->evidence > quest->why.evidence) {
+    if (!quest->found && best->evidence > quest->why.evidence) {
         quest->why.evidence = best->evidence;
         quest->why.state = best->evidence > 0 ? UNSURE : UNFIT;
         quest->why.count = best->count;
@@ -493,7 +494,7 @@ static int next_finding(Frame *frame)
     finding.cut = quest->why.cut;
     const int64_t place = judge_labelings(frame, best, &finding);
     if (place < 0) {
-        if (finding.state && quest->left == frame->options->copies) {
+        if (finding.state && !quest->found) {
             finding.missing = quest->why.missing;
             quest->why = finding;
         }
@@ -518,12 +519,13 @@ static int next_finding(Frame *frame)
         other->why.state = CLAIMED;
         other->why.rival = best;
     }
-    const int first = quest->left == frame->options->copies;
+    const int first = !quest->found;
     if (finding.state == HIDDEN_TAG) {
         quest->why = finding;
         quest->why.count = chosen->count;
     }
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;
+    quest->found++;
     int status = 0;
     if (finding.state == FOUND || first)
         status = add_finding(frame->findings, layout, chosen, &finding);
@@ -559,7 +561,9 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
     for (int64_t l = 0; l < model->layout_count && !status; l++) {
         Quest *quest = frame.quests + l;
         status = pool_for(&quest->pool, model->layouts[l].count);
-        quest->left = options->copies;
+        for (int64_t k = 0; k < model->member_count; k++)
+            quest->members += model->members[k].layout == l;
+        quest->left = options->copies * quest->members;
         quest->ended = wanted && !wanted[l];
         quest->why.state = findings->blob_count < LEAST_DOTS ? FEW : UNFIT;
         quest->why.rival = quest->why.tag = quest->why.tag_state = -1;

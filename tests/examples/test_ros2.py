@@ -63,11 +63,11 @@ def test_images_of_any_layout_are_those_of_opencv(ros, encoding, channels, kind,
 
 def test_other_images_are_refused_in_a_line(ros):
     bayer = message(np.zeros((4, 6), np.uint8), "bayer_rggb8")
-    with pytest.raises(mg.InputError, match=r"found bayer_rggb8; convert it, as image_proc does$"):
+    with pytest.raises(mg.InputError, match=r"bayer_rggb8; convert it, as image_proc does$"):
         ros.array_of(bayer)
     short = message(np.zeros((4, 6), np.uint8), "mono8")
     short.data = short.data[:-1]
-    with pytest.raises(mg.InputError, match="expected 4 rows of at least 6 bytes, found 23 bytes with step 6"):
+    with pytest.raises(mg.InputError, match="4 rows of at least 6 bytes, found 23 bytes"):
         ros.array_of(short)
 
 
