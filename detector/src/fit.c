@@ -11,6 +11,7 @@
    only if that is clearly better. */
 
 #include "detector.h"
+#include "lanes.h"
 
 /* Unknowns p: center (2) and M (m11, m12, m22) of the ellipse |M (x - c)| = 1; grey levels of light and dark; blur; slopes of
    light and of dark (2 each), per px; center (2) of a ring's hole, and its size relative to the outline's. */
@@ -96,40 +97,7 @@ static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5;
 /* Standard deviation along each axis of the center of a dot whose fit is refused. */
 static const double ROUGH_PX = 0.2;
 
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double within(double a, double low, double high) { return a < low ? low : a > high ? high : a; }
-
-/* ---- four pixels at a time ---- */
-
-enum { LANES = 4 };
-typedef float Lanes __attribute__((vector_size(4 * LANES)));
-typedef int32_t Flags __attribute__((vector_size(4 * LANES))); /* -1 or 0 from comparisons */
-
-static inline Lanes all(float x) { return (Lanes){x, x, x, x}; }
-static inline Lanes pick(Flags which, Lanes a, Lanes b) { return (Lanes)((which & (Flags)a) | (~which & (Flags)b)); }
-static inline Lanes magnitude(Lanes x) { return (Lanes)((Flags)x & INT32_MAX); }
-static inline Lanes most_of(Lanes a, Lanes b) { return pick(a > b, a, b); }
-static inline Lanes least_of(Lanes a, Lanes b) { return pick(a < b, a, b); }
-
-static inline Lanes root_of(Lanes x)
-{
-    Lanes root;
-    for (int k = 0; k < LANES; k++)
-        root[k] = sqrtf(x[k]);
-    return root;
-}
-
-static inline Lanes read(const float *from)
-{
-    Lanes x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-static inline void write(float *to, Lanes x) { memcpy(to, &x, sizeof x); }
-
-static inline double sum_of(Lanes x) { return (double)((x[0] + x[1]) + (x[2] + x[3])); }
 
 /* The normal distribution F(t), and its density f: F by formula 26.2.17 of Abramowitz and Stegun, within 1e-7. */
 static inline Lanes normal_at(Lanes t, Lanes *density)
