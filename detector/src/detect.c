@@ -15,7 +15,7 @@ static const double MARGIN = 8;
 
 /* Labelings of one layout, or bodies of the same dots, that do not hold once their dots are fitted, before the search for it
    ends: in 800 views there was one at most, regular patterns have thousands. */
-enum { RESTARTS = 4 };
+enum { RESTARTS = 4, NOTHING = -2 };
 
 /* Angle by which a plate is turned that is not in its place, rad: poses of single plates err by less. */
 static const double TURNED = 0.26;
@@ -213,6 +213,7 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
             answer = -1;
         } else if (reading.id == member->tag) {
             finding->member = (int32_t)k;
+            finding->state = FOUND;
             return 1;
         } else if (!answer) {
             finding->state = OTHER_TAG;
@@ -393,17 +394,23 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
 }
 
 /* Judges the best labeling of a layout beside its rivals, with what tags say; returns its place in the pool, -1 if none holds. */
-static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding)
+static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *strangers)
 {
     Quest *quest = frame->quests + l;
     const Layout *layout = frame->model->layouts + l;
     Finding refuted = {0};
+    frame->work.chosen[0] = NOTHING;
     while (1) {
         const int64_t chosen = best_of(&quest->pool) - quest->pool.best;
         const double least = refuted.state ? refuted.evidence - MARGIN : SURE + log((double)frame->model->layout_count);
         if (!quest->pool.count || !(quest->pool.best[chosen].evidence > least)) {
             if (refuted.state)
                 *finding = refuted;
+            if (refuted.state && frame->work.chosen[0] != NOTHING) {
+                const Labeling other = {.labels = frame->work.chosen};
+                take(frame, layout, &other);
+                *strangers = 1;
+            }
             return -1;
         }
         finding->state = FOUND;
@@ -414,6 +421,7 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding)
                 refuted = *finding;
                 refuted.evidence = quest->pool.best[chosen].evidence;
                 refuted.count = quest->pool.best[chosen].count;
+                memcpy(frame->work.chosen, quest->pool.best[chosen].labels, (size_t)layout->count * sizeof(int64_t));
             }
             drop(&quest->pool, chosen);
             continue;
@@ -492,13 +500,13 @@ static int next_finding(Frame *frame)
     Finding finding = {0};
     finding.rival = finding.tag = -1;
     finding.cut = quest->why.cut;
-    const int64_t place = judge_labelings(frame, best, &finding);
+    int strangers = 0;
+    const int64_t place = judge_labelings(frame, best, &finding, &strangers);
     if (place < 0) {
-        if (finding.state && !quest->found) {
-            finding.missing = quest->why.missing;
+        if (finding.state && !quest->found)
             quest->why = finding;
-        }
-        quest->ended = 1;
+        /* Another marker than the one that is looked for has these dots. */
+        quest->ended = !(finding.state && strangers);
         return 1;
     }
     const Labeling *chosen = quest->pool.best + place;
