@@ -147,6 +147,28 @@ static int add_finding(Findings *findings, const Layout *layout, const Labeling 
     return 0;
 }
 
+/* Adds a finding that is not FOUND for each member of a layout; its rival is the first other member of the same layout, or of
+   the layout `rival`. */
+static int add_findings(Frame *frame, int64_t l, const Labeling *labeling, const Finding *base)
+{
+    const Model *model = frame->model;
+    int status = 0;
+    for (int64_t k = 0; k < model->member_count && !status; k++) {
+        Finding finding = *base;
+        if (model->members[k].layout != l)
+            continue;
+        finding.member = (int32_t)k;
+        finding.rival = -1;
+        for (int64_t o = model->member_count - 1; o >= 0; o--)
+            if (o != k && model->members[o].layout == (base->rival < 0 ? l : base->rival))
+                finding.rival = o;
+        if (base->state != CLAIMED && base->state != HIDDEN_TAG)
+            finding.rival = -1;
+        status = add_finding(frame->findings, model->layouts + l, labeling, &finding);
+    }
+    return status;
+}
+
 /* Searches for a layout unless that is done. */
 static void seek(Frame *frame, int64_t l)
 {
@@ -223,6 +245,8 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
     /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
     if (!answer && asked && (members > 1 || finding->tag_state >= TAG_FAINT))
         finding->state = HIDDEN_TAG;
+    else if (!answer && members > 1)
+        finding->state = CLAIMED;
     return answer;
 }
 
@@ -515,28 +539,27 @@ static int next_finding(Frame *frame)
         return NO_MEMORY;
     if (misplaced)
         finding.state = CONTRADICTED;
-    for (int64_t l = 0; l < model->layout_count; l++) {
+    int status = 0;
+    for (int64_t l = 0; l < model->layout_count && !status; l++) {
         Quest *other = frame->quests + l;
         if (l == best || !other->searched || !(best_of(&other->pool)->evidence > chosen->evidence - MARGIN) ||
             !share(layout, chosen, model->layouts + l, best_of(&other->pool)))
             continue;
         /* Neither has them. */
-        finding.state = CLAIMED;
+        Finding claim = {0};
+        claim.state = finding.state = CLAIMED;
+        claim.tag = claim.tag_state = -1;
+        claim.rival = best;
         finding.rival = l;
         other->ended = 1;
-        other->why.state = CLAIMED;
-        other->why.rival = best;
+        if (!other->found)
+            status = add_findings(frame, l, best_of(&other->pool), &claim);
     }
-    const int first = !quest->found;
-    if (finding.state == HIDDEN_TAG) {
-        quest->why = finding;
-        quest->why.count = chosen->count;
-    }
+    if (!status && (finding.state == FOUND || !quest->found))
+        status = finding.state == FOUND ? add_finding(frame->findings, layout, chosen, &finding)
+                                        : add_findings(frame, best, chosen, &finding);
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;
     quest->found++;
-    int status = 0;
-    if (finding.state == FOUND || first)
-        status = add_finding(frame->findings, layout, chosen, &finding);
     take(frame, layout, chosen);
     return status ? status : 1;
 }
@@ -736,6 +759,8 @@ int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, c
     memset(findings, 0, sizeof *findings);
     if (track_count) {
         const int tracked = track(model, camera, calibrated, image, options, tracks, track_count, findings);
+        if (tracked)
+            findings->tracked = tracked > 0;
         if (tracked)
             return tracked < 0 ? tracked : 0;
         findings_free(findings);

@@ -331,7 +331,7 @@ enum { TURNS = 12, PLATES = 12, TAG_NONE = -1 };
 typedef struct {
     int32_t member, state, cut;
     int32_t tag_state;       /* of TagReading, TAG_NONE without a tag */
-    int64_t rival, tag;      /* number of a layout; code of the tag that was read, -1 for none */
+    int64_t rival, tag;      /* number of a member; code of the tag that was read, -1 for none */
     double corners[4][2];    /* of that tag, px */
     int64_t turns;           /* of other labelings that are about as likely */
     double turn[TURNS];      /* by which they are turned about the plate's normal, rad */
@@ -356,6 +356,7 @@ typedef struct {
     int64_t count, blob_count;
     Finding *findings;
     Blob *blobs;
+    int64_t tracked; /* whether all are from windows around where they were */
 } Findings;
 
 /* Finds the bodies of a model in an image: found ones and those with dots first, then one finding for each other member. With
