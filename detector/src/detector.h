@@ -364,9 +364,9 @@ typedef struct {
    NO_MEMORY. */
 int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                      const Track *tracks, int64_t track_count, Findings *findings);
-/* The same from blobs that were found before, which become the findings' own, of the layouts `wanted`, all if NULL. */
+/* The same from blobs that were found before, which become the findings' own. */
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    const uint8_t *wanted, Findings *findings);
+                    Findings *findings);
 void findings_free(Findings *findings);
 
 /* ---- results.c ---- */

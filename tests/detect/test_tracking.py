@@ -142,7 +142,8 @@ def test_a_wrong_pose_changes_nothing(irregular, searched):
     quarters = [placed(whole, whole.rotation @ turned(np.pi / 2 * k), whole.translation) for k in (1, 2, 3)]
     for near in (behind, beside, *away, *quarters):
         same(finder(frame, near=near)[0], whole)
-    assert len(searched) == 9
+    # The first frame, and poses from which nothing would be seen; the others have it in their windows.
+    assert 3 <= len(searched) <= 9
 
 
 @pytest.mark.parametrize("rings", [(0,), ()], ids=["ring", "no ring"])
