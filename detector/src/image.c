@@ -144,73 +144,93 @@ static int set_range(const Image *image, Pyramid *p)
     return 0;
 }
 
-static void to_eight_bits(const Image *image, const Pyramid *p, uint8_t *to)
+/* Row y of an image in 8 bits. */
+static void read_row(const Image *image, const Pyramid *p, int64_t y, uint8_t *restrict to)
 {
     const float low = (float)p->low, scale = (float)(1 / p->unit);
-    for (int64_t y = 0; y < image->height; y++, to += image->width) {
-        const uint8_t *row = image->rows + y * image->stride;
-        if (image->wide)
-            for (int64_t x = 0; x < image->width; x++) {
-                const float level = ((float)wide_level(image, x, y) - low) * scale;
-                to[x] = (uint8_t)(level > 0 ? level < 255 ? level : 255 : 0);
-            }
-        else
-            for (int64_t x = 0; x < image->width; x++)
-                to[x] = (uint8_t)(UINT8_MAX - row[x]);
-    }
+    const uint8_t *row = image->rows + y * image->stride;
+    for (int64_t x = 0; x < image->width; x++)
+        if (image->wide) {
+            const float level = ((float)wide_level(image, x, y) - low) * scale;
+            to[x] = (uint8_t)(level > 0 ? level < 255 ? level : 255 : 0);
+        } else
+            to[x] = (uint8_t)(UINT8_MAX - row[x]);
 }
 
-/* Means of 2 x 2 pixels, halves rounded up; an odd column or row at the far edges is left out. */
-static void halve(const Image *image, uint8_t *to, int64_t height, int64_t width)
+/* Means of 2 x 2 pixels of two rows, halves rounded up. */
+static void halve(const uint8_t *restrict a, const uint8_t *restrict b, uint8_t *restrict to, int64_t width)
 {
-    for (int64_t y = 0; y < height; y++, to += width) {
-        const uint8_t *a = image->rows + 2 * y * image->stride, *b = a + image->stride;
-        for (int64_t x = 0; x < width; x++)
-            to[x] = (uint8_t)((a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1] + 2) >> 2);
+    for (int64_t x = 0; x < width; x++) {
+        uint16_t above, below;
+        memcpy(&above, a + 2 * x, 2);
+        memcpy(&below, b + 2 * x, 2);
+        to[x] = (uint8_t)((uint16_t)((above & UINT8_MAX) + (above >> 8) + (below & UINT8_MAX) + (below >> 8) + 2) >> 2);
     }
 }
 
+/* Row y of a level: from the finer one where that is kept, else from rows made in `spare`, so that an image of which only
+   coarse levels are used is read once. */
+static void make_row(const Image *image, const Pyramid *p, int level, int64_t y, uint8_t *spare, uint8_t *to)
+{
+    const uint8_t *pair[2];
+    if (!level) {
+        read_row(image, p, y, to);
+        return;
+    }
+    const Image *finer = p->level + level - 1;
+    for (int k = 0; k < 2; k++) {
+        pair[k] = finer->rows + (2 * y + k) * finer->stride;
+        if (!finer->rows) {
+            uint8_t *row = spare + k * finer->width;
+            make_row(image, p, level - 1, 2 * y + k, spare + 2 * finer->width, row);
+            pair[k] = row;
+        }
+    }
+    halve(pair[0], pair[1], to, finer->width / 2);
+}
+
+/* An odd column or row at the far edges of a level is left out of the next. One more than those that are searched gives the
+   means around the pixels of the coarsest. */
 static int build_pyramid(const Image *image, double smallest, Pyramid *p)
 {
     const int copied = image->wide || image->inverted;
-    int64_t height = image->height, width = image->width, pixels = copied ? height * width : 0;
-    p->first = 0;
+    int64_t height = image->height, width = image->width, pixels = 0, shorter = height < width ? height : width;
+    p->first = p->end = 0;
     p->memory = NULL;
     while ((smallest >= ldexp(2 * LEAST_DOT, p->first) || height * width > (int64_t)MAX_PIXELS << (2 * p->first)) &&
-           ((height < width ? height : width) >> p->first) >= 2 * MIN_SIDE)
+           (shorter >> p->first) >= 2 * MIN_SIDE)
         p->first++;
     if (set_range(image, p))
         return NO_MEMORY;
-    p->level[0] = *image;
-    for (p->end = 1; (height < width ? height : width) >= 2 * MIN_SIDE; p->end++) {
-        height /= 2;
-        width /= 2;
-        pixels += height * width;
-        p->level[p->end] = (Image){NULL, height, width, width, 0, 0};
+    for (int i = 0;; i++, height /= 2, width /= 2) {
+        p->level[i] = (Image){NULL, height, width, width, 0, 0};
+        pixels += i < p->first || (i == 0 && !copied) ? 0 : height * width;
+        if (p->end)
+            break;
+        p->end = (height < width ? height : width) < 2 * MIN_SIDE ? i + 1 : 0;
     }
-    uint8_t *free_place = p->memory = malloc((size_t)pixels + 1);
-    if (!free_place)
+    p->memory = malloc((size_t)(pixels + 4 * image->width + 1));
+    if (!p->memory)
         return NO_MEMORY;
-    if (copied) {
-        to_eight_bits(image, p, free_place);
-        p->level[0] = (Image){free_place, image->height, image->width, image->width, 0, 0};
-        free_place += image->height * image->width;
-    }
-    for (int i = 1; i < p->end; i++) {
+    uint8_t *place = p->memory, *spare = place + pixels;
+    if (!copied)
+        p->level[0] = *image;
+    for (int i = copied ? p->first : p->first > 1 ? p->first : 1; i <= p->end; i++) {
         Image *level = p->level + i;
-        halve(level - 1, free_place, level->height, level->width);
-        level->rows = free_place;
-        free_place += level->height * level->width;
+        for (int64_t y = 0; y < level->height; y++)
+            make_row(image, p, i, y, spare, place + y * level->width);
+        level->rows = place;
+        place += level->height * level->width;
     }
     return 0;
 }
 
 /* ---- dark components ----
 
-   A pixel p is dark if round(sum / 225) - p > step, with the sum over the 15 x 15 pixels around it, those beyond the
-   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that share a
-   side are of one component. The window is wider than a blurred edge, narrow compared to a dot's surroundings; the inside
-   of a larger dot does not differ from its mean, but a closed band along its edge does.
+   A pixel p is dark if m - p > step, with m the mean of the 14 x 14 pixels around it, those beyond the image's edge repeated
+   from the edge: of 7 x 7 of the next coarser level, which is a quarter of the work. Dark pixels that share a side are of one
+   component. The window is wider than a blurred edge, narrow compared to a dot's surroundings; the inside of a larger dot does
+   not differ from its mean, but a closed band along its edge does.
 
    One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
    A component without a run in a row is complete, and its place is used again: memory is that of a few rows.
@@ -220,7 +240,7 @@ static int build_pyramid(const Image *image, double smallest, Pyramid *p)
    modulo 2^64; relative to the corner of the component's box, they are exact again for boxes of up to 2^15 pixels' side.
    Larger ones are left out. */
 
-enum { HALF = 7, WINDOW = 2 * HALF + 1, AREA = WINDOW * WINDOW, LARGEST = 1 << 15, RING = 16 };
+enum { HALF = 3, LARGEST = 1 << 15 };
 
 /* Least depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise. */
 static const double MIN_DEPTH = 6, DEPTH_SIGMA = 3.5;
@@ -350,101 +370,81 @@ static void smooth_row(const Image *image, int64_t y, uint16_t *sums, uint8_t *t
         to[x] = (uint8_t)((sums[x] + 2 * sums[x + 1] + sums[x + 2] + 8) >> 4);
 }
 
-/* 1 where a pixel is dark, else 0. The sum of 15 is that of 8, 4, 2 and 1 neighbors, in blocks that stay in the cache. */
-static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, int64_t width, int step)
-{
-    enum { BLOCK = 1024 };
-    uint16_t two[BLOCK + 14], four[BLOCK + 12], eight[BLOCK];
-    const uint16_t least = (uint16_t)(AREA * (step + 1));
-    for (int64_t from = 0; from < width; from += BLOCK) {
-        const int m = width - from < BLOCK ? (int)(width - from) : BLOCK;
-        const uint16_t *s = sums + from;
-        const uint8_t *p = row + from;
-        uint8_t *d = dark + from;
-        for (int x = 0; x < m + 13; x++)
-            two[x] = (uint16_t)(s[x] + s[x + 1]);
-        for (int x = 0; x < m + 11; x++)
-            four[x] = (uint16_t)(two[x] + two[x + 2]);
-        for (int x = 0; x < m; x++)
-            eight[x] = (uint16_t)(four[x] + four[x + 4]);
-        for (int x = 0; x < m; x++) {
-            const uint16_t sum = (uint16_t)(eight[x] + four[x + 8] + two[x + 12] + s[x + 14] + AREA / 2);
-            const uint16_t own = (uint16_t)(AREA * p[x]);
-            const uint16_t over = (uint16_t)(sum > own ? sum - own : 0);
-            d[x] = over >= least;
-        }
-    }
-}
-
-/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 8 zeros
-   behind its end. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
-static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
-{
-    int32_t count = 0;
-    uint8_t before = 0;
-    for (int64_t x = 0; x <= width; x += 8) {
-        uint64_t word;
-        memcpy(&word, dark + x, 8);
-        if (word == (before ? UINT64_C(0x0101010101010101) : 0))
-            continue;
-        for (int i = 0; i < 8; i++) {
-            const uint8_t own = dark[x + i];
-            changes[count] = (int32_t)(x + i);
-            count += own ^ before;
-            before = own;
-        }
-    }
-    return count;
-}
-
-/* The last RING rows that the window has reached, and the sums of the 15 around the present one, with HALF columns more at
-   either end. */
+/* The sums of the columns of the 7 rows of the coarser level around the present one, with HALF more at either end, and the
+   means around its pixels. */
 typedef struct {
-    const Image *image;
-    const uint8_t *row[RING];
-    uint8_t *smooth; /* RING rows, or NULL */
-    uint16_t *sums, *scratch;
+    const Image *coarse;
+    int64_t row;
+    uint16_t *sums;
+    uint8_t *means;
 } Window;
 
-static void read_row(Window *w, int64_t y)
-{
-    w->row[y % RING] = w->image->rows + y * w->image->stride;
-    if (w->smooth) {
-        uint8_t *to = w->smooth + y % RING * w->image->width;
-        smooth_row(w->image, y, w->scratch, to);
-        w->row[y % RING] = to;
-    }
-}
-
+/* Means around the pixels of row y of the coarser level, each written twice. */
 static void move_down(Window *w, int64_t y)
 {
-    const int64_t height = w->image->height, width = w->image->width;
-    uint16_t *middle = w->sums + HALF;
-    if (y == 0) {
-        memset(middle, 0, sizeof *middle * (size_t)width);
-        for (int64_t i = 0; i <= HALF && i < height; i++)
-            read_row(w, i);
+    const int64_t height = w->coarse->height, width = w->coarse->width;
+    uint16_t *restrict middle = w->sums + HALF;
+    uint8_t *restrict means = w->means;
+    if (w->row < 0)
         for (int64_t i = -HALF; i <= HALF; i++) {
-            const uint8_t *row = w->row[i < 0 ? 0 : i < height ? i : height - 1];
+            const uint8_t *row = w->coarse->rows + w->coarse->stride * (i < 0 ? 0 : i < height ? i : height - 1);
             for (int64_t x = 0; x < width; x++)
                 middle[x] = (uint16_t)(middle[x] + row[x]);
         }
-    } else {
-        if (y + HALF < height)
-            read_row(w, y + HALF);
-        const uint8_t *in = w->row[(y + HALF < height ? y + HALF : height - 1) % RING];
-        const uint8_t *out = w->row[(y - HALF - 1 > 0 ? y - HALF - 1 : 0) % RING];
+    else {
+        const uint8_t *in = w->coarse->rows + w->coarse->stride * (y + HALF < height ? y + HALF : height - 1);
+        const uint8_t *out = w->coarse->rows + w->coarse->stride * (y - HALF - 1 > 0 ? y - HALF - 1 : 0);
         for (int64_t x = 0; x < width; x++)
             middle[x] = (uint16_t)(middle[x] + in[x] - out[x]);
     }
+    w->row = y;
     for (int64_t i = 0; i < HALF; i++) {
         w->sums[i] = middle[0];
         middle[width + i] = middle[width - 1];
     }
+    const uint16_t *s = w->sums;
+    for (int64_t x = 0; x < width; x++) {
+        /* 1338 / 2^16 is 1/49. */
+        const uint16_t sum = (uint16_t)(s[x] + s[x + 1] + s[x + 2] + s[x + 3] + s[x + 4] + s[x + 5] + s[x + 6] + 24);
+        const uint16_t mean = (uint16_t)((uint32_t)(sum * 1338) >> 16), twice = (uint16_t)(mean | mean << 8);
+        memcpy(means + 2 * x, &twice, 2);
+    }
+    means[2 * width] = means[2 * width - 1];
+}
+
+/* 1 where a pixel is dark, else 0. */
+static void mark_dark(uint8_t *restrict dark, const uint8_t *restrict means, const uint8_t *restrict row, int64_t width, int step)
+{
+    const uint8_t most = (uint8_t)step;
+    for (int64_t x = 0; x < width; x++)
+        dark[x] = (uint8_t)(means[x] > row[x] ? means[x] - row[x] : 0) > most;
+}
+
+/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 64 zeros
+   behind its end. In rows with texture every other branch would be mispredicted, so there is one for 64 pixels. */
+static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
+{
+    int32_t count = 0;
+    uint64_t before = 0;
+    for (int64_t x = 0; x <= width; x += 64) {
+        uint64_t words[8], any = before, bits = 0;
+        memcpy(words, dark + x, sizeof words);
+        for (int i = 0; i < 8; i++)
+            any |= words[i];
+        if (!any)
+            continue;
+        /* Eight bytes to eight bits, the first one the lowest. */
+        for (int i = 0; i < 8; i++)
+            bits |= (words[i] * UINT64_C(0x0102040810204080) >> 56) << (8 * i);
+        for (uint64_t edges = bits ^ (bits << 1 | before); edges; edges &= edges - 1)
+            changes[count++] = (int32_t)(x + __builtin_ctzll(edges));
+        before = bits >> 63;
+    }
+    return count;
 }
 
 /* Outlines of the components that could be dots. */
-static int find_components(const Image *image, Ellipses *found)
+static int find_components(const Image *image, const Image *coarse, Ellipses *found)
 {
     const int64_t height = image->height, width = image->width;
     found->count = 0;
@@ -458,25 +458,27 @@ static int find_components(const Image *image, Ellipses *found)
     noise *= smooth ? 3. / 8 : 1;
     const int step = (int)smaller(larger(MIN_DEPTH, DEPTH_SIGMA * noise), 255);
     const size_t most = (size_t)width / 2 + 1; /* runs in a row */
-    Window window = {.image = image};
-    window.sums = malloc(((size_t)width + 2 * HALF) * sizeof *window.sums);
-    window.scratch = malloc(((size_t)width + 2) * sizeof *window.scratch);
-    window.smooth = smooth ? malloc((size_t)(RING * width)) : NULL;
-    uint8_t *dark = calloc((size_t)width + 16, 1);
+    Window window = {coarse, -1, calloc((size_t)coarse->width + 2 * HALF, sizeof *window.sums), malloc((size_t)width + 2)};
+    uint16_t *scratch = malloc(((size_t)width + 2) * sizeof *scratch);
+    uint8_t *smoothed = malloc((size_t)width + 1), *dark = calloc((size_t)width + 72, 1);
     int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
     Run *above = malloc((most + 1) * sizeof *above), *here = malloc((most + 1) * sizeof *here);
     /* Those of two rows, since a joined one stays until the end of its row. */
     Component *all = malloc(2 * most * sizeof *all);
     int32_t above_count = 0, free_one = -1, used = 0;
-    int status = window.sums && window.scratch && (window.smooth || !smooth) && dark && changes && above && here && all
-                     ? 0
-                     : NO_MEMORY;
+    const int enough = window.sums && window.means && scratch && smoothed && dark && changes && above && here && all;
+    int status = enough ? 0 : NO_MEMORY;
     /* One row more, without a dark pixel, completes what is left. */
     for (int64_t y = 0; y <= height && !status; y++) {
         int32_t here_count = 0, i = 0, joined = -1;
         if (y < height) {
-            move_down(&window, y);
-            mark_dark(dark, window.sums, window.row[y % RING], width, step);
+            const uint8_t *row = image->rows + y * image->stride;
+            const int64_t of_coarse = y / 2 < coarse->height ? y / 2 : coarse->height - 1;
+            if (of_coarse != window.row)
+                move_down(&window, of_coarse);
+            if (smooth)
+                smooth_row(image, y, scratch, smoothed);
+            mark_dark(dark, window.means, smooth ? smoothed : row, width, step);
             here_count = find_changes(changes, dark, width) / 2;
         }
         /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
@@ -548,8 +550,9 @@ static int find_components(const Image *image, Ellipses *found)
         above_count = here_count;
     }
     free(window.sums);
-    free(window.scratch);
-    free(window.smooth);
+    free(window.means);
+    free(scratch);
+    free(smoothed);
     free(dark);
     free(changes);
     free(above);
@@ -1245,7 +1248,7 @@ static int find_edges(const Pyramid *p, Edges *edges)
     int status = 0;
     for (int level = p->first; level < p->end && !status; level++) {
         int64_t count = 0;
-        status = find_components(p->level + level, &rough);
+        status = find_components(p->level + level, p->level + level + 1, &rough);
         status = status ? status : make_coarser(&clears, clears.count + rough.count);
         for (int64_t i = 0; i < rough.count && !status; i++) {
             const double *e = rough.all[i].e;
