@@ -15,7 +15,6 @@ import pytest
 from videos import read_video, write_video
 
 from markergen.cli import console, main
-from markergen.detect import kernel
 from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
@@ -48,7 +47,6 @@ def folder(tmp_path_factory, pentagon):
 def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(kernel, "missing", lambda: None)
     return folder
 
 

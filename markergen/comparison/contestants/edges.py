@@ -8,8 +8,8 @@ from typing import Any
 from markergen.comparison.contestants.base import KINDS, Arena, Kind
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.tag_edges import fit_edges
 from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, detect_fiducial
+from markergen.comparison.tag_edges import fit_edges
 from markergen.model.camera import Camera
 
 

@@ -12,8 +12,8 @@ from markergen.arrays import Array
 from markergen.comparison.contestants.base import Contestant, Image, Pose, Sighting
 from markergen.comparison.contestants.layouts import DotMarker
 from markergen.comparison.contestants.printed import Lattice
-from markergen.detect import detect
 from markergen.comparison.fiducials import FiducialSettings, find_tags, tag_settings
+from markergen.detect import detect
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources
 from markergen.geometry.region import Region
