@@ -25,8 +25,7 @@ import markergen as mg
 from markergen.arrays import Array
 from markergen.bounds.dot_covariances import dot_information
 from markergen.comparison.contestants.printed import lm_pose
-from markergen.comparison.contestants.pupil import PupilTag
-from markergen.comparison.contestants.pupil import Settings as PupilSettings
+from markergen.comparison.contestants.pupil import PupilSettings, PupilTag
 from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.comparison.fiducials import FiducialSettings
 from markergen.detect import detect

@@ -17,6 +17,8 @@ python -m benchmarks.structure --list meaningless
   It has a note if a string follows it, or if a comment stands above it or on its lines.
 - Names given are what another module imports by name, or uses as attribute of the imported module. A pair of modules is
   cut in two if one gives the other MANY_NAMES or more that no third module uses.
+- Prose is a string of PROSE_WORDS words or more, in the condition of an assert or in the `match=` of a call within the
+  tests. A word is two letters or more between blanks, with marks around it: `--paper`, `0.2` and `m.pdf` are none.
 
 `--without` leaves the modules of a package out, and their arrows; they still count as importers of the others.
 """
@@ -25,13 +27,15 @@ import argparse
 import ast
 import gc
 import io
+import re
 import subprocess
 import tarfile
 import tempfile
 import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cache
+from contextlib import contextmanager
+from functools import cache, cached_property
 from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,6 +47,8 @@ LEAVES = frozenset({"verification", "calibration", "comparison", "studies", "stu
 LARGE_LINES = 500
 MANY_NAMES = 6
 TOP_PAIRS = 15
+PROSE_WORDS = 4
+WORD = re.compile(r"""[("'^]*[A-Za-z][A-Za-z'-]+[.,:;!?)"'$]*""")
 PRAGMAS = ("noqa", "fmt:", "type:", "pragma:")
 NO_CODE = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER, tokenize.COMMENT}
 
@@ -77,18 +83,32 @@ class Module:
         self.path = path.relative_to(root).as_posix()
         self.package = Path(self.path).parts[0].removesuffix(".py")
         self.name = ".".join([root.name, *Path(self.path).with_suffix("").parts]).removesuffix(".__init__")
+        self.text = text
         self.lines = len(text.splitlines())
-        self.comments: dict[int, str] = {}
-        self.code_lines: set[int] = set()
-        for token in tokenize.generate_tokens(io.StringIO(text).readline):
-            if token.type not in NO_CODE:
-                self.code_lines.update(range(token.start[0], token.end[0] + 1))
-            elif token.type == tokenize.COMMENT and not token.string.lstrip("# ").startswith(PRAGMAS):
-                self.comments[token.start[0]] = token.string
+
+    @cached_property
+    def tokens(self) -> list[tokenize.TokenInfo]:
+        return list(tokenize.generate_tokens(io.StringIO(self.text).readline))
+
+    @cached_property
+    def comments(self) -> dict[int, str]:
+        """Comments by their lines."""
+        tokens = (token for token in self.tokens if token.type == tokenize.COMMENT)
+        return {token.start[0]: token.string for token in tokens if not token.string.lstrip("# ").startswith(PRAGMAS)}
+
+    @cached_property
+    def docstring_lines(self) -> set[int]:
         bodies = [node.body for node in self.of(ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)]
-        self.docstring_lines = lines_of(body[0] for body in bodies if body and is_string(body[0]))
-        self.string_lines = lines_of(filter(is_string, self.of(ast.Expr))) - self.docstring_lines
-        self.code_lines -= self.docstring_lines
+        return lines_of(body[0] for body in bodies if body and is_string(body[0]))
+
+    @cached_property
+    def string_lines(self) -> set[int]:
+        return lines_of(filter(is_string, self.of(ast.Expr))) - self.docstring_lines
+
+    @cached_property
+    def code_lines(self) -> set[int]:
+        tokens = (token for token in self.tokens if token.type not in NO_CODE)
+        return {line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - self.docstring_lines
 
     def of(self, *kinds: type[ast.AST]) -> Iterator[Any]:
         """Return the nodes of some kinds."""
@@ -120,15 +140,19 @@ class Module:
     def definitions(self, *kinds: type[ast.stmt]) -> set[str]:
         return {node.name for node in self.tree.body if isinstance(node, kinds)}  # type: ignore[attr-defined]
 
-    def imports(self, modules: Iterable[str]) -> dict[str, set[str]]:
-        """Return the names taken from each of the modules that this one imports when it runs."""
+    def import_statements(self) -> list[ast.Import | ast.ImportFrom]:
+        """Return the imports of the module, wherever in it, without those that are for a type checker alone."""
         checks = [node for node in self.of(ast.If) if "TYPE_CHECKING" in ast.unparse(node.test)]
         types_only = {node for check in checks for statement in check.body for node in ast.walk(statement)}
+        return [node for node in self.of(ast.Import, ast.ImportFrom) if node not in types_only]
+
+    def imports(self, modules: Iterable[str]) -> dict[str, set[str]]:
+        """Return the names taken from each of the modules that this one imports when it runs."""
         taken: dict[str, set[str]] = defaultdict(set)
         aliases: dict[str, str] = {}
-        for node in self.of(ast.Import, ast.ImportFrom):
+        for node in self.import_statements():
             source = getattr(node, "module", None) or ""
-            for alias in () if node in types_only else node.names:
+            for alias in node.names:
                 whole = f"{source}.{alias.name}" if source else alias.name
                 if whole in modules:
                     aliases[alias.asname or alias.name] = whole
@@ -271,9 +295,45 @@ def name_figures(modules: list[Module]) -> dict[str, Figure]:
     }
 
 
+def has_prose(expression: ast.expr) -> bool:
+    """Return whether one of the strings in an expression is a sentence, or a good part of one."""
+    strings = (node.value for node in ast.walk(expression) if isinstance(node, ast.Constant))
+    texts = (string for string in strings if isinstance(string, str))
+    return any(sum(map(bool, map(WORD.fullmatch, text.split()))) >= PROSE_WORDS for text in texts)
+
+
+def prose_figures(tests: Path, left_out: Sequence[str] = ()) -> dict[str, Figure]:
+    asserts: list[Place] = []
+    matches: list[Place] = []
+    for file in (path.relative_to(tests) for path in sorted(tests.rglob("*.py"))):
+        if file.parts[0] in left_out:
+            continue
+        for node in ast.walk(ast.parse((tests / file).read_text(encoding="utf-8"))):
+            match node:
+                case ast.Assert(test=expression) if has_prose(expression):
+                    places = asserts
+                case ast.keyword(arg="match", value=expression) if has_prose(expression):
+                    places = matches
+                case _:
+                    continue
+            places.append(Place(file.parts[0], f"{file.as_posix()}:{node.lineno}: {ast.unparse(expression)}"))
+    return {"prose-asserts": counted(asserts), "prose-matches": counted(matches)}
+
+
+@contextmanager
+def no_search_for_garbage() -> Iterator[None]:
+    """In trees it finds none, and takes as long as parsing them."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
 def package(root: Path, left_out: Sequence[str] = ()) -> tuple[list[Module], list[Arrow]]:
     """Return the modules of the package in a folder, and who imports them."""
-    every = {module.name: module for module in (Module(root, path) for path in sorted(root.rglob("*.py")))}
+    with no_search_for_garbage():
+        every = {module.name: module for module in (Module(root, path) for path in sorted(root.rglob("*.py")))}
     modules = [module for module in every.values() if module.package not in left_out]
     arrows = [
         Arrow(importer, every[name], names)
@@ -285,9 +345,10 @@ def package(root: Path, left_out: Sequence[str] = ()) -> tuple[list[Module], lis
 
 
 def structure(root: Path, left_out: Sequence[str] = ()) -> dict[str, Figure]:
-    """Return the figures of the package in a folder, by their keys."""
+    """Return the figures of the package in a folder and of the tests beside it, by their keys."""
     modules, arrows = package(root, left_out)
-    return size_figures(modules) | import_figures(modules, arrows) | name_figures(modules)
+    tests = prose_figures(root.parent / "tests", left_out)
+    return size_figures(modules) | import_figures(modules, arrows) | name_figures(modules) | tests
 
 
 def main() -> None:
@@ -297,13 +358,12 @@ def main() -> None:
     parser.add_argument("--without", metavar="PACKAGE", action="append", default=[], help="leave a package out")
     parser.add_argument("--list", metavar="KEY", action="append", default=[], help="list the places behind a figure")
     options = parser.parse_args()
-    gc.disable()  # Of 6 s, 2 are spent on looking for garbage in the trees.
     columns = [structure(ROOT, options.without)]
     if unlisted := set(options.list) - columns[0].keys():
         parser.error(f"there is no {min(unlisted)!r}; there are {', '.join(columns[0])}")
     if options.against:
         with tempfile.TemporaryDirectory() as folder:
-            command = ["git", "-C", str(ROOT.parent), "archive", options.against, ROOT.name]
+            command = ["git", "-C", str(ROOT.parent), "archive", options.against, ROOT.name, "tests"]
             archive = subprocess.run(command, check=True, capture_output=True).stdout
             with tarfile.open(fileobj=io.BytesIO(archive)) as files:
                 files.extractall(folder, filter="data")

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from drawings import dxf
+from sentences import sentence
 
 import markergen as mg
 from markergen.render import Optics, render_view
@@ -95,7 +96,7 @@ def test_a_day_with_the_library(tmp_path, monkeypatch):
         poses="cone:tilt=0..60,distance=0.5..3m,count=60",
         restarts=2,
     )
-    assert "8 control points in a polygon of 250 mm x 250 mm with 5 holes" in str(design)
+    assert sentence("polygon", "250 mm x 250 mm", "5 holes") in str(design)
     design.marker.save("marker.pdf", "marker.json", "marker.dxf", paper="A4")
     assert Path("marker.pdf").read_bytes().startswith(b"%PDF")
 

@@ -83,13 +83,13 @@ def test_what_is_no_file_is_refused_in_one_line(tmp_path, monkeypatch):
     ):
         with pytest.raises(InputError, match=said):
             read(source, "camera")
-    with pytest.raises(InputError, match="bytes that are not UTF-8 text"):
+    with pytest.raises(InputError, match="not UTF-8 text"):
         text_of(Content("a", b"\xff"))
 
 
 def test_a_file_of_nearly_the_name_is_named(tmp_path):
     (tmp_path / "camera.yaml").write_text("K: 1")
-    with pytest.raises(InputError, match=r"check the path; there is .*camera\.yaml$"):
+    with pytest.raises(InputError, match=r"path; there is .*camera\.yaml$"):
         read(tmp_path / "camra.yaml", "camera")
     with pytest.raises(InputError, match=r"check the path$"):
         read(tmp_path / "nowhere" / "camera.yaml", "camera")
@@ -114,16 +114,16 @@ def test_a_child_replies_with_values_and_arrays(ask):
 def test_a_child_that_breaks_is_one_line_and_the_next_file_is_read(ask, monkeypatch):
     with pytest.raises(InputError, match=r"^expected a file of zeros in a.bin, found ones; write zeros$"):
         ask("refuse")
-    with pytest.raises(InputError, match=r"^expected a file that is fine, found OSError of two lines; export it"):
+    with pytest.raises(InputError, match=r"is fine, found OSError of two lines;"):
         ask("fail")
-    with pytest.raises(InputError, match="one that breaks it"):
+    with pytest.raises(InputError, match="breaks it"):
         ask("crash")
     monkeypatch.setitem(KINDS, "mesh", replace(KINDS["mesh"], seconds=0.5, largest=1000))
     start = time.perf_counter()
-    with pytest.raises(InputError, match="one that breaks it"):
+    with pytest.raises(InputError, match="breaks it"):
         ask("hang")
     assert time.perf_counter() - start < 20
-    with pytest.raises(InputError, match=r"at most 1 kB in a\.bin"):
+    with pytest.raises(InputError, match=r"1 kB in a\.bin"):
         ask("count", Content("a.bin", bytes(1001)))
     monkeypatch.undo()
     assert ask("count").values == {"bytes": 100}
@@ -131,7 +131,7 @@ def test_a_child_that_breaks_is_one_line_and_the_next_file_is_read(ask, monkeypa
 
 def test_the_memory_of_a_child_is_limited(ask):
     pytest.importorskip("resource")
-    with pytest.raises(InputError, match="found one that needs too much memory"):
+    with pytest.raises(InputError, match="too much memory"):
         ask("fill")
     assert ask("count").values == {"bytes": 100}
 

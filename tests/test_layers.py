@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.structure import Figure, import_figures, package
+from benchmarks.structure import Arrow, Figure, Module, import_figures, package
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
@@ -59,9 +59,21 @@ PATHS = {
 }
 
 
+@cache
+def modules_and_arrows() -> tuple[dict[Path, Module], list[Arrow]]:
+    modules, arrows = package(ROOT)
+    return {ROOT / module.path: module for module in modules}, arrows
+
+
+@cache
+def import_statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    return modules_and_arrows()[0][path].import_statements()
+
+
 @pytest.fixture(scope="module")
 def figures() -> dict[str, Figure]:
-    return import_figures(*package(ROOT))
+    modules, arrows = modules_and_arrows()
+    return import_figures(list(modules.values()), arrows)
 
 
 def doors(path: Path) -> Iterator[tuple[tuple[str, str], str]]:
@@ -73,20 +85,6 @@ def doors(path: Path) -> Iterator[tuple[tuple[str, str], str]]:
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "door":
                     assert isinstance(node.args[0], ast.Constant)
                     yield (path.relative_to(ROOT).as_posix(), f"{kind.name}.{method.name}"), node.args[0].value
-
-
-class WithoutTypes(ast.NodeTransformer):
-    """What is imported for a type checker alone is not there when the program runs."""
-
-    def visit_If(self, node):
-        return None if isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" else node
-
-
-@cache
-def import_statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
-    """What a module imports when it runs, wherever in it."""
-    tree = WithoutTypes().visit(ast.parse(path.read_text()))
-    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def imported(path: Path) -> set[str]:

@@ -19,7 +19,7 @@ def test_names_are_looked_up_and_a_wrong_one_gets_help():
     registry.register("one", "uno")(1)
     assert registry["one"] == registry["uno"] == 1
     assert list(registry) == ["one", "uno"]
-    with pytest.raises(InputError, match=r"known number, found 'onn'; did you mean 'one'\? Known: one, uno"):
+    with pytest.raises(InputError, match=r"number, found 'onn'; .* 'one'\? Known: one, uno"):
         registry["onn"]
     for wrong in ("xyz", 3, None, ["one"]):
         assert wrong not in registry
@@ -36,11 +36,11 @@ def test_a_taken_name_is_refused():
 
 def test_what_is_no_entry_is_refused():
     registry: Registry[int] = Registry("number", "markergen.registry", entry=int)
-    with pytest.raises(ValueError, match="number 'two' is str, and not an instance of int"):
+    with pytest.raises(ValueError, match="number 'two' is str"):
         registry.register("two")("2")
     kinds: Registry[type[ArithmeticError]] = Registry("error", "markergen.registry", entry=type[ArithmeticError])
     kinds.register("zero")(ZeroDivisionError)
-    with pytest.raises(ValueError, match="is type KeyError, and not a subclass of ArithmeticError"):
+    with pytest.raises(ValueError, match="subclass of ArithmeticError"):
         kinds.register("key")(KeyError)
 
 
@@ -88,7 +88,7 @@ def test_those_that_do_not_work_are_left_out_with_a_warning(plugged, caplog):
     assert len(said) == 6
     assert all("\n" not in words for words in said)
     taken = next(words for words in said if "'one'" in words)
-    assert "odd_numbers:one of the package odd-numbers, but markergen has one of that name" in taken
+    assert "package odd-numbers, but markergen" in taken
     assert plugged["one"] == 1
 
 
@@ -141,5 +141,5 @@ def test_what_cannot_be_unpacked_is_told_when_it_is_asked_for(plugged):
     receive({GROUP: [("lost", b"cnowhere\nThing\n."), ("answer", b"I42\n.")]})
     assert plugged["answer"] == 42
     assert "lost" not in list(plugged)
-    with pytest.raises(InputError, match="in no module that a worker process can import"):
+    with pytest.raises(InputError, match="a worker process"):
         plugged["lost"]

@@ -1,12 +1,8 @@
 """What `python -m benchmarks.structure` counts, in a package small enough to count by hand."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-from benchmarks.structure import structure
+from benchmarks.structure import main, structure
 
 FILES = {
     "__init__.py": '"""A house."""\n',
@@ -66,6 +62,12 @@ def calibrate(body):
 """,
     "verification/check.py": "from house.calibration.run import calibrate\n",
 }
+TEST = """def test_it(raises, said, size):
+    assert "this house has no 3 doors" in said
+    assert said == f"a door of {size} mm", "not a word of the four counts"
+    with raises(match="^the house .* is closed"), raises(match="--paper A4, found 2 mm"):
+        assert said.replace("one two", "three four") == "see a.pdf, b.pdf, c.pdf and d.pdf"
+"""
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,9 @@ def root(tmp_path_factory):
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
+    test = root.parent / "tests" / "calibration" / "test_run.py"
+    test.parent.mkdir(parents=True)
+    test.write_text(TEST)
     return root
 
 
@@ -140,6 +145,11 @@ def test_numbers_say_why(figures):
     assert texts(figures["numbers-without-note"]) == ["errors.py:7: STEPS", "errors.py:12: NEAR"]
 
 
+def test_prose_is_four_words_of_letters(figures):
+    assert [text.split(": ")[0] for text in texts(figures["prose-asserts"])] == ["calibration/test_run.py:2"]
+    assert [text.split(": ")[0] for text in texts(figures["prose-matches"])] == ["calibration/test_run.py:4"]
+
+
 def test_what_is_left_out_still_imports(root):
     figures = structure(root, ["calibration", "verification"])
     assert figures["modules"].number == 4
@@ -147,13 +157,12 @@ def test_what_is_left_out_still_imports(root):
     assert texts(figures["single-importers"]) == ["model/rig.py (19 lines) <- calibration/run.py"]
 
 
-def test_the_command_lists_what_a_figure_counts():
-    command = [sys.executable, "-m", "benchmarks.structure", "--list"]
-    root = Path(__file__).parents[1]
-    listed = subprocess.run([*command, "floors"], cwd=root, capture_output=True, text=True, check=True)
-    assert "== floors ==\nmarkergen." in listed.stdout
-    # The last of the longest chain imports nothing of ours.
-    assert listed.stdout.splitlines()[-1] in ("markergen.arrays", "markergen.errors")
-    refused = subprocess.run([*command, "ceilings"], cwd=root, capture_output=True, text=True)
-    assert refused.returncode == 2
-    assert "there is no 'ceilings'" in refused.stderr
+def test_the_command_lists_what_a_figure_counts(root, monkeypatch, capsys):
+    monkeypatch.setattr("benchmarks.structure.ROOT", root)
+    monkeypatch.setattr("sys.argv", ["structure", "--list", "floors"])
+    main()
+    assert capsys.readouterr().out.splitlines()[-1] == "house.errors"
+    monkeypatch.setattr("sys.argv", ["structure", "--list", "ceilings"])
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    assert "no 'ceilings'" in capsys.readouterr().err

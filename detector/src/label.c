@@ -1061,8 +1061,9 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool)
 {
     int64_t fresh = 0, blobs = layout->count + 4, after = -1;
-    /* Larger layouts take longer to label; further copies are in plain sight. */
-    const int64_t until = work->steps + budget->steps * (32 + layout->count) / (thorough ? 32 : 96);
+    /* Each constellation is searched; larger layouts take longer to label; further copies are in plain sight. */
+    const int64_t until =
+        work->steps + budget->steps * layout->constellation_count * (32 + layout->count) / (thorough ? 32 : 96);
     work->guess_count = work->replaced = work->cut = 0;
     memset(work->tried, 0, TRIED * sizeof *work->tried);
     while (fresh < scene->count) {

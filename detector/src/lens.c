@@ -95,7 +95,7 @@ static int straighten(const Camera *camera, double u, double v, double *ray)
     double tolerance = TOLERANCE * (1 + hypot(u, v)), least = INFINITY;
     double x = ray[0], y = ray[1], from[2] = {x, y}, step[2] = {0, 0};
     for (int i = 0; i < NEWTON_STEPS; i++) {
-        double at[2] = {x, y}, bent[2], J[4], error = INFINITY, dx = 0, dy = 0;
+        double at[2] = {x, y}, bent[2], J[4] = {0}, error = INFINITY, dx = 0, dy = 0;
         if (bend(camera, at, bent, J)) {
             dx = u - bent[0], dy = v - bent[1];
             error = dx * dx + dy * dy;

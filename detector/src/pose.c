@@ -69,23 +69,26 @@ void outline_of(const Dot *dot, const double *place, const Pose *pose, Outline *
    that is not positive gives nan. */
 void solve_positive(int n, double *N, double *columns, int count, double least)
 {
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = N[n * i + j];
-            for (int k = 0; k < j; k++)
-                sum -= N[n * i + k] * N[n * j + k];
-            N[n * i + j] = i == j ? sqrt(sum > least ? sum : least) : sum / N[n * j + j];
-        }
+    /* Operations that do not wait for each other come together. */
+    for (int j = 0; j < n; j++) {
+        const double pivot = N[n * j + j], root = sqrt(pivot > least ? pivot : least), inverse = 1 / root;
+        N[n * j + j] = root;
+        for (int i = j + 1; i < n; i++)
+            N[n * i + j] *= inverse;
+        for (int i = j + 1; i < n; i++)
+            for (int k = j + 1; k <= i; k++)
+                N[n * i + k] -= N[n * i + j] * N[n * k + j];
+    }
     for (double *b = columns; b < columns + n * count; b += n) {
-        for (int i = 0; i < n; i++) {
-            for (int k = 0; k < i; k++)
+        for (int k = 0; k < n; k++) {
+            b[k] /= N[n * k + k];
+            for (int i = k + 1; i < n; i++)
                 b[i] -= N[n * i + k] * b[k];
-            b[i] /= N[n * i + i];
         }
         for (int i = n - 1; i >= 0; i--) {
-            for (int k = i + 1; k < n; k++)
-                b[i] -= N[n * k + i] * b[k];
             b[i] /= N[n * i + i];
+            for (int k = 0; k < i; k++)
+                b[k] -= N[n * i + k] * b[i];
         }
     }
 }

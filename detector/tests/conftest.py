@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # structures.py, support.py
+sys.path.insert(0, str(Path(__file__).parent))  # stages.py, structures.py, support.py
 
 
 @pytest.fixture

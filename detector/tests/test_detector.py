@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from markergen_detect import DescriptionError, Detector
 from numpy.testing import assert_allclose
-from support import drawn
+from stages import drawn
 from test_description import CAMERA, content, dots, entry
 
 PLACES = [[0, 0.05, 0], [-0.045, 0.01, 0], [-0.025, -0.04, 0], [0.03, -0.042, 0], [0.048, 0.014, 0]]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from stages import drawn, find_blobs, fit_blobs, grid, matched
 from structures import FITTED, REFUSED
-from support import drawn, find_blobs, fit_blobs, grid, matched
 
 SHAPE = (300, 400)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from markergen_detect.core import library
 from numpy.testing import assert_allclose
+from stages import drawn, find_blobs, grid, image_struct, matched
 from structures import ROUGH
-from support import drawn, find_blobs, grid, image_struct, matched
 
 
 def test_order_statistics_are_those_of_a_sorted_array(rng):

@@ -11,7 +11,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", ["launch/markers_launch.py"]),
     ],
-    install_requires=["setuptools", "markergen"],
+    install_requires=["setuptools", "markergen-detect"],
     license="MIT",
     entry_points={"console_scripts": ["detect = markergen_ros.node:main"]},
 )

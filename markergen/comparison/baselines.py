@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from markergen.comparison.contestants import KINDS, Arena, Contestant, forms
-from markergen.comparison.contestants.layouts import DotMarker
-from markergen.comparison.contestants.rigs import RigOfDots, RigOfTags
+from markergen.comparison.contestants.dots import DotBody
+from markergen.comparison.contestants.tags import TagBody
 from markergen.errors import InputError
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.boundary import Circle
@@ -89,7 +89,7 @@ def line_up(
     arena = Arena(setting, first, seed)
     contestants: dict[str, Contestant] = {}
     for text in wanted:
-        entry = DotMarker(text, markers[text]) if text in markers else KINDS[text.partition(":")[0]](text, arena)
+        entry = DotBody(text, markers[text]) if text in markers else KINDS[text.partition(":")[0]](text, arena)
         contestants.setdefault(entry.name, entry)
     return list(contestants.values()), setting
 
@@ -104,9 +104,9 @@ def _rig_line_up(
         if text in rigs:
             for plate in rigs[text].markers:
                 _visible(f"{plate.name} of {text}", plate.marker)
-            contestants.append(RigOfDots(text, rigs[text]))
+            contestants.append(DotBody(text, rigs[text]))
         elif text.partition(":")[0] in ("aruco", "apriltag"):
-            contestants.append(RigOfTags.on(first, text))
+            contestants.append(TagBody.on(first, text))
         else:
             raise InputError(
                 "a rig, or a tag on each of its plates", text, "give a rig.json, aruco:DICT or apriltag:FAMILY"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import pattern, sentence
 
 from markergen.api.design import design
 from markergen.api.export import export
@@ -165,11 +166,11 @@ def test_what_cannot_be_written_is_told_before_the_search(tmp_path):
     def never(*_):
         raise AssertionError("searched")
 
-    with pytest.raises(OutputError, match=r"the folder .*none does not exist"):
+    with pytest.raises(OutputError, match=r"the folder .*none does"):
         design(**QUICK, output=tmp_path / "none" / "m.pdf", progress=never)
     camera = tmp_path / "m.json"
     camera.write_text(json.dumps(Camera(640, 480, 800, 800, 320, 240).as_dict()))
-    with pytest.raises(OutputError, match="one of the inputs"):
+    with pytest.raises(OutputError, match=pattern("input overwritten")):
         design(**QUICK, camera=camera, output=tmp_path / "m.svg", progress=never)
 
 
@@ -192,7 +193,7 @@ def test_a_drawing_that_a_shipped_templates_is_not_written_over(line, low, tmp_p
     drawing.saveas("plate.dxf")
     before = Path("plate.dxf").read_bytes()
     Path("my.toml").write_text(line)
-    with pytest.raises(OutputError, match="one of the inputs"):
+    with pytest.raises(OutputError, match=pattern("input overwritten")):
         design(template="my.toml", output="plate.dxf")
     assert Path("plate.dxf").read_bytes() == before
 
@@ -217,9 +218,9 @@ def test_inverted_colors_make_light_dots_that_every_sheet_keeps_and_solids_refus
     assert (tmp_path / "again.svg").read_bytes() == (tmp_path / "m.svg").read_bytes()
     export(tmp_path / "m.json", tmp_path / "black.svg", colors="black")
     assert [record.message.partition(":")[0] for record in caplog.records] == [
-        "the dots are light in marker.json, and dark on the sheet, where markergen detect does not find them",
+        sentence("other colors", "light", "dark"),
     ]
-    with pytest.raises(InputError, match=r"dark dots for .*m\.step, found --colors inverted; light dots .* not yet"):
+    with pytest.raises(InputError, match=r"dots for .*m\.step, found --colors inverted; light"):
         design(**QUICK, colors="#eeeeee,#003366", output=tmp_path / "m.step")
 
 
@@ -235,10 +236,10 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     design(**QUICK, output=path)
     assert design(**QUICK, output=path).written[0].notes == ()
     (written,) = design(**QUICK | {"n": 6}, output=path).written
-    assert "It replaces another marker: Marker(" in str(written)
+    assert "It replaces another" in str(written)
     measured = rescale(path, measured_x="199mm", nominal_x="200mm", output=path).marker
     before = path.read_bytes()
-    with pytest.raises(InputError, match=r"print's measurements in .*; name another -o"):
+    with pytest.raises(InputError, match=r"measurements in .*; name another -o"):
         design(**QUICK, output=tmp_path / "marker.svg")
     assert measured == Marker.load(path)
     assert path.read_bytes() == before

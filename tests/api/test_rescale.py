@@ -1,4 +1,5 @@
 import pytest
+from sentences import sentence
 
 from markergen.api.rescale import rescale
 from markergen.errors import InputError
@@ -10,7 +11,7 @@ def test_rulers(pentagon, tmp_path):
     assert found.marker.print_scale == pytest.approx((0.99, 0.995))
     assert Marker.load(tmp_path / "m.json") == found.marker
     assert str(found).splitlines() == list(found.notes)
-    assert str(found).startswith("The print is 99 % of the design along x and 99.5 % along y: x 198 mm of 200 mm,")
+    assert str(found).startswith(sentence("print scale", 99) + " and 99.5 % along y: x 198 mm of 200 mm,")
     assert len(repr(found)) < 300
     assert rescale(pentagon, measured_x="148.5mm", nominal_x="150mm").marker.print_scale == pytest.approx((0.99, 0.99))
 

@@ -63,7 +63,7 @@ def test_they_are_listed_with_sizes_for_people_and_programs(capsys):
 
 
 def test_a_rig_and_a_plate_are_told_apart():
-    with pytest.raises(mg.InputError, match="use markergen rig --template cube"):
+    with pytest.raises(mg.InputError, match="markergen rig --template cube"):
         mg.design(template="cube")
     with pytest.raises(mg.InputError, match="use markergen design --template desk-a4"):
         mg.rig(template="desk-a4")

@@ -101,7 +101,7 @@ def test_what_cannot_be_written_is_told_before_the_work(here, monkeypatch):
 
 def test_saving_nothing_is_refused_and_none_asks_for_nothing(here):
     found = verify("marker.json", "marker.svg", save=None)
-    with pytest.raises(InputError, match="a path to write to, found none"):
+    with pytest.raises(InputError, match="write to, found none"):
         found.save()
 
 

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from sentences import sentence
 
 from tests.support.studio import Studio, free_port, link_of, serving, type_in
 
@@ -83,7 +84,7 @@ def test_whoever_waits_for_a_server_that_is_gone_is_told(refusing, tmp_path):
     refusing.page.context.set_offline(True)
     refusing.page.click("#download")
     refusing.page.wait_for_selector("#gone:not([hidden])")
-    assert refusing.said() == "The studio does not answer."
+    assert refusing.said() == sentence("no answer")
     refusing.give(tmp_path / "empty.png")
     refusing.page.wait_for_selector("figcaption:has-text('empty.png: not looked at')")
     refusing.page.evaluate("() => window.scrollTo(0, document.body.scrollHeight)")

@@ -21,7 +21,7 @@ def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
     studio.until("() => document.getElementById('said').textContent.length > 0")
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#stage canvas[data-ready]", timeout=120_000)
-    assert "Dots of several sizes" in studio.said()
+    assert "of several sizes" in studio.said()
     with studio.page.expect_download() as loading:
         studio.page.click("#download")
     assert loading.value.path().stat().st_size > 1000

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 import markergen as mg
 from markergen.cli import main
@@ -62,7 +63,7 @@ def test_a_search_can_be_stopped(studio):
     studio.page.wait_for_selector("#optimize:text-is('Stop')")
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#optimize:text-is('Optimize')")
-    assert studio.said() == "Stopped; nothing has changed."
+    assert studio.said() == sentence("stopped")
     assert studio.state() == before
 
 

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 import markergen as mg
 from tests.support.studio import Sheet, Studio, numbers_of, type_in
@@ -165,8 +166,8 @@ def test_the_focus_and_what_is_typed_stay_in_the_table_of_dots(studio):
     page.keyboard.press("Tab")
     page.keyboard.type("77")  # into y, while the answer is on its way
     studio.settle()
-    y = page.get_by_label("y of dot 0 in mm")
-    assert page.evaluate("() => document.activeElement.ariaLabel") == "y of dot 0 in mm"
+    y = page.get_by_label(sentence("field", "y", 0))
+    assert page.evaluate("() => document.activeElement.ariaLabel") == sentence("field", "y", 0)
     assert y.input_value() == "77"
     page.keyboard.press("Tab")
     studio.settle()
@@ -316,8 +317,8 @@ def test_typing_numbers_keeps_the_focus(studio):
     studio.page.get_by_label("x of dot 0 in mm").fill("12.5")
     studio.page.keyboard.press("Tab")
     assert studio.state()["points"].startswith("12.5mm")
-    assert studio.page.evaluate("() => document.activeElement.ariaLabel") == "y of dot 0 in mm"
-    assert studio.page.get_by_label("z of dot 0 in mm").input_value() == "0.00"
+    assert studio.page.evaluate("() => document.activeElement.ariaLabel") == sentence("field", "y", 0)
+    assert studio.page.get_by_label(sentence("field", "z", 0)).input_value() == "0.00"
     studio.page.get_by_label("Remove dot 1").click()
     assert studio.dots() == 4
     assert studio.page.evaluate("() => document.activeElement.ariaLabel") == "Remove dot 1"
@@ -334,7 +335,7 @@ def test_dots_and_regions_are_drawn_by_keyboard(studio):
     assert studio.page.evaluate("() => document.activeElement.tagName") == "svg"
     press("Shift+ArrowRight")
     press("ArrowUp")
-    assert studio.said() == "The cross is at 10.00, 1.00 mm."
+    assert studio.said() == sentence("cross", "10.00, 1.00 mm")
     press("Space")
     assert studio.dots() == 6
     assert numbers_of(studio.state())[5] == [10, 1]

@@ -8,6 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from tests.support.studio import PLATE, Studio, link_of, obstacles, uploads
 
@@ -44,7 +45,7 @@ def test_of_many_problems_the_first_are_told_and_everyone_can_read_them(address,
         Studio(page).settle()
         said = page.locator("#problems li").all_inner_texts()
         assert len(said) == 6
-        assert said[0] == "Dots 0 and 1 are 21 mm too near to each other."
+        assert said[0] == sentence("dots near", 0, 1, "21 mm")
         assert said[-1] == "And 5 more."
         assert obstacles(page) == []
 

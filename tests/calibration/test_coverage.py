@@ -52,7 +52,7 @@ def test_every_dot_and_view_is_counted():
     assert found.sides == ("left edge", "upper edge")
     assert found.quarters == (0, 1)
     assert found.fill[0] == pytest.approx(np.ptp(design, axis=0)[1] / 0.6 * CAMERA.fy / 480, rel=0.03)
-    assert "tilts of 0 to 30 deg to 2 of 8 sides" in found.sentence
+    assert "0 to 30 deg to 2 of 8 sides" in found.sentence
 
 
 def test_dots_left_out_are_not_counted():

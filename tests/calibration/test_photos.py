@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image as Pillow
+from sentences import sentence
 from simulated_photos import hand_held, layout
 
 from markergen.calibration.network import CameraFreedom, Network
@@ -146,14 +147,14 @@ def test_photographs_without_a_usual_size_are_refused_with_counts(shots, tmp_pat
     with pytest.raises(InputError, match=said):
         find_dots([marker], mixed, None)
     assert find_dots([marker], mixed, CAMERA)[0].photo.tolist() == [0, 1, 2]
-    with pytest.raises(InputError, match=r"the camera's 640x480 px, found 1 of 640x400 px \(photo 0\)"):
+    with pytest.raises(InputError, match=r"640x480 px, found 1 of 640x400 px \(photo 0\)"):
         find_dots([marker], mixed[3], CAMERA)
 
 
 def test_files_that_cannot_be_read_are_told_apart(shots, tmp_path):
     marker, frames = shots
     (tmp_path / "0.png").write_bytes(b"nothing")
-    with pytest.raises(InputError, match=r"^expected a PNG, .* in .*0\.png, found another format or depth; convert"):
+    with pytest.raises(InputError, match=r"^expected a PNG, .* in .*0\.png, found another"):
         find_dots([marker], tmp_path, None)
     cv2.imwrite(str(tmp_path / "1.png"), frames[0])
     (tmp_path / "2.HEIC").write_bytes(b"")
@@ -162,7 +163,7 @@ def test_files_that_cannot_be_read_are_told_apart(shots, tmp_path):
     assert found.photo.tolist() == [1, 2]
     assert "another format" in found.unused[0]
     unread, oriented = found.notes
-    assert unread == f"{tmp_path}: 1 HEIC file is not read: set the phone to JPEG, or convert it"
+    assert unread == f"{tmp_path}: {sentence('HEIC file')}"
     assert oriented == ORIENTATION_NOTE
 
 

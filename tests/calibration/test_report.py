@@ -9,6 +9,7 @@ import pytest
 from html_pages import Page, check
 from matplotlib.collections import EllipseCollection
 from matplotlib.quiver import Quiver
+from sentences import sentence
 
 from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
@@ -127,7 +128,7 @@ def test_asks_for_the_next_photographs(two_markers):
     assert [row[1] for row in rows] == [
         number(error.rotation_deg) for error in (asked.photos[0].before, *(photo.after for photo in asked.photos))
     ]
-    assert "Without the error of the print's scale" in text
+    assert "the print's scale" in text
     pictures = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "to take next" in a["aria-label"]]
     assert pictures == [f"Picture {k + 1} to take next: {photo.request}." for k, photo in enumerate(asked.photos)]
 
@@ -165,36 +166,30 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert isinstance(cross, CrossValidation)
     assert isinstance(halves, Halves)
     agreeing = replace(both, halves=replace(halves, chance=0.5))
-    assert verdict_sentence(agreeing).startswith("Use the measured marker: expect")
+    assert verdict_sentence(agreeing).startswith(sentence("use measured") + ": expect")
     assert verdict_sentence(agreeing).endswith("confirm it.")
     assert "with care" in verdict_sentence(replace(both, halves=replace(halves, chance=1e-4)))
     gain = replace(cross.gain, low=0.9, high=1.2)
     doubtful = replace(agreeing, cross_validation=replace(cross, gain=gain))
-    assert verdict_sentence(doubtful).startswith(
-        "Do not use the measured marker yet: it does not predict left-out photographs significantly better than"
-    )
+    assert verdict_sentence(doubtful).startswith(sentence("not yet") + ": it " + sentence("no better", ""))
     worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
-    assert "worse than the design" in verdict_sentence(worse)
+    assert "worse than" in verdict_sentence(worse)
     unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
-    assert "too few photographs to confirm" in verdict_sentence(unjudged)
-    assert verdict_sentence(replace(both, after=both.before)).startswith(
-        "Use the measured marker: it predicts left-out"
-    )
-    assert verdict_sentence(replace(doubtful, after=both.before)).startswith("Keep the marker as designed")
-    assert verdict_sentence(nominal).startswith("The camera is calibrated")
+    assert "too few photographs" in verdict_sentence(unjudged)
+    assert verdict_sentence(replace(both, after=both.before)).startswith(sentence("use measured") + ": it predicts")
+    assert verdict_sentence(replace(doubtful, after=both.before)).startswith("Keep the marker")
+    assert verdict_sentence(nominal).startswith("The camera is")
     adjustment = both.adjustment
     far = replace(agreeing, after=replace(both.after, translation=1.1 * both.before.translation))
-    assert verdict_sentence(far).startswith("Take more photographs before")
+    assert verdict_sentence(far).startswith("Take more photographs")
     ruled = replace(adjustment, network=replace(adjustment.network, lengths=(Length(0, 1, 0.07, 1e-4),)))
-    assert verdict_sentence(replace(far, adjustment=ruled)).startswith("Use the measured marker")
-    assert verdict_sentence(replace(far, adjustment=ruled)).endswith("how well the scale of the print is known.")
-    assert "of the first marker" not in verdict_sentence(both)
-    assert "from the first marker" in verdict_sentence(two_markers)
+    assert verdict_sentence(replace(far, adjustment=ruled)).startswith(sentence("use measured"))
+    assert verdict_sentence(replace(far, adjustment=ruled)).endswith("print is known.")
+    assert "first marker" not in verdict_sentence(both)
+    assert "first marker" in verdict_sentence(two_markers)
     exact = replace(cross.best_nominal, chi2=1.5 * cross.best_nominal.degrees_of_freedom)
     as_designed = replace(agreeing, cross_validation=replace(cross, gain=gain, nominal=exact, refitted=None))
-    assert verdict_sentence(as_designed).startswith(
-        "Use the measured marker or the design, since the print is as designed"
-    )
+    assert verdict_sentence(as_designed).startswith(sentence("use measured") + " or the design")
     assert as_designed.to_use
     kept = replace(doubtful, after=both.before)
     assert [each.to_use for each in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
@@ -207,11 +202,11 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
 def test_files_that_are_not_to_be_used_are_told_last(both):
     cross = both.cross_validation
     doubtful = replace(both, cross_validation=replace(cross, gain=replace(cross.gain, low=0.9)))
-    assert closing_sentence(doubtful) == "the result is not to be used yet: see the first line"
+    assert closing_sentence(doubtful) == sentence("unusable result")
     files = Written(Path("measured.json")), Written(Path("camera.yaml"))
     said = closing_sentence(replace(doubtful, written=files))
-    assert said == "measured.json, camera.yaml: written, but not to be used yet: see the first line"
-    assert closing_sentence(both) == "nothing was written: add -o measured.json"
+    assert said == sentence("unusable files", "measured.json, camera.yaml")
+    assert closing_sentence(both) == sentence("nothing written")
     assert closing_sentence(both, shown=True) == closing_sentence(replace(both, written=files)) == ""
 
 
@@ -229,10 +224,7 @@ def test_what_is_left_names_the_largest_source_first(both):
     assert source_shares(error)["print"] == pytest.approx((0.9, 0.1))
     assert source_shares(error)["camera"] == (0.0, 0.0)
     said = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
-    assert said == (
-        "The variance that is left comes from image noise (rotation 6 %, translation 100 %), the print (rotation 94 %, "
-        "translation 0 %)."
-    )
+    assert said == sentence("variance left", "rotation 6 %, translation 100 %", "rotation 94 %, translation 0 %")
 
 
 def test_photograph_from_the_right_is_drawn_at_the_right():

@@ -4,6 +4,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from sentences import sentence
 
 import markergen as mg
 from markergen.calibration.calibration import Calibration
@@ -63,8 +64,8 @@ def unconfirmed(monkeypatch):
 def test_without_files_that_is_said(capsys):
     assert main(ALL) == 0
     said = capsys.readouterr()
-    assert said.out.startswith("Use the measured marker")
-    assert said.err == "nothing was written: add -o measured.json\n"
+    assert said.out.startswith(sentence("use measured"))
+    assert said.err == sentence("nothing written") + "\n"
     assert main([*ALL, "--json", "-"]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out)["use"]
@@ -75,13 +76,13 @@ def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsy
     output = tmp_path / "measured.json"
     assert main([*ALL, "-o", str(output)]) == 1
     said = capsys.readouterr()
-    assert said.out.startswith("Do not use the measured marker yet")
-    assert said.err == f"{output}: written, but not to be used yet: see the first line\n"
+    assert said.out.startswith(sentence("not yet"))
+    assert said.err == sentence("unusable files", output) + "\n"
     assert output.exists()
     assert main([*ALL, "--quiet", "--json", "-"]) == 1
     said = capsys.readouterr()
     assert not json.loads(said.out)["use"]
-    assert said.err == "the result is not to be used yet: see the first line\n"
+    assert said.err == sentence("unusable result") + "\n"
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def needs(shell: str) -> None:
 
 def test_bash(home):
     *installed, registered, command, option, name = output_of("bash", "-c", BASH)
-    assert installed[0].startswith("bash completion installed in ")
+    assert installed[0].startswith("bash completion installed")
     # With nothing to offer, bash completes files.
     assert registered == "complete -o default -F _markergen_completion markergen"
     assert command == "design detect"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import sentence
 from videos import read_video, write_video
 
 from markergen.cli import console, main
@@ -58,8 +59,8 @@ def test_a_video_with_its_outputs(here, capsys, tmp_path):
     assert not said.err
     *written, last = said.out.splitlines()
     assert sorted(written) == [f"wrote {found}", f"wrote {seen}"]
-    assert last.startswith("walk.mp4: found a marker in 3 of 3 frames, ")
-    assert last.endswith(" frames per second, 0 dropped")
+    assert last.startswith(f"walk.mp4: {sentence('markers found', '3 of 3 frames')}, ")
+    assert last.endswith(" 0 dropped")
     lines = [json.loads(line) for line in found.read_text().splitlines()]
     for number, line in enumerate(lines):
         assert (line["frame"], line["dropped"], line["clock"]) == (number, 0, None)
@@ -74,7 +75,7 @@ def test_standard_output_is_lines_of_json_alone(here, capsys):
     assert main(["detect", "away.avi", *ALL, "--json", "-"]) == 1
     said = capsys.readouterr()
     assert [json.loads(line)["markers"][0]["found"] for line in said.out.splitlines()] == [True, False]
-    assert said.err.startswith("away.avi: found a marker in 1 of 2 frames")
+    assert said.err.startswith(f"away.avi: {sentence('markers found', '1 of 2 frames')}")
 
 
 @pytest.mark.parametrize(
@@ -122,7 +123,7 @@ def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
     assert (found, rest, running.returncode) == ([True, False], "", 130)
     wrote, total, *notes, last = said.splitlines()
     assert wrote == f"wrote {seen}"
-    assert total.startswith(f"{pipe}: found a marker in 1 of 2 frames")
+    assert total.startswith(f"{pipe}: {sentence('markers found', '1 of 2 frames')}")
     assert not notes
     assert last == "markergen: error: interrupted"
     assert len(read_video(seen)) in (1, 2)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from refusals import refused as refusal
+from sentences import sentence
 
 from markergen.api.export import choices_of
 from markergen.cli import main
@@ -120,7 +121,7 @@ def test_an_outline_is_not_written_over(here, capsys):
     assert "plate.json" in complaint
     (here / "m.dxf").write_bytes((here / "plate.geojson").read_bytes())
     words = ["-o", "m.dxf", "--outline", "m.dxf", "--boundary-unit", "m"]
-    assert "It is one of the inputs" in refusal(here, capsys, "export", "marker.json", *words)
+    assert sentence("input overwritten") in refusal(here, capsys, "export", "marker.json", *words)
 
 
 def test_a_design_has_its_plate_and_keeps_dots_off_the_holes(here, capsys):
@@ -210,8 +211,8 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
     complaints, statuses = said[len(drawn) :: 2], said[len(drawn) + 1 :: 2]
     assert statuses == ["2"] * (len(made) + 1)
     for complaint in complaints:
-        assert "libGL.so.1: cannot open shared object file" in complaint
-        assert "pip install 'markergen[solids]' && apt-get install libgl1 libx11-6" in complaint
+        assert "libGL.so.1: cannot open" in complaint
+        assert sentence("install solids") in complaint
     written = {path.name for path in here.iterdir()} - {"marker.json", "plate.geojson"}
     assert written - beside == {f"m{suffix}" for suffix in drawn}
 

@@ -2,6 +2,7 @@ import json
 import shutil
 
 import pytest
+from sentences import sentence
 
 from markergen.cli import main
 from markergen.exporters.saving import save
@@ -49,7 +50,7 @@ def test_what_is_wrong_is_status_1(here, capsys):
     assert main(["verify", "marker.json", "marker.svg", "scaled.svg", "other.svg"]) == 1
     said = capsys.readouterr().out
     assert said.count("WRONG") == 2
-    assert "scaled.svg: scaled by 0.999 along x and y" in said
+    assert "scaled.svg: " + sentence("scaled", "0.999 along x and y") in said
     assert "other.svg: another marker" in said
     assert "99.9000 %" in said
     # What is 43 um off may be so if that is good enough.

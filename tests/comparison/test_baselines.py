@@ -6,7 +6,7 @@ import pytest
 
 from markergen.comparison.baselines import DEFAULTS, line_up
 from markergen.comparison.contestants.boards import ChArUco
-from markergen.comparison.contestants.layouts import DotMarker
+from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
 from markergen.comparison.fiducials import FiducialSettings
 from markergen.errors import InputError
@@ -28,7 +28,7 @@ SETTINGS = {"tag": FiducialSettings("apriltag", 2), "board": FiducialSettings("s
 
 @pytest.fixture(scope="module")
 def dots(pentagon):
-    return DotMarker("dots", pentagon)
+    return DotBody("dots", pentagon)
 
 
 def see(contestant, pose, moved=None, camera=PAPER_CAMERA, optics=OPTICS):
@@ -113,7 +113,7 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
     assert len(DEFAULTS) == 9
     assert setting.boundary == pentagon.boundary
     assert len(setting.poses) == 400
-    ngon, square, random = (each.marker for each in contestants[1:4])
+    ngon, square, random = (each.body for each in contestants[1:4])
     assert (len(ngon), len(square), len(random)) == (5, 4, 5)
     for layout in (ngon, square, random):
         assert layout.dot_diameter == pentagon.dot_diameter
@@ -126,7 +126,7 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
 
 def test_an_inverted_marker_meets_inverted_layouts(pentagon):
     contestants, _ = line_up(["own", "ngon", "random"], given={"own": light_marker(pentagon)})
-    assert all(each.marker.light for each in contestants)
+    assert all(each.body.light for each in contestants)
     found = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, None, 0.0)
     assert rotation_error_deg(found.rotation, POSES.rotation[129]) < 0.01
 
@@ -147,12 +147,12 @@ def test_every_peer_fills_the_circle_with_the_white_it_needs():
 
 def test_without_a_marker_dots_are_what_design_would_choose():
     contestants, _ = line_up(["ngon:5", "random:4", "aruco:DICT_4X4_50"])
-    assert contestants[0].marker.dot_diameter == pytest.approx(0.036)
-    assert len(contestants[1].marker) == 4
+    assert contestants[0].body.dot_diameter == pytest.approx(0.036)
+    assert len(contestants[1].body) == 4
 
 
 def test_dots_too_large_for_more_of_them_are_chosen_anew(marker, pentagon):
-    many = line_up([marker, "ngon:30"])[0][1].marker
+    many = line_up([marker, "ngon:30"])[0][1].body
     assert len(many) == 30
     assert 0 < many.dot_diameter < pentagon.dot_diameter
     gaps = np.linalg.norm(np.diff(many.xyz, axis=0), axis=-1)
@@ -160,7 +160,7 @@ def test_dots_too_large_for_more_of_them_are_chosen_anew(marker, pentagon):
 
 
 def test_random_layouts_go_by_the_seed(marker):
-    first, again, other = (line_up([marker, "random:5"], seed=seed)[0][1].marker.xyz for seed in (0, 0, 1))
+    first, again, other = (line_up([marker, "random:5"], seed=seed)[0][1].body.xyz for seed in (0, 0, 1))
     assert np.array_equal(first, again)
     assert not np.allclose(first, other)
 
@@ -213,14 +213,14 @@ def test_what_is_none_is_refused_in_one_line(text, said):
 def test_markers_of_two_sizes_are_no_comparison(marker, tmp_path, make_ngon):
     other = tmp_path / "small.json"
     other.write_bytes(to_json(make_ngon(5, 0.1, 0.02)))
-    with pytest.raises(InputError, match="circles of one size, here of radius 150 mm"):
+    with pytest.raises(InputError, match="here of radius 150 mm"):
         line_up([marker, str(other)])
 
 
 def test_bare_points_cannot_be_seen(tmp_path, make_ngon):
     bare = tmp_path / "bare.json"
     bare.write_bytes(to_json(make_ngon(5, 0.15, 0.0)))
-    with pytest.raises(InputError, match="dots that can be seen"):
+    with pytest.raises(InputError, match="can be seen"):
         line_up([str(bare)])
 
 

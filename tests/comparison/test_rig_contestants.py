@@ -5,7 +5,8 @@ import pytest
 
 import markergen as mg
 from markergen.comparison.baselines import line_up
-from markergen.comparison.contestants.rigs import RigOfDots, RigOfTags
+from markergen.comparison.contestants.dots import DotBody
+from markergen.comparison.contestants.tags import TagBody
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import named_poses
@@ -16,7 +17,7 @@ AROUND = "sphere:distance=0.3..0.5m,count=6"
 RIG = cube(seed=10)
 
 
-@pytest.mark.parametrize("contestant", [RigOfDots("rig", RIG), RigOfTags.on(RIG, "aruco:DICT_4X4_50")])
+@pytest.mark.parametrize("contestant", [DotBody("rig", RIG), TagBody.on(RIG, "aruco:DICT_4X4_50")])
 def test_each_is_found_where_it_is(contestant):
     poses, rng = named_poses(AROUND), np.random.default_rng(0)
     exact = contestant.print_error(0.0, rng)
@@ -31,7 +32,7 @@ def test_each_is_found_where_it_is(contestant):
 
 
 def test_print_errors_move_what_is_seen():
-    contestant, (rotation, translation) = RigOfDots("rig", RIG), (p[0] for p in _pose())
+    contestant, (rotation, translation) = DotBody("rig", RIG), (p[0] for p in _pose())
     moved = contestant.print_error(1e-3, np.random.default_rng(1))
     assert moved.std() == pytest.approx(1e-3, rel=0.4)
     image = contestant.render(PAPER_CAMERA, (rotation, translation), Optics(), np.random.default_rng(0), moved)
@@ -51,7 +52,7 @@ def _moved(moved):
 
 
 def test_ink_and_size():
-    dots, tags = RigOfDots("rig", RIG), RigOfTags.on(RIG, "aruco:DICT_4X4_50:3")
+    dots, tags = DotBody("rig", RIG), TagBody.on(RIG, "aruco:DICT_4X4_50:3")
     assert dots.area(1.0) == pytest.approx(6 * 0.08**2)
     points = [point.feature for each in RIG.markers for point in each.marker.control_points]
     area = np.pi / 4 * sum(p.diameter**2 - p.inner_diameter**2 for p in points)
@@ -66,7 +67,7 @@ def test_rigs_are_compared_with_rigs():
     assert [each.name for each in contestants] == ["here", "apriltag:36h11"]
     assert len(setting.poses) == 6
     assert len(line_up(["here"], AROUND, given={"here": RIG})[0]) == 3
-    with pytest.raises(InputError, match="a tag on each of its plates"):
+    with pytest.raises(InputError, match="of its plates"):
         line_up(["here", "charuco:5x5"], AROUND, given={"here": RIG})
 
 

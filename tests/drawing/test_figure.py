@@ -25,13 +25,13 @@ def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
 
 
 def test_bare_points_and_relief_are_refused(make_ngon):
-    with pytest.raises(InputError, match=r"control point 0 without a dot .*--dot above 0"):
+    with pytest.raises(InputError, match=r"point 0 without a dot .*--dot above 0"):
         marker_dots(make_ngon(4, 0.15, 0.0))
     flat = make_ngon(4, 0.15, 0.02)
     raised = replace(
         flat, control_points=(*flat.control_points[:2], replace(flat.control_points[2], z=0.01), flat.control_points[3])
     )
-    with pytest.raises(InputError, match="control point 2 at z=10 mm"):
+    with pytest.raises(InputError, match="point 2 at z=10 mm"):
         marker_dots(raised)
 
 

@@ -69,12 +69,12 @@ def test_a_paper_turned_has_its_usual_name():
 
 @pytest.mark.parametrize("name", ["0x0mm", "99x400mm", "300x6000mm", "1e9x1mm", "3..0x400mm"])
 def test_sizes_beyond_all_reason(name):
-    with pytest.raises(InputError, match=r"paper of 100 to 5000 mm a side|a paper size|a known paper size"):
+    with pytest.raises(InputError, match=r"of 100 to 5000 mm|paper size"):
         find_paper(name)
 
 
 def test_name_and_orientation_must_agree():
-    with pytest.raises(InputError, match="leave out -landscape or the orientation"):
+    with pytest.raises(InputError, match="leave out -landscape"):
         find_paper("A4-landscape", "portrait")
 
 

@@ -109,7 +109,7 @@ def test_the_sheet_has_the_dots_at_true_size():
 
 @pytest.mark.parametrize("text", ["wall 2x2", "pair"])
 def test_walls_and_pairs_have_no_net(text):
-    with pytest.raises(InputError, match="faces of a body for --net"):
+    with pytest.raises(InputError, match="a body for --net"):
         unfold(rig_of(text, plate=0.1))
 
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sentences import sentence
 
 from markergen.drawing.print_measurements import BAND, far_pair, place_ruler, remedy_words, ruler
 from markergen.drawing.scene import Disk, Line, bounds
@@ -36,7 +37,7 @@ def test_across_a_seam_one_dot_is_on_either_side():
     assert far_pair(points[:3], 0, 0.25) is None
     pair = far_pair(points, 0, 0.05)
     assert (pair.first, pair.second) == (0, 3)
-    assert str(pair) == "dots 0 and 3: 300.0 mm (310.0 mm over the outer edges)"
+    assert str(pair) == sentence("distance", 0, 3, "300.0 mm", "310.0 mm")
 
 
 def test_no_pair_no_length():

@@ -8,6 +8,7 @@ import shapely
 from gaps import box_distance, segment_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sentences import sentence
 
 from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.marker_artwork import CENTROID_PULL
@@ -122,8 +123,8 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
 def test_wide_markers_lie_on_their_side(shapes, make_in):
     sheet = sheet_for(make_in(shapes["two squares"], 6, 0.015))
     assert str(sheet.paper) == "A4-landscape (297 x 210 mm)"
-    assert sheet.notes[0] == "The marker needs A4-landscape (297 x 210 mm): its outline is 260 x 100 mm."
-    with pytest.raises(InputError, match=r"for a marker 260 x 100 mm, found A4 \(210 x 297 mm\); use --paper A4-land"):
+    assert sheet.notes[0] == sentence("needs paper", "A4-landscape (297 x 210 mm)", "outline is 260 x 100 mm")
+    with pytest.raises(InputError, match=r"260 x 100 mm, found A4 \(210 x 297 mm\); use --paper A4-land"):
         sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4-portrait")
     # A name that does not say which way round lets the marker decide.
     assert sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4").paper.name == "A4-landscape"
@@ -149,7 +150,7 @@ def test_an_origin_far_away_needs_no_paper(make_in):
     assert sheet.paper.name == "A5"
     check_sheet(make_in(boundary, 5, 0.01), sheet)
     assert not any(name.startswith("center") for name in named(sheet))
-    assert "origin is not on the sheet" in sheet.notes[-1]
+    assert "origin is not" in sheet.notes[-1]
     at_hand = polygon_from([np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], origin="file")
     assert not any("origin" in note for note in sheet_for(make_in(at_hand, 5, 0.01)).notes)
 
@@ -325,7 +326,7 @@ def test_dots_that_have_no_room_for_a_number_are_named(make_marker):
     ring = 0.022 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     sheet = sheet_for(make_marker(np.concatenate([ring, [[0, 0]]]), 0.1, 0.02))
     assert isinstance(sheet.scene["dots"][6], Disk)
-    assert sheet.notes[-1].startswith("Dot 6 has no room for a number")
+    assert sheet.notes[-1].startswith("Dot 6 has no room")
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.003, 0.025])
@@ -340,13 +341,13 @@ def test_nothing_is_nearer_to_the_edge_than_the_margin(make_ngon, check_page, ma
 
 
 def test_margins_that_leave_nothing(make_ngon):
-    with pytest.raises(InputError, match=r"leaves 70 x 70 mm of A5 \(148 x 210 mm\), found 50 mm; give a smaller"):
+    with pytest.raises(InputError, match=r"70 x 70 mm of A5 \(148 x 210 mm\), found 50 mm;"):
         pages_for([make_ngon(5, 0.02, 0.005)], SheetOptions("A5", margin=0.05))
-    with pytest.raises(InputError, match=r"expected an overlap from 0, found overlap=-0\.01"):
+    with pytest.raises(InputError, match=r"from 0, found overlap=-0\.01"):
         SheetOptions(overlap=-0.01)
     with pytest.raises(InputError, match=r"a margin from 0, found margin=-0\.01"):
         SheetOptions(margin=-0.01)
-    with pytest.raises(InputError, match="portrait or landscape, found 'sideways'"):
+    with pytest.raises(InputError, match="or landscape, found 'sideways'"):
         SheetOptions(orientation="sideways")  # type: ignore[arg-type]
 
 
@@ -376,7 +377,7 @@ def test_orientation_turns_named_and_chosen_paper(make_ngon):
         sheet = pages_for([marker], SheetOptions(paper, orientation, tile=False))[0]
         assert sheet.paper.name == name
         check_sheet(marker, sheet)
-    with pytest.raises(InputError, match="paper portrait, as asked for, found 'A4-landscape'"):
+    with pytest.raises(InputError, match=r"portrait, .* found 'A4-landscape'"):
         pages_for([marker], SheetOptions("A4-landscape", "portrait"))
 
 
@@ -408,7 +409,7 @@ def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, mark
             assert (ends[1] - ends[0]) * scale == pytest.approx(length, abs=1e-9)
         assert any("scale" in name for name in shapes)
     assert count == len(designed)
-    with pytest.raises(InputError, match="run markergen rescale with --measured-x"):
+    with pytest.raises(InputError, match="rescale with --measured-x"):
         pages_for([designed], SheetOptions("A4", compensate=True))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.cli import main
 from markergen.model.body_json import to_json
@@ -38,7 +39,7 @@ def test_own_camera(monkeypatch, capsys, tmp_path):
     run("own_camera.py", tmp_path / "m.pdf", monkeypatch=monkeypatch)
     assert (tmp_path / "m.pdf").read_bytes().startswith(b"%PDF")
     assert (tmp_path / "m.json").is_file()
-    assert "6 control points in a disk of radius 100 mm" in capsys.readouterr().out
+    assert "6 control points in a disk" in capsys.readouterr().out
 
 
 def test_every_example_is_run_here():
@@ -55,14 +56,14 @@ def test_every_example_is_run_here():
 def test_cube_to_fold(monkeypatch, capsys, tmp_path):
     run("cube_to_fold.py", tmp_path, monkeypatch=monkeypatch)
     assert {path.name for path in tmp_path.iterdir()} == {"cube.json", "faces.pdf", "net.pdf"}
-    assert "told apart by their tags, aruco:DICT_4X4_50:0 to 5" in capsys.readouterr().out
+    assert "their tags, aruco:DICT_4X4_50:0 to 5" in capsys.readouterr().out
 
 
 def test_design_and_save(monkeypatch, capsys, tmp_path):
     run("design_and_save.py", tmp_path / "out", monkeypatch=monkeypatch)
     names = {"marker.pdf", "marker.dxf", "marker.opencv.yaml", "marker.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    assert "8 control points in a polygon of 170 mm x 170 mm" in capsys.readouterr().out
+    assert sentence("polygon of", "170 mm x 170 mm") in capsys.readouterr().out
 
 
 @pytest.mark.long
@@ -77,7 +78,7 @@ def test_landing_pad(monkeypatch, capsys, tmp_path):
 def test_measure_print(monkeypatch, capsys, tmp_path, make_ngon):
     (tmp_path / "m.json").write_bytes(to_json(make_ngon(5, 0.15, 0.036)))
     run("measure_print.py", tmp_path / "m.json", tmp_path / "print", monkeypatch=monkeypatch)
-    assert "Use the measured marker" in capsys.readouterr().out
+    assert sentence("use measured") in capsys.readouterr().out
     assert (tmp_path / "print" / "measured.json").is_file()
     assert (tmp_path / "print" / "calibration.html").is_file()
 

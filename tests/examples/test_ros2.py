@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from markergen_detect import DescriptionError
 
 import markergen as mg
 from markergen.maths.rotation import exponential
@@ -63,11 +64,11 @@ def test_images_of_any_layout_are_those_of_opencv(ros, encoding, channels, kind,
 
 def test_other_images_are_refused_in_a_line(ros):
     bayer = message(np.zeros((4, 6), np.uint8), "bayer_rggb8")
-    with pytest.raises(mg.InputError, match=r"found bayer_rggb8; convert it, as image_proc does$"):
+    with pytest.raises(DescriptionError, match=r"found bayer_rggb8; convert it, as image_proc does$"):
         ros.array_of(bayer)
     short = message(np.zeros((4, 6), np.uint8), "mono8")
     short.data = short.data[:-1]
-    with pytest.raises(mg.InputError, match="expected 4 rows of at least 6 bytes, found 23 bytes with step 6"):
+    with pytest.raises(DescriptionError, match="expected 4 rows of at least 6 bytes, found 23 bytes with step 6"):
         ros.array_of(short)
 
 
@@ -87,7 +88,7 @@ def test_the_pose_and_its_covariance_are_as_ros_means_them(ros, monkeypatch, tmp
     """The covariance against that of the dots' pixels, by differences along and about the fixed axes of the camera."""
     marker = build_marker(POINTS, Circle(0.085), diameter=0.02, clearance=0.002)
     marker.save(tmp_path / "marker.json")
-    node = node_for(ros, monkeypatch, markers=f"dock={tmp_path / 'marker.json'}", print_sigma="0.0001mm")
+    node = node_for(ros, monkeypatch, markers=f"dock={tmp_path / 'marker.json'}", print_sigma=1e-7)
     image = message(render_view(marker, CAMERA, *POSE, Optics(), np.random.default_rng(0)), "mono8", pad=3)
     node.callbacks["image"](image)
     assert not any(node.published.values())
@@ -104,7 +105,8 @@ def test_the_pose_and_its_covariance_are_as_ros_means_them(ros, monkeypatch, tmp
     found = node.before[0]
 
     def pixels(step):
-        return CAMERA.project(found.xyz, (exponential(step[3:]) @ rotation)[None], (translation + step[:3])[None])[0]
+        turned, moved = exponential(step[3:]) @ rotation, translation + step[:3]
+        return CAMERA.project(marker.xyz[found.ids], turned[None], moved[None])[0]
 
     slopes = np.stack([(pixels(e) - pixels(-e)) / 2e-6 for e in 1e-6 * np.eye(6)], axis=-1)
     weights = np.linalg.inv(found.pixel_covariance)
@@ -140,7 +142,7 @@ def test_what_is_wrong_is_logged_in_a_line(ros, monkeypatch, tmp_path):
     node.callbacks["image"](message(np.zeros((4, 6), np.uint8), "mono8"))
     missing, uncalibrated = node.errors
     assert "missing.json" in missing
-    assert "positive focal lengths" in uncalibrated
+    assert "focal lengths above 0" in uncalibrated
     assert "\n" not in missing + uncalibrated
 
 

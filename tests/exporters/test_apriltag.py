@@ -123,14 +123,14 @@ def test_every_tag_is_the_official_one_turned_by_half_a_turn(name):
 @pytest.mark.parametrize("write", [write_ros2, write_kalibr])
 def test_lists_say_that_apriltag_sees_it_upside_down(write, make_ngon):
     marker = marker_with(make_ngon, "36h11")
-    assert "sees this tag turned by 180 degrees" in write(marker)
+    assert "turned by 180 degrees" in write(marker)
     assert "180 degrees" not in write(replace(marker, tag=Tag("aruco:DICT_4X4_50", 3, 0.03)))
 
 
 def test_a_family_that_apriltag_ros_lacks_is_told(make_ngon):
     said = {name: EXPORTERS[".apriltag.yaml"]([marker_with(make_ngon, name)], ExportOptions()).notes for name in NAMES}
     assert [name for name in NAMES if said[name]] == ["36h10"]
-    assert "apriltag_ros does not know this family" in said["36h10"][0]
+    assert "apriltag_ros does not" in said["36h10"][0]
     assert said["36h10"][0] in write_bundle(marker_with(make_ngon, "36h10"))
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.exporters.formats.points import write_bundle, write_kalibr, write_opencv, write_ros2, write_table
@@ -42,14 +43,14 @@ def test_comments_say_what_it_is_about(writer, marker):
     comments = [line for line in writer(marker).splitlines() if line.startswith("# ")]
     words = "\n".join(comments)
     assert "markergen-1a2b3c4d: 7 dots" in words
-    assert "Frame: the marker's, x right, y up, z out of the printed face" in words
+    assert sentence("frame") in words
     assert "Unit: m." in words
     assert "measured" not in words
     assert max(map(len, writer(marker).splitlines())) < 260
 
 
 def test_a_print_that_was_measured_is_told(writer, marker):
-    assert "# Places are those measured on the print." in writer(measured(marker))
+    assert "those measured on" in writer(measured(marker))
 
 
 def open_storage(text: str) -> cv2.FileStorage:
@@ -151,7 +152,7 @@ def test_kalibr_is_honest_about_the_type(marker):
     np.testing.assert_array_equal([[p["x"], p["y"], p["z"]] for p in target["points"]], marker.xyz)
     assert [p["id"] for p in target["points"]] == list(range(7))
     assert target["tag"]["corners"][0] == [-0.014, 0.013, 0.0]
-    assert "checkerboard, circlegrid and aprilgrid" in write_kalibr(marker)
+    assert "circlegrid and aprilgrid" in write_kalibr(marker)
 
 
 def test_the_bundle_has_the_tag_where_it_is(marker):
@@ -165,7 +166,7 @@ def test_the_bundle_has_the_tag_where_it_is(marker):
 
 
 def test_a_bundle_needs_an_apriltag(plain, marker):
-    with pytest.raises(InputError, match=r"an AprilTag, found none; design it with --tag apriltag"):
+    with pytest.raises(InputError, match=r"an AprilTag, found none; .* --tag apriltag"):
         write_bundle(plain)
     with pytest.raises(InputError, match="found aruco:DICT_4X4_50:7"):
         write_bundle(replace(marker, tag=Tag("aruco:DICT_4X4_50", 7, 0.03)))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.comparison.fiducials import FiducialSettings, find_tags
 from markergen.drawing.paper import SheetOptions
@@ -107,8 +108,8 @@ def test_they_fill_pages_of_a4_or_of_the_paper(count, paper, words):
 def test_a_file_of_one_page_has_them_all_on_the_smallest_that_holds_them(tmp_path):
     markers = family(5)
     ((_, notes),) = save_family(markers, [tmp_path / "five.svg"], ExportOptions())
-    assert notes[0] == "5 markers stand on one page of A2 (420 x 594 mm)."
-    assert notes[-1] == "A .svg file has one page; a .pdf fills pages of A4, or of another --paper."
+    assert notes[0] == sentence("one page", 5, "A2 (420 x 594 mm)")
+    assert notes[-1] == sentence("svg page", "A4")
     assert len(pages_for(markers, SheetOptions(paper="A3"))) > 1
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from sentences import pattern
 
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError
@@ -74,7 +75,7 @@ def test_a_full_disk_leaves_every_target_alone(make_ngon, tmp_path, monkeypatch)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OutputError, match="No space left on device"):
+    with pytest.raises(OutputError, match="No space left"):
         save(make_ngon(5, 0.05, 0.01), [tmp_path / "m.svg", tmp_path / "m.json"])
     assert (tmp_path / "m.svg").read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["m.svg"]
@@ -117,7 +118,7 @@ def test_the_record_comes_once():
 def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_path):
     options, marker = ExportOptions(SheetOptions(paper="A4")), make_ngon(5, 0.1, 0.02)
     for names in (["m.svg"], ["m.pdf", "m.png"]):
-        with pytest.raises(InputError, match=r"one page for \.(svg|png), found 3 pages on A4.*use \.pdf.*89 mm"):
+        with pytest.raises(InputError, match=r"for \.(svg|png), found 3 pages on A4.*\.pdf.*89 mm"):
             save(marker, [tmp_path / name for name in names], options)
     assert list(tmp_path.iterdir()) == []
     save(marker, [tmp_path / "m.pdf"], options)
@@ -174,7 +175,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, others):
     (tmp_path / "m.dxf").write_bytes(b"old")
     made = {tmp_path / "m.step": Output(b"step", (), {"m.dxf": b"dxf", "sub/a": b""})}
     made |= {tmp_path / name: output for name, output in others.items()}
-    with pytest.raises(OutputError, match=r"m\.dxf, which comes with .*, found another output of that name") as caught:
+    with pytest.raises(OutputError, match=r"m\.dxf, which .*, found another output") as caught:
         write(made)
     assert "\n" not in str(caught.value)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("m.dxf", b"old")]
@@ -183,7 +184,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, others):
 def test_an_input_is_not_written_over_by_what_comes_with_another(tmp_path):
     (tmp_path / "plate.dxf").write_bytes(b"input")
     made = {tmp_path / "plate.step": Output(b"step", (), {"meshes/a.glb": b"glb", "plate.dxf": b"dxf"})}
-    with pytest.raises(OutputError, match=r"plate\.dxf, found: It is one of the inputs"):
+    with pytest.raises(OutputError, match=r"plate\.dxf, found: It is " + pattern("input overwritten")):
         write(made, [tmp_path / "plate.dxf"])
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("plate.dxf", b"input")]
 
@@ -212,9 +213,9 @@ def test_exporters_are_told_what_the_file_is_called(make_ngon, tmp_path, monkeyp
 def test_a_relief_is_a_solid_but_no_drawing(tmp_path):
     check_exports([tmp_path / "m.step", tmp_path / "m.fab.pdf"], ExportOptions(), Spec(relief=0.02))
     for name in ("m.pdf", "m.dxf"):
-        with pytest.raises(InputError, match=r"found a relief of 20 mm for .*write it to marker\.json or as a solid"):
+        with pytest.raises(InputError, match=r"a relief of 20 mm for .*marker\.json"):
             check_exports([tmp_path / name], ExportOptions(), Spec(relief=0.02))
     for name in ("m.pdf", "m.stl"):
-        with pytest.raises(InputError, match="dots for a drawing or a solid, found bare points"):
+        with pytest.raises(InputError, match="found bare points"):
             check_exports([tmp_path / name], ExportOptions(), Spec(dot=0))
     check_exports([tmp_path / "m.json"], ExportOptions(), Spec(dot=0, relief=0.02))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import pattern
 
 import markergen as mg
 from markergen import exporters
@@ -37,7 +38,7 @@ def test_a_format_of_markers_alone_refuses_a_rig_in_one_line(added, tmp_path):
     added["markers"].register(".count")(writer)
     [written] = save(MARKER, [tmp_path / "a.count"])
     assert written.path.read_text() == f"{len(MARKER)}"
-    with pytest.raises(InputError, match="output suffix for a rig") as error:
+    with pytest.raises(InputError, match=pattern("no rig suffix")) as error:
         save(RIG, [tmp_path / "rig.count"])
     assert "\n" not in str(error.value)
     assert not (tmp_path / "rig.count").exists()
@@ -52,7 +53,7 @@ def test_formats_of_a_rig_as_the_release_before_had_them(added, tmp_path):
     [written] = save(RIG, [tmp_path / "rig.faces"])
     assert written.path.read_text() == "6"
     assert ((".faces",), "number of faces") in catalog("rig")
-    with pytest.raises(InputError, match="known output suffix, found"):
+    with pytest.raises(InputError, match="known output suffix"):
         save(MARKER, [tmp_path / "marker.faces"])
     with pytest.raises(AttributeError):
         exporters.NO_EXPORTERS  # noqa: B018
@@ -61,7 +62,7 @@ def test_formats_of_a_rig_as_the_release_before_had_them(added, tmp_path):
 def test_a_rig_is_alone():
     assert frame_of([MARKER, MARKER]) == "marker"
     assert frame_of([RIG]) == "rig"
-    with pytest.raises(InputError, match="markers, or one rig"):
+    with pytest.raises(InputError, match="or one rig"):
         frame_of([MARKER, RIG])
 
 

@@ -76,15 +76,15 @@ def refused(tmp_path):
 def test_a_pipe_that_nobody_writes_to_is_not_waited_for(tmp_path, read):
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    with pytest.raises(InputError, match="a pipe or a device, not a regular file"):
+    with pytest.raises(InputError, match="a pipe or"):
         read(str(path))
 
 
 def test_a_name_that_is_too_long_is_no_path():
     name = "a" * 300 + "#cam1"
-    with pytest.raises(InputError, match="File name too long"):
+    with pytest.raises(InputError, match="name too long"):
         read_camera(name)
-    with pytest.raises(InputError, match="File name too long"):
+    with pytest.raises(InputError, match="name too long"):
         read_room("0.15", [name])
 
 
@@ -203,15 +203,13 @@ def test_hidden_and_paper_space_are_named(refused):
         document.modelspace().add_circle((0, 0), 9, dxfattribs={"layer": "F"})
 
     assert "only hidden shapes" in refused(dxf(hidden))
-    assert "only shapes in paper space" in refused(
-        dxf(lambda document: document.layout("Layout1").add_circle((0, 0), 9))
-    )
+    assert "in paper space" in refused(dxf(lambda document: document.layout("Layout1").add_circle((0, 0), 9)))
     assert "only hidden shapes" in refused(svg(f'<g style="display:none">{PLATE}</g>'))
 
 
 def test_splines_through_very_many_points(refused):
     points = [(i * 0.1, i * i % 7, 0) for i in range(3000)]
-    assert "through at most 500 points" in refused(dxf(lambda document: document.modelspace().add_spline(points)))
+    assert "at most 500 points" in refused(dxf(lambda document: document.modelspace().add_spline(points)))
 
 
 @pytest.mark.parametrize(("old", "new"), [("LAYOUT\n", "LAYOUTNAME\n"), ("Layout1", "Layout9"), ("Model\n", "Modem\n")])
@@ -233,12 +231,12 @@ def test_damaged_dxf_is_told_in_words_of_the_file(refused):
 
 def test_degrees_are_no_unit(refused):
     ring = '{"type": "Polygon", "coordinates": [[[11.5, 48.1], [11.6, 48.1], [11.6, 48.2], [11.5, 48.1]]]}'
-    assert "longitude and latitude are not lengths" in refused(ring)
+    assert "longitude and latitude" in refused(ring)
 
 
 def test_sizes_in_words_that_are_meant_in_mm():
     for text in ("150", "circle:150", "rect:200x100", "rect:1e300x1e300", "rect:0.2umx1um"):
-        with pytest.raises(InputError, match=r"a boundary of 1 mm to 100 m, found .* across for"):
+        with pytest.raises(InputError, match=r"of 1 mm to 100 m, found .*"):
             parse_boundary(text)
     assert parse_boundary("circle:0.2mm@3mm,4mm", origin="file").radius == 2e-4
 
@@ -264,7 +262,7 @@ def test_cameras_that_would_be_misunderstood(refused, old, new, words):
 
 def test_other_cameras_that_would_be_misunderstood(refused):
     row = "1 PINHOLE 640 480 500 500 320 240\n"
-    assert "every camera once in" in refused(row + row.replace("500", "400"), read_camera)
+    assert "camera once in" in refused(row + row.replace("500", "400"), read_camera)
     # No damage: just another kind of file.
     assert "an unknown format" in refused(svg(PLATE + PLATE), read_camera)
 
@@ -280,7 +278,7 @@ def test_a_covariance_is_not_waited_for(tmp_path):
 def test_more_poses_than_can_be_looked_at_in_time(refused):
     head, row = "tx,ty,tz,qx,qy,qz,qw\n", "0,0,1,1,0,0,0\n"
     assert "at most 100000 poses" in refused(head + row * 100_001, read_poses)
-    assert "at line 100001 of file" in refused(head + row * 99_999 + row.replace("1,1", "1,2"), read_poses)
+    assert "line 100001 of" in refused(head + row * 99_999 + row.replace("1,1", "1,2"), read_poses)
 
 
 def test_lines_that_end_as_on_old_macs(tmp_path):

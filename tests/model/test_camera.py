@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
@@ -225,4 +226,4 @@ def test_cameras_print_in_a_line():
         assert len(repr(camera)) < 300
         assert "\n" not in str(camera)
     assert str(FISHEYE).endswith("equidistant k1 0.0035, k2 0.0007, k3 -0.002, k4 0.0002")
-    assert str(PAPER_CAMERA) == "640x480 px, fx 800, fy 800, cx 320, cy 240, no distortion"
+    assert str(PAPER_CAMERA) == sentence("camera", "640x480 px", 800, 800, 320, 240)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.guard import KINDS
@@ -110,7 +111,7 @@ def test_what_was_measured_of_one_plate_is_turned_into_its_frame(full):
 
 
 def test_a_file_with_plates_is_refused_where_a_marker_is_asked_for():
-    with pytest.raises(InputError, match="a marker on one plate"):
+    with pytest.raises(InputError, match="on one plate"):
         read_marker(DATA / FULL)
 
 
@@ -155,12 +156,12 @@ def test_keys_of_version_2_are_refused_in_version_1(full):
 
 def test_a_newer_file_says_by_what_it_was_written(full):
     full["version"] = 3
-    assert "version 1 or 2 in marker.json, found version 3, written by a newer markergen; update" in refusal(full)
+    assert "version 1 or 2 in marker.json, " + sentence("newer version", "") in refusal(full)
     full["provenance"]["versions"] = {"markergen": "7.1.0"}
-    assert "found version 3, written by a newer markergen (7.1.0); update markergen" in refusal(full)
+    assert sentence("newer version", " (7.1.0)") in refusal(full)
     full["provenance"]["versions"] = {"markergen": "9" * 1000}
     assert len(refusal(full)) < 300
-    assert "found version 0; design the marker again" in refusal({**full, "version": 0})
+    assert "found version 0; design" in refusal({**full, "version": 0})
 
 
 @pytest.mark.parametrize(
@@ -182,7 +183,7 @@ def test_unknown_keys_are_told_with_the_nearest_known_one(full, path, key, words
 
 def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
     content = json.loads((DATA / OLD[0]).read_text())
-    assert "ruler: unknown key (got 1)" in refusal({**content, "ruler": 1})
+    assert "ruler: unknown key" in refusal({**content, "ruler": 1})
 
 
 @pytest.mark.parametrize(

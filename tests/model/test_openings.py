@@ -5,6 +5,7 @@ from math import isclose, pi
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.geometry.contour import Contour, area, circle
 from markergen.model.boundary import Circle, polygon_from
@@ -29,9 +30,9 @@ def drawn():
 def test_every_hole_is_listed_clockwise_at_its_place(drawn):
     found = openings(drawn)
     assert [str(each) for each in found] == [
-        "the hole M4 at -60 mm, 60 mm",
-        "the dowel hole 4 mm pin at 75 mm, 0 mm",
-        "the drawn hole around 80 mm, 80 mm",
+        sentence("hole", "M4", "-60 mm, 60 mm"),
+        sentence("dowel", "4 mm pin", "75 mm, 0 mm"),
+        sentence("drawn hole", "80 mm, 80 mm"),
     ]
     assert [each.contour.as_circle for each in found] == [
         pytest.approx(whole) for whole in [(-0.06, 0.06, 0.00225), (0.075, 0, 0.002), (0.08, 0.08, 0.0045)]
@@ -57,7 +58,7 @@ def test_holes_in_quiet_zones_are_named_with_their_dots(drawn):
     # Dot 0 reaches to 60 mm and its quiet zone to 70 mm; the pin's hole begins at 73 mm.
     assert near_holes(drawn) == ()
     close = replace(drawn, substrate=replace(drawn.substrate, holes=parse_mount("M3:64mm,0mm; -90mm,0mm")))
-    [sentence] = near_holes(close)
-    assert "the hole M3 at 64 mm, 0 mm into that of dot 0;" in sentence
-    assert "-90 mm" not in sentence
+    [warning] = near_holes(close)
+    assert sentence("hole", "M3", "64 mm, 0 mm") + " into that of dot 0;" in warning
+    assert "-90 mm" not in warning
     assert near_holes(replace(close, control_points=())) == ()

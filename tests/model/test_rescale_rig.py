@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 import markergen as mg
 from markergen.errors import InputError
@@ -20,8 +21,8 @@ def test_dots_move_in_their_plates_and_plates_stay():
         assert after.marker.print_scale == pytest.approx(tuple(scale))
     assert found.marker.relation == RIG.relation
     said = str(found)
-    assert said.count("plate 2: The print is 101 % of the design along x") == 1
-    assert said.count("plate 0, plate 1, plate 3, plate 4, plate 5: The print is 99 % of the design along x") == 1
+    assert said.count("plate 2: " + sentence("print scale", 101)) == 1
+    assert said.count("0, plate 1, plate 3, plate 4, plate 5: " + sentence("print scale", 99)) == 1
 
 
 def test_a_rescaled_rig_is_written_and_rescaled_again(tmp_path):
@@ -42,5 +43,5 @@ def test_what_is_refused():
     ):
         with pytest.raises(InputError, match=words):
             mg.rescale(RIG, **options)
-    with pytest.raises(InputError, match="rulers of one marker"):
+    with pytest.raises(InputError, match="of one marker"):
         mg.rescale(RIG.markers[0].marker, measured_x="99mm", also="plate 0=99mm")

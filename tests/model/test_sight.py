@@ -111,7 +111,7 @@ def test_four_dots_of_two_sizes_do_not_serve():
     mixed = Coverage(points, np.array([0.02, 0.02, 0.05, 0.05]), frontal(3.0), every)
     assert not mixed.served.any()
     assert [scale.tolist() for scale in mixed.scales] == [[2, 3], [0, 1]]
-    assert "no 4 of one size" in mixed.gaps[0]
+    assert "no 4 of one" in mixed.gaps[0]
 
 
 @pytest.mark.parametrize("sizes", [[0.02, 0.02], [0.02, 0.05, 0.02]])

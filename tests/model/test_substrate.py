@@ -5,6 +5,7 @@ from math import atan2, degrees, hypot, inf, nan
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.geometry.contour import circle
@@ -67,8 +68,8 @@ def test_holes_that_cannot_be_are_refused(values, words):
 def test_the_rim_of_a_countersunk_hole_is_that_of_its_countersink():
     assert Hole(0.01, 0.02, 0.0034).rim == Circle(0.0017, (0.01, 0.02))
     assert Hole(0.01, 0.02, 0.0034, 0.00672).rim == Circle(0.00336, (0.01, 0.02))
-    assert str(Hole(0.01, 0.02, 0.0034, name="M3")) == "the hole M3 at 10 mm, 20 mm"
-    assert str(Hole(0.01, 0.02, 0.004, use="dowel")) == "the dowel hole 4 mm at 10 mm, 20 mm"
+    assert str(Hole(0.01, 0.02, 0.0034, name="M3")) == sentence("hole", "M3", "10 mm, 20 mm")
+    assert str(Hole(0.01, 0.02, 0.004, use="dowel")) == sentence("dowel", "4 mm", "10 mm, 20 mm")
 
 
 def test_the_edge_goes_around_disks_and_rectangles_alone(shapes):

@@ -170,7 +170,7 @@ def test_a_tag_fits_with_its_quiet_zone_or_is_refused(boundary, side, fits):
     if fits:
         assert place_tag("aruco:DICT_4X4_50", side, boundary).side == side
     else:
-        with pytest.raises(InputError, match=r"in the boundary with its quiet zone.* use --tag-size"):
+        with pytest.raises(InputError, match=r"with its quiet zone.* --tag-size"):
             place_tag("aruco:DICT_4X4_50", side, boundary)
 
 
@@ -186,7 +186,7 @@ def test_the_size_that_is_told_fits():
 def test_a_hole_in_the_middle_leaves_no_room():
     hole = Circle(0.01)
     for side in (None, 0.05):
-        with pytest.raises(InputError, match="no room in the middle: leave out --tag"):
+        with pytest.raises(InputError, match=r"in the middle: .* --tag"):
             place_tag("aruco:DICT_4X4_50", side, Circle(0.15), [hole])
     # One beside the tag does not matter.
     assert place_tag("aruco:DICT_4X4_50", None, Circle(0.15), [Circle(0.01, (0.1, 0))]).side == 0.05
@@ -266,5 +266,5 @@ def test_geometry_of_a_board():
 def test_boards_that_cannot_be_are_refused(family, columns, rows, square, said):
     with pytest.raises(InputError, match=said):
         Board(family, columns, rows, square)
-    with pytest.raises(InputError, match="share of its square"):
+    with pytest.raises(InputError, match="of its square"):
         Board("aruco:DICT_4X4_50", 5, 5, 0.04, 1.0)

@@ -81,14 +81,14 @@ def test_what_is_determined_nowhere_is_infinite(name, softness):
 
 @pytest.mark.parametrize("name", ["cvar:", "cvar:1", "cvar:-0.1", "cvar:nan", "cvar:worst", "cvar:90"])
 def test_a_wrong_level_is_told(name):
-    with pytest.raises(InputError, match=r"a level of cvar from 0 to below 1, found '.*'; write cvar:0.9"):
+    with pytest.raises(InputError, match=r"to below 1, found '.*'; write cvar:0.9"):
         aggregate_of(name)
 
 
 def test_unknown_aggregates_are_told():
-    with pytest.raises(InputError, match="did you mean 'cvar'"):
+    with pytest.raises(InputError, match="mean 'cvar'"):
         aggregate_of("cvr:0.9")
-    with pytest.raises(InputError, match="only cvar has a level"):
+    with pytest.raises(InputError, match="only cvar has"):
         aggregate_of("max:0.9")
 
 

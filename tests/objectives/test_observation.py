@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.dot_crlb import center_covariance, directions, linearize
@@ -219,10 +220,10 @@ def test_criteria_are_for_the_settings_noise(setting, image):
     # Dots of 36 mm are known to some thousandths of a pixel.
     for key in ("pose_m", "homography_px", "rotation_deg", "translation_pct"):
         assert 0.002 < weighed[key] / plain[key] < 0.006
-    assert setting.noise_words == "image noise of 1 px"
-    assert image.noise_words == ("the image noise of 36 mm dots (blur 0.7 px, noise 2 and contrast 195 grey levels)")
+    assert setting.noise_words == sentence("noise of", "1 px")
+    assert image.noise_words == f"the image noise of 36 mm dots ({sentence('image noise', 0.7, 2, 195)})"
     printed = replace(image, noise=replace(NOISE, print_sigma=1e-4))
-    assert printed.noise_words == f"{image.noise_words} and a print error of 0.1 mm"
+    assert printed.noise_words == image.noise_words + sentence("print error", "0.1 mm")
 
 
 def test_a_dot_that_is_measured_worse_weighs_less(setting):

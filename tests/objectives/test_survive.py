@@ -94,7 +94,7 @@ def test_which_losses(few):
     ]:
         with pytest.raises(InputError, match=words):
             losses(n, lost)
-    with pytest.raises(InputError, match="four dots or more"):
+    with pytest.raises(InputError, match="four dots"):
         SurvivalObjective(OBJECTIVES["pose"](few), 1)(np.zeros((1, 4, 2)))
 
 

@@ -176,11 +176,11 @@ def test_reasons_for_no_bound(criterion):
 def test_a_design_says_how_much_better_another_layout_can_be():
     found = design(Spec(n=5, restarts=3))
     assert found.certificate.lower_bound <= found.value
-    assert "no 5 dots in this room can be more than 0.1 % better" in str(found)
+    assert "more than 0.1 % better" in str(found)
     assert found.certificate is found.certify()
 
 
 def test_a_gap_that_the_dots_keep_is_said_with_the_bound():
     poses = "cone:distance=0.6..1.2,tilt=0..60,count=12"
     found = design(Spec(n=6, dot=0.02, gap=0.02, boundary=Circle(0.1), poses=poses, restarts=1))
-    assert "no 6 dots in this room, 20 mm or more apart, can be more than" in found.certificate.sentence
+    assert "no 6 dots in this room, 20 mm" in found.certificate.sentence

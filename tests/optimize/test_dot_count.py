@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -108,14 +109,14 @@ def test_the_fewest_dots_near_the_least_error_are_chosen_in_a_small_room():
     assert choice.spec.gap > 0
     assert choice.spec.print_sigma == 1e-4
     assert 4 <= choice.spec.n <= max(known)
-    assert "with a print good to 0.1 mm" in choice.reason
-    assert "within 5 % of the least" in choice.reason
+    assert "good to 0.1 mm" in choice.reason
+    assert "5 % of the least" in choice.reason
     assert 4 < max(known) <= 12
 
 
 def test_more_dots_are_promised_with_their_error_or_not_at_all(setting):
     five = outlook(regular_polygon(5, 0.1284), 0.036, Spec(), setting, ErrorSources())
-    assert "expect 0.234 deg RMS in all, with a print good to 0.1 mm and an exact calibration; dots are" in five
+    assert sentence("expected error", "0.234 deg", "0.1 mm") in five
     assert re.search(r"\nhalf the error: \d+ dots of 18.2 mm, 0.1\d* deg\n", five)
     assert "(--n auto)" in five
     # Where the scale of the print errs most, more dots do not help.

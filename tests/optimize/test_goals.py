@@ -47,7 +47,7 @@ def test_weights_weigh_criteria_relative_to_the_polygon():
 
 
 def test_a_bound_that_cannot_be_kept_is_refused():
-    with pytest.raises(InputError, match=r"^expected a layout with rotation <= 0.1 deg, found [\d.]+ deg in the best"):
+    with pytest.raises(InputError, match=r"rotation <= 0.1 deg, found [\d.]+ deg"):
         design(spec("pose, rotation <= 0.1 deg"))
 
 
@@ -62,7 +62,7 @@ def test_a_weak_criterion_names_the_bound():
      "pose, rotation <= 0", "pose, rotation >= ngon", "-1 pose + rotation", ", rotation <= ngon", "pose <= ngon"],
 )  # fmt: skip
 def test_malformed_text_is_refused(text):
-    with pytest.raises(InputError, match="expected a criterion, or a weighted sum") as caught:
+    with pytest.raises(InputError, match="or a weighted") as caught:
         Spec(objective=text)
     assert "\n" not in str(caught.value)
 

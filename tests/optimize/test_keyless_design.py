@@ -27,7 +27,7 @@ def test_the_layout_tells_the_labels():
     # Rounding to a tenth of a nanometer is far less than the search asks for on top.
     assert label_safety(marker, found.setting).least >= 2.0
     assert found.labels.least >= 2.0
-    assert "labels from the layout, safety >= 2 px" in found.summary
+    assert "the layout, safety >= 2 px" in found.summary
     assert found.labels.sentence in found.summary
     assert marker.provenance["labels"] == found.labels.sentence
     assert "ring" not in found.summary + to_json(marker).decode()
@@ -38,14 +38,14 @@ def test_the_layout_tells_the_labels():
 
 def test_the_key_ring_is_named_where_there_is_one():
     found = design(Spec(n=4, restarts=2))
-    assert "dot 0 is the key ring\nlabels are safe while" in found.summary
+    assert "dot 0 is the key ring\n" in found.summary
     assert found.labels.px[0] == np.inf
     assert design(Spec(n=4, dot=0.0, restarts=1)).labels is None
 
 
 def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):
     monkeypatch.setattr(keyless, "ROUNDS", 1)
-    with pytest.raises(InputError, match=r"safe to 300 px .* no layout safer than [1-9]"):
+    with pytest.raises(InputError, match=r"to 300 px .* safer than [1-9]"):
         design(Spec(n=4, asymmetric=300.0, restarts=1, poses=SPEC.poses))
 
 

@@ -103,7 +103,7 @@ def test_a_pad_serves_its_range():
     dense = coverage(marker, found.spec.camera, named_poses(f"{WIDE},count=4000,seed=5"))
     assert dense.served.all()
     assert "mm" in str(found)
-    with pytest.raises(InputError, match="dots of one size to trace"):
+    with pytest.raises(InputError, match="to trace"):
         design(n="auto", radius="0.5m", poses=WIDE, trace="way.svg")
 
 

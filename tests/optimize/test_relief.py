@@ -166,5 +166,5 @@ def test_poses_that_do_not_see_over_the_relief_are_left_out(setting):
     assert raised.setting.poses.dropped >= flat.setting.poses.dropped
     assert np.all(eyes_of(raised.setting.poses)[:, 2] > raised.marker.height)
     grazing = "cone:distance=0.3..0.31,tilt=79..80,azimuth=0..360,count=100"
-    with pytest.raises(InputError, match="100 from below the highest dot"):
+    with pytest.raises(InputError, match="100 from below"):
         design(Spec(n=4, boundary=Circle(0.06), dot=0, relief=0.06, poses=grazing))

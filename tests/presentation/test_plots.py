@@ -24,7 +24,7 @@ def test_what_is_no_axes_is_one_line(several):
 
     figure = Figure()
     for other in (figure.subplots(2), np.array(3)) if several else (figure, 3, "ax"):
-        with pytest.raises(InputError, match=r"expected axes of matplotlib, found ax=.*; give axes from") as caught:
+        with pytest.raises(InputError, match=r"axes of matplotlib, found ax=.*") as caught:
             axes_of(other)
         assert "\n" not in str(caught.value)
 
@@ -72,7 +72,7 @@ def test_a_plot_in_a_page_shares_no_ids_and_keeps_its_text():
 def test_a_picture_is_named_by_its_format():
     for name in ("a.svg", "A.PNG"):
         plots.check_figure(Path(name))
-    with pytest.raises(InputError, match=r"expected a picture \.svg or \.png, found a\.pdf"):
+    with pytest.raises(InputError, match=r"\.svg or \.png, found a\.pdf"):
         plots.check_figure(Path("a.pdf"))
 
 

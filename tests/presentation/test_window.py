@@ -44,8 +44,8 @@ def test_a_window_shows_frames_until_a_key_closes_it():
 def test_without_a_display_or_tk_it_says_what_to_do(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     assert not has_display()
-    with pytest.raises(InputError, match=r"a display for a window, found none; give --overlay out\.mp4"):
+    with pytest.raises(InputError, match=r"display for a window, .* --overlay out\.mp4"):
         Window("a video")
     monkeypatch.setitem(sys.modules, "tkinter", None)
-    with pytest.raises(InputError, match=r"a Python with Tk for a window, found none \(python3-tk\)"):
+    with pytest.raises(InputError, match=r"for a window, found none \(python3-tk\)"):
         Window("a video")

@@ -229,7 +229,7 @@ def test_kalibr(write):
         "[-0.27695497, 0.06712482, 0.00087538, 0.00011556]", "[]"
     )
     assert read_camera(write(none)) == first.ideal
-    with pytest.raises(InputError, match=r"the camera 'cam2' in .*, found cam0, cam1; add #cam0"):
+    with pytest.raises(InputError, match=r"'cam2' in .*, found cam0, cam1; add #cam0"):
         read_camera(f"{path}#cam2")
     # A file whose name has the mark is that file.
     assert read_camera(write(KALIBR_YAML, "chain#cam1")) == first
@@ -242,7 +242,7 @@ def test_colmap_counts_from_the_corner(write):
     )
     second = Camera(1000, 800, 900.5, 900.5, 499.5, 399.5, Distortion("radtan", (0.05, 0.0, 0.0, 0.0)))
     assert read_camera(f"{path}#2") == second
-    with pytest.raises(InputError, match=r"cameras.txt#1, found 2 cameras: '1', '2'; choose one"):
+    with pytest.raises(InputError, match=r"cameras.txt#1, found 2 cameras: '1', '2'; choose"):
         read_camera(path)
     with pytest.raises(InputError, match="the camera '3' in"):
         read_camera(f"{path}#3")
@@ -353,7 +353,7 @@ def test_each_kind_of_damage_is_named(write, text, old, new, words):
 def test_terms_that_are_not_modeled_are_refused(write):
     numbers = ", ".join(["0.1"] * 12)
     text = f"K: [500, 0, 320, 0, 510, 240, 0, 0, 1]\nD: [{numbers}]\nimage_size: [640, 480]\n"
-    with pytest.raises(InputError, match="no thin prism and no tilted sensor"):
+    with pytest.raises(InputError, match="thin prism and"):
         read_camera(write(text))
 
 
@@ -406,7 +406,7 @@ def test_files_that_cannot_be_read(tmp_path):
         with pytest.raises(InputError, match=words):
             read_camera_covariance(path, PAPER_CAMERA)
     (tmp_path / "one.yaml").write_text(ROS_YAML)
-    with pytest.raises(InputError, match="found 'cam1'; leave it out"):
+    with pytest.raises(InputError, match="'cam1'; leave it"):
         read_camera(tmp_path / "one.yaml#cam1")
 
 

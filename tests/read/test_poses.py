@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from sentences import pattern
 
 from markergen import guard
 from markergen.errors import InputError
@@ -242,23 +243,23 @@ def test_each_defect_is_one_line_with_its_place(write, text, words):
 
 def test_files_that_are_too_large_or_not_there(write, tmp_path, monkeypatch):
     monkeypatch.setitem(guard.KINDS, "poses", replace(guard.KINDS["poses"], largest=1_000_000))
-    with pytest.raises(InputError, match=r"at most 1 MB at .*, found a larger one; take every tenth pose"):
+    with pytest.raises(InputError, match=r"1 MB at .*, found a larger"):
         read_poses(write("0" * 1_000_001))
     monkeypatch.setattr("markergen.read.poses.rows.MOST_ROWS", 3)
     assert len(read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 3))) == 3
-    with pytest.raises(InputError, match=r"at most 3 poses in poses.txt, found more"):
+    with pytest.raises(InputError, match=r"3 poses in poses.txt, found more"):
         read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 4))
     monkeypatch.setattr("markergen.read.poses.MOST_LINES", 10)
     with pytest.raises(InputError, match="more than 10 lines"):
         read_poses(write("#\n" * 11))
     monkeypatch.setattr("markergen.read.poses.json.LARGEST_JSON", 10)
-    with pytest.raises(InputError, match="write this many poses as CSV"):
+    with pytest.raises(InputError, match="poses as CSV"):
         read_poses(write("[" * 11))
-    with pytest.raises(InputError, match="No such file or directory; check the path"):
+    with pytest.raises(InputError, match="No such file"):
         read_poses(tmp_path / "none.csv")
     with pytest.raises(InputError, match="Is a directory"):
         read_poses(tmp_path)
-    with pytest.raises(InputError, match="a readable file of poses"):
+    with pytest.raises(InputError, match=pattern("no pose file")):
         read_poses("a\0b.csv")
 
 
@@ -282,12 +283,10 @@ def test_poses_from_any_wish(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert poses_from("mine").name == "mine"
     for wish in ("nothing", "", "x" * 5000, "a\0b"):
-        with pytest.raises(
-            InputError, match=r"known: paper, paper-roll, cone:distance=A\.\.B.* and files of poses"
-        ) as caught:
+        with pytest.raises(InputError, match=r"paper, paper-roll, cone:distance=A\.\.B.* and files") as caught:
             poses_from(wish)
         assert len(str(caught.value)) < 500
-    with pytest.raises(InputError, match=r"a readable file of poses at no/such.csv"):
+    with pytest.raises(InputError, match=pattern("no pose file") + " at no/such.csv"):
         poses_from("no/such.csv")
 
 
@@ -377,5 +376,5 @@ def test_what_a_marker_carries_is_checked(change, words):
 
 @pytest.mark.parametrize("value", [3, None, ["paper"]])
 def test_poses_are_text_or_a_table(value):
-    with pytest.raises(InputError, match="poses: Input should be a valid string"):
+    with pytest.raises(InputError, match=pattern("no string", "poses")):
         spec_from_mapping({"poses": value})

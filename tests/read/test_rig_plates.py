@@ -97,6 +97,6 @@ def test_a_rig_from_a_list_keeps_the_markers_that_it_names(folder):
     found = mg.rig(str(folder / "p.csv"), poses="cone:distance=0.5..1,tilt=10..50,count=20", n=4)
     assert [each.marker for each in found.rig.markers] == [MARKER, other]
     assert found.rig.markers[1].translation == (0.1, 0, 0)
-    assert "dots of the given markers" in str(found)
+    assert "the given markers" in str(found)
     with pytest.raises(InputError, match="--edge"):
         mg.rig(str(folder / "p.csv"), edge="10mm")

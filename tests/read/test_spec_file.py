@@ -3,6 +3,7 @@ import json
 import jsonschema
 import numpy as np
 import pytest
+from sentences import pattern
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle
@@ -73,7 +74,7 @@ def test_arcs_are_part_of_a_spec():
     assert again == spec
     assert again.hash == spec.hash != Spec(boundary=ring, substrate=spec.substrate).hash
     straight = {"kind": "polygon", "outlines": [[[0.0, 0.0], [0.1, 0.0]]]}
-    with pytest.raises(InputError, match=r"boundary\.outlines\[0\]: List should have at least 3 items"):
+    with pytest.raises(InputError, match=r"boundary\.outlines\[0\]: List .* 3 items"):
         spec_from_mapping({"boundary": straight})
     for bulges, words in (([[1.0]], "bulges"), ([[2.0, 0.0]], r"boundary\.bulges\[0\]\[0\]"), ([], "boundary.bulges")):
         with pytest.raises(InputError, match=words):
@@ -82,7 +83,7 @@ def test_arcs_are_part_of_a_spec():
 
 def test_an_edge_around_an_outline_is_refused_but_in_a_marker_that_has_one(shapes):
     values = {"boundary": shapes["L"].as_dict(), "substrate": {"thickness": 0.003, "edge": 0.005}}
-    with pytest.raises(InputError, match="an edge around a disk or a rectangle only, found edge=5 mm"):
+    with pytest.raises(InputError, match=pattern("edge on polygon") + ", found edge=5 mm"):
         spec_from_mapping(values)
     assert spec_from_mapping(values, stored=True).substrate.edge is None
     rectangle = {**values, "boundary": shapes["rectangle"].as_dict()}
@@ -136,7 +137,7 @@ def test_all_errors_are_listed_with_their_paths():
 
 @pytest.mark.parametrize("values", [[1], "x", None, 3])
 def test_what_is_no_table_is_refused(values):
-    with pytest.raises(InputError, match="a table of values in the file, found"):
+    with pytest.raises(InputError, match="a table of"):
         spec_from_mapping(values, "the file")
 
 
@@ -202,14 +203,14 @@ def test_templates_from_files(tmp_path):
         read_template(str(path))
     for endless in ("9" * 5000, "[" * 9_900):
         path.write_text(f"n = {endless}")
-        with pytest.raises(InputError, match="found an endless number or endless nesting"):
+        with pytest.raises(InputError, match="endless number or"):
             read_template(str(path))
     path.write_bytes(b"\xff")
     with pytest.raises(InputError, match="UTF-8"):
         read_template(str(path))
     with pytest.raises(InputError, match="No such file"):
         read_template(str(tmp_path / "none.toml"))
-    with pytest.raises(InputError, match="known: conveyor, cube, desk-a4, desk-letter"):
+    with pytest.raises(InputError, match="conveyor, cube, desk-a4, desk-letter"):
         read_template("desk")
 
 
@@ -219,7 +220,7 @@ def test_dots_may_be_left_to_the_image():
     assert spec.image_noise == ImageNoise(blur_px=1.2, noise_grey=2.0, contrast=100.0)
     assert spec_from_mapping(spec.as_dict()) == spec
     assert spec_from_mapping({"noise_model": "image", "dot": "30mm"}).dot == 0.03
-    with pytest.raises(InputError, match=r"dot: write a number .* or auto"):
+    with pytest.raises(InputError, match=r"dot: write .* or auto"):
         spec_from_mapping({"dot": "automatic"})
     with pytest.raises(InputError, match=r"image_noise\.blur: unknown key"):
         spec_from_mapping({"image_noise": {"blur": 1.0}})
@@ -229,7 +230,7 @@ def test_a_print_error_is_a_length():
     spec = spec_from_mapping({"dot": "auto", "print_sigma": "0.1mm"})
     assert spec == Spec(dot="auto", print_sigma=1e-4)
     assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
-    with pytest.raises(InputError, match="print_sigma: write a number and one of m"):
+    with pytest.raises(InputError, match="print_sigma: write a number"):
         spec_from_mapping({"dot": "auto", "print_sigma": "little"})
 
 
@@ -244,7 +245,7 @@ def test_a_tag_and_its_size_with_a_unit():
     spec = spec_from_mapping({"tag": "apriltag:36h11:3", "tag_side": "60mm"})
     assert spec == Spec(tag="apriltag:36h11:3", tag_side=0.06)
     assert spec_from_mapping(spec.as_dict(), stored=True) == spec
-    with pytest.raises(InputError, match="tag: Input should be a valid string"):
+    with pytest.raises(InputError, match=pattern("no string", "tag")):
         spec_from_mapping({"tag": 3})
 
 
@@ -289,9 +290,7 @@ def test_what_is_wrong_with_a_plate_is_named(table, words):
 
 
 def test_what_is_stored_names_no_files():
-    with pytest.raises(
-        InputError, match=r"boundary: write rect:0\.2x0\.1, circle:0\.15, or a table with kind and outlines"
-    ):
+    with pytest.raises(InputError, match=r"boundary: write rect:0\.2x0\.1, circle:0\.15, or"):
         spec_from_mapping({"boundary": "flange.dxf"}, stored=True)
 
 
@@ -305,7 +304,7 @@ def test_a_file_has_the_options_of_a_design():
         "substrate": {"thickness": "4mm", "mount": ["4xM3@120mm"]},
     }  # fmt: skip
     assert spec_from_mapping(options) == spec_from_mapping(old)
-    with pytest.raises(InputError, match="paper: Input should be a valid string"):
+    with pytest.raises(InputError, match=pattern("no string", "paper")):
         spec_from_mapping({"paper": 4})
 
 

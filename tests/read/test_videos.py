@@ -55,7 +55,7 @@ def test_of_a_camera_the_newest_frame_and_the_number_of_the_others(camera):
             seen.append(next(frames))
             assert video.dropped == sum(each.dropped for each in seen)
         plugged.deliver()
-        with pytest.raises(InputError, match="frames from camera 0, found its end"):
+        with pytest.raises(InputError, match="camera 0, found its end"):
             next(frames)
     assert [each.number for each in seen] == [0, 3, 4, 5, 11]
     assert [each.dropped for each in seen] == [0, 2, 0, 0, 5]
@@ -74,7 +74,7 @@ def test_a_camera_that_stalls_is_told(camera, monkeypatch):
     plugged = camera(flat(2), stalls=True)
     seen = []
     video = open_video("rtsp://camera/1")
-    with pytest.raises(InputError, match="a frame from rtsp://camera/1, found none for"):
+    with pytest.raises(InputError, match="from rtsp://camera/1, found none"):
         seen += video
     # The first one may have been replaced before it was asked for.
     assert seen[-1].number == 1
@@ -90,7 +90,7 @@ def test_an_error_of_opencv_is_one_line(camera, monkeypatch):
         raise cv2.error("(-215:Assertion failed) in some function")
 
     monkeypatch.setattr(plugged, "retrieve", broken)
-    with open_video("0") as video, pytest.raises(InputError, match=r"frames from camera 0, found .*Assertion"):
+    with open_video("0") as video, pytest.raises(InputError, match=r"camera 0, found .*Assertion"):
         list(video)
 
 
@@ -157,14 +157,14 @@ def test_a_server_that_never_answers(monkeypatch):
     monkeypatch.setattr(videos, "STALLED", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as server:
         start = time.monotonic()
-        with pytest.raises(InputError, match="found none that opens"):
+        with pytest.raises(InputError, match="none that opens"):
             open_video(f"http://127.0.0.1:{server.getsockname()[1]}/video")
         assert time.monotonic() - start < 10
 
 
 def test_a_pipeline_without_gstreamer_says_what_is_missing(monkeypatch):
     monkeypatch.setattr(cv2, "getBuildInformation", lambda: "Video I/O:\n    GStreamer:                   NO\n")
-    with pytest.raises(InputError, match=r"an OpenCV with GStreamer for a pipeline, found OpenCV .* without it"):
+    with pytest.raises(InputError, match=r"GStreamer for a pipeline, found OpenCV .*"):
         open_video("videotestsrc ! appsink")
 
 

@@ -81,10 +81,10 @@ def test_corners_are_rounded_inner_ones_too(shapes, make_in):
 
 def test_corners_and_chamfers_that_do_not_fit_are_told(shapes, make_in, make_ngon):
     marker = make_in(shapes["rectangle"], 5, 0.01)
-    with pytest.raises(InputError, match=r"at most 52 mm .*corner_radius=60 mm; use --corner-radius 52mm"):
+    with pytest.raises(InputError, match=r"52 mm .*corner_radius=60 mm; use --corner-radius 52mm"):
         plate_of(made(marker, corner_radius=0.06))
     plate_of(made(marker, corner_radius=0.052))
-    with pytest.raises(InputError, match=r"a chamfer below 1 mm .*chamfer=1.5 mm; use --chamfer 0.99mm"):
+    with pytest.raises(InputError, match=r"below 1 mm .*chamfer=1.5 mm; use --chamfer 0.99mm"):
         plate_of(made(marker, corner_radius=0.001, chamfer=0.0015))
     plate_of(made(marker, corner_radius=0.001, chamfer=0.0009))
     with pytest.raises(InputError, match="a chamfer below 12 mm"):
@@ -98,7 +98,7 @@ def test_a_chamfer_that_reaches_a_hole_of_the_outline_is_told(make_ngon):
     for corners, x, y, most in [(square, -58.2, 20, 0.79), (bend, -1.4, -1.4, 0.68)]:
         drawn = [placed(each, 1e-3) for each in (Contour(tuple(corners)), circle(1, x, y, hole=True))]
         marker = replace(make_ngon(5, 0.05, 0.01), boundary=polygon_from(drawn, "file"))
-        with pytest.raises(InputError, match=f"ends before the holes .* use --chamfer {most}mm, or move the hole"):
+        with pytest.raises(InputError, match=f"before the holes .* --chamfer {most}mm,"):
             plate_of(made(marker, chamfer=0.001))
         build(plate_of(made(marker, chamfer=1e-3 * most)).parts()[0])
 
@@ -207,7 +207,7 @@ def test_a_chamfer_around_an_outline_of_arcs(make_in):
     assert build(plate).shape.Volume() == pytest.approx(plate.volume, rel=1e-9)
     # An arc that turns inward: its cone opens upward.
     bite = Contour(((-80, -50), (80, -50), (80, 50), (30, 50), (-30, 50), (-80, 50)), (0, 0, 0, -1, 0, 0))
-    with pytest.raises(InputError, match=r"an outline that turns by .* degrees .*use a --corner-radius, or leave out"):
+    with pytest.raises(InputError, match=r"turns by .* degrees .* --corner-radius,"):
         plate_of(made(make_in(polygon_from([placed(bite, 1e-3)]), 5, 0.01), chamfer=0.001)).parts()
     # With a radius in every corner it goes all around.
     rounded = made(make_in(polygon_from([placed(bite, 1e-3)]), 5, 0.01), chamfer=0.001, corner_radius=0.002)

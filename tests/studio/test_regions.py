@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.studio.look import look
@@ -59,8 +60,8 @@ def test_one_keep_out_is_moved_and_what_is_drawn_is_in_whole_micrometers():
         each["words"]
         for each in look({**state, "points": "0mm,90mm; 90mm,0mm; -60mm,0mm; 0mm,-90mm"})["room"]["keep_outs"]
     ] == [
-        "polygon of 4 mm x 4 mm at 1.00, 20.00 mm",
-        "disk of radius 10 mm at -107.69, 0.00 mm",
+        sentence("polygon of", "4 mm x 4 mm at 1.00, 20.00 mm"),
+        sentence("disk", "10 mm at -107.69, 0.00 mm"),
     ]
 
 

@@ -115,7 +115,7 @@ def test_a_shared_address_names_no_files(studio, options, name, value):
     for request in ("export", "view", "look", "more", "words", "scene", "optimize", "region"):
         answer = studio.post(request, {**asked, "suffix": ".json", "move": {"index": 0, "by": [0, 0]}})
         assert answer.status == 422, request
-        assert re.search("in the studio|expected options of a layout", answer.json["line"]), request
+        assert re.search("in the studio|options of a layout", answer.json["line"]), request
 
 
 def test_what_should_not_happen_is_told_as_such(studio, monkeypatch, caplog):
@@ -125,7 +125,7 @@ def test_what_should_not_happen_is_told_as_such(studio, monkeypatch, caplog):
     monkeypatch.setattr("markergen.studio.server.view", broken)
     answer = studio.post("view", {})
     assert answer.status == 500
-    assert answer.json["line"].startswith("this should not happen: ZeroDivisionError: division by zero; ")
+    assert answer.json["line"].startswith("this should not happen: ZeroDivisionError: ")
     assert "Traceback" in caplog.text
 
 
@@ -161,5 +161,5 @@ def test_the_page_begins_with_a_file(tmp_path, studio, options):
 
 
 def test_a_port_that_is_taken_is_told(studio):
-    with pytest.raises(OutputError, match=rf"expected a free port, found --port {studio.port}: .*; choose another one"):
+    with pytest.raises(OutputError, match=rf"a free port, found --port {studio.port}: .*"):
         _listening(studio.port)

@@ -107,9 +107,7 @@ def test_a_family_is_packed_or_on_one_sheet(studio, options):
 
 
 def test_dots_have_to_be_there(studio):
-    assert (
-        "expected dots to export, found none" in studio.post("export", {"options": {}, "suffix": ".pdf"}).json["line"]
-    )
+    assert "dots to export, found" in studio.post("export", {"options": {}, "suffix": ".pdf"}).json["line"]
 
 
 def test_a_body_is_shown_with_its_poses(studio, options, pair):
@@ -173,4 +171,4 @@ def test_a_rig_is_seen_exported_and_found(studio, pair):
     refused = studio.post(
         "scene", {"rig": {"format": "markergen-rig", "markers": [{"name": "a", "file": "/etc/passwd"}]}}
     )
-    assert "a rig.json with its markers inside" in refused.json["line"]
+    assert "its markers inside" in refused.json["line"]

@@ -35,7 +35,7 @@ def test_poses_that_see_four_dots_of_one_size_count(pad):
     one = Marker(pad.control_points[:6], pad.boundary, pad.clearance)
     assert len(poses_that_serve(one, PAPER_CAMERA, poses)) < len(poses)
     assert partly_seen(one, PAPER_CAMERA, found) is None
-    with pytest.raises(mg.InputError, match="4 dots of one size"):
+    with pytest.raises(mg.InputError, match="of one size"):
         poses_that_serve(pad, PAPER_CAMERA, named_poses("cone:distance=0.02,count=3"))
 
 
@@ -60,7 +60,7 @@ def test_a_pad_is_validated_over_its_range(pad):
     assert 5 < found.nees["mean"] < 7
     assert "homography_px" not in results["criteria"]
     text = str(found)
-    assert "What each distance is served by" in text
+    assert "each distance is" in text
     assert "relief" not in text
 
 

@@ -218,7 +218,7 @@ def test_wrong_input(pentagon, options, message):
 
 
 def test_condition_numbers_must_fit_the_poses(pentagon):
-    with pytest.raises(ValueError, match="2 condition numbers for 1 poses"):
+    with pytest.raises(ValueError, match="2 condition numbers for 1"):
         run_experiment(pentagon, PAPER_CAMERA, some(0), runs=0, condition=np.ones(2))
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 from spoiled_files import Spoiler
 
 from markergen.drawing.paper import SheetOptions
@@ -123,10 +124,10 @@ def test_the_picture_of_a_plan_is_not_taken_for_the_marker(make_ngon, tmp_path, 
 
 
 SCALES = [
-    (0.999, 0.999, "scaled by 0.999 along x and y"),
-    (0.999, 1.0, "scaled by 0.999 along x"),
-    (1.0, 0.999, "scaled by 0.999 along y"),
-    (0.993, 0.9955, "scaled by 0.993 along x and by 0.9955 along y"),
+    (0.999, 0.999, sentence("scaled", "0.999 along x and y")),
+    (0.999, 1.0, sentence("scaled", "0.999 along x")),
+    (1.0, 0.999, sentence("scaled", "0.999 along y")),
+    (0.993, 0.9955, sentence("scaled", "0.993 along x and by 0.9955 along y")),
 ]
 
 
@@ -188,7 +189,7 @@ def test_a_dot_out_of_place_is_named(markers, tmp_path, name, suffix):
     save(edited(marker, x=marker.control_points[3].x + 2e-4), [path], ExportOptions(dpi=DPI))
     check = verify(marker, path)
     assert kinds(check) == ["shifted"]
-    assert check.findings[0].sentence.startswith("dot 3 is 0.2 mm off (x +200")
+    assert check.findings[0].sentence.startswith(sentence("dot off", 3, "0.2 mm") + " (x +200")
     assert check.worst == 3
     assert check.largest == pytest.approx(2e-4, abs=2e-6)
 
@@ -205,7 +206,7 @@ def test_a_list_in_another_frame_is_named(markers, tmp_path, suffix):
         assert f"the marker is {said} in it" in finding.sentence
     a, b, *rest = marker.control_points
     save(replace(marker, control_points=(replace(a, x=b.x, y=b.y), replace(b, x=a.x, y=a.y), *rest)), [path])
-    assert "dots 0, 1 are at the place of another" in [finding.sentence for finding in verify(marker, path).findings]
+    assert sentence("dots twice", "0, 1") in [finding.sentence for finding in verify(marker, path).findings]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -242,7 +243,7 @@ def test_a_scale_and_a_dot_out_of_place(markers, tmp_path):
     (tmp_path / "b.svg").write_bytes(data)
     check = verify(marker, tmp_path / "b.svg")
     assert kinds(check) == ["scaled", "shifted"]
-    assert check.findings[1].sentence.startswith("dot 3 is 0.1 mm off")
+    assert check.findings[1].sentence.startswith(sentence("dot off", 3, "0.1 mm"))
 
 
 def test_the_files_own_labels_are_not_asked(markers, files, tmp_path):
@@ -267,7 +268,7 @@ def test_a_rescaled_marker_is_drawn_as_designed_or_for_the_printer(markers, tmp_
     save(marker, [tmp_path / "b.svg"], ExportOptions(sheet=SheetOptions(compensate=True)))
     check = verify(marker, tmp_path / "b.svg")
     assert check.passed
-    assert "made for a printer that prints 99.3 % along x" in check.notes[0]
+    assert "99.3 % along x" in check.notes[0]
     assert kinds(verify(design, tmp_path / "b.svg")) == ["scaled"]
 
 
@@ -281,7 +282,7 @@ def test_tiles_are_put_together_by_their_marks(make_ngon, tmp_path):
     assert check.largest < 5e-8
     data = Spoiler(marker, DPI).scaled(path.read_bytes(), ".pdf", 0.999, 0.999)
     path.write_bytes(data)
-    assert "scaled by 0.999 along x and y" in [finding.sentence for finding in verify(marker, path).findings]
+    assert sentence("scaled", "0.999 along x and y") in [finding.sentence for finding in verify(marker, path).findings]
 
 
 def test_a_dot_that_seams_cut_is_put_together(make_marker, tmp_path):

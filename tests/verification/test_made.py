@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import rewritten_solids as rewritten
+from sentences import sentence
 
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
@@ -136,12 +137,14 @@ def opened(part):
 
 
 DAMAGES = {
-    "a dot moved": Damage("shifted", "dot 3 is 0.2 mm off", parts=one("dot-3", by(np.eye(3), (0.2, 0, 0)))),
-    "a dot raised": Damage("height", "dot 3 is 0.2 mm too high", parts=one("dot-3", by(np.eye(3), (0, 0, 0.2)))),
-    "a dot sunk": Damage("height", "dot 3 is 0.2 mm too low", parts=one("dot-3", by(np.eye(3), (0, 0, -0.2)))),
-    "an inlay missing": Damage(
-        "missing", "dot 3 has no inlay: its pocket is empty", parts=one("dot-3", lambda _: None)
+    "a dot moved": Damage("shifted", sentence("dot off", 3, "0.2 mm"), parts=one("dot-3", by(np.eye(3), (0.2, 0, 0)))),
+    "a dot raised": Damage(
+        "height", sentence("dot too high", "dot 3 is", "0.2 mm"), parts=one("dot-3", by(np.eye(3), (0, 0, 0.2)))
     ),
+    "a dot sunk": Damage(
+        "height", sentence("dot too low", 3, "0.2 mm"), parts=one("dot-3", by(np.eye(3), (0, 0, -0.2)))
+    ),
+    "an inlay missing": Damage("missing", sentence("no inlay", 3), parts=one("dot-3", lambda _: None)),
     "a dot flattened": Damage(
         "thickness", "dot 3 is 0.3 mm thick, the others 0.6 mm", MESHES, parts=one("dot-3", by(np.diag([1, 1, 0.5])))
     ),
@@ -153,10 +156,10 @@ DAMAGES = {
         process=SPHERES,
     ),
     "a ball moved": Damage(
-        "shifted", "dot 3 is 0.2 mm off", parts=one("dot-3", by(np.eye(3), (0, 0.2, 0))), process=SPHERES
+        "shifted", sentence("dot off", 3, "0.2 mm"), parts=one("dot-3", by(np.eye(3), (0, 0.2, 0))), process=SPHERES
     ),
     "a ball missing": Damage("missing", "dot 3 is missing", parts=one("dot-3", lambda _: None), process=SPHERES),
-    "a core missing": Damage("kind", "dot 0 is a dot, not a ring", MESHES, parts=filled),
+    "a core missing": Damage("kind", sentence("dot for ring", 0), MESHES, parts=filled),
     "a dot as a polygon": Damage(
         "diameter",
         "dot 3 is not round: its sides are up to 0.05133 mm off",
@@ -167,13 +170,15 @@ DAMAGES = {
         "outline", "it is 118 x 110 mm, not 120 x 110 mm", marker=plate(outline=rectangle(0.118, 0.11))
     ),
     "rounded corners": Damage("outline", "the outline is up to 2.07", marker=plate(corner_radius=0.005)),
-    "a hole missing": Damage("hole", "the hole M3 at x -22, y -8 mm is missing", marker=plate(holes=HOLES[1:])),
+    "a hole missing": Damage("hole", sentence("hole missing", "M3", "x -22, y -8 mm"), marker=plate(holes=HOLES[1:])),
     "a hole moved": Damage(
-        "hole", "the hole M3 at x -22, y -8 mm is 1 mm off", marker=plate(holes=(replace(HOLES[0], x=-0.021), HOLES[1]))
+        "hole",
+        sentence("hole off", "M3", "x -22, y -8 mm", "1 mm"),
+        marker=plate(holes=(replace(HOLES[0], x=-0.021), HOLES[1])),
     ),
     "a hole too large": Damage(
         "hole",
-        "has a diameter of 3.6 mm, not 3.4 mm",
+        sentence("diameter", "3.6 mm", "3.4 mm"),
         marker=plate(holes=(replace(HOLES[0], diameter=0.0036), HOLES[1])),
     ),
     "no countersink": Damage(
@@ -271,7 +276,7 @@ def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path):
     thinner = replace(marker, substrate=replace(marker.substrate, thickness=0.003))
     check = verify(marker, written(tmp_path / "a.stl", parts(thinner, FABRICATION, ".stl")))
     assert check.passed
-    assert "the plate is 3 mm thick, where marker.json says 4 mm" in check.notes
+    assert sentence("plate thickness", "3 mm", "4 mm") in check.notes
 
 
 @pytest.mark.parametrize("suffix", EVERY)

@@ -12,6 +12,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from sentences import sentence
 from spoiled_solids import glb, gltf, model, stl, with_model
 
 from markergen import guard
@@ -76,13 +77,13 @@ def refused(marker, folder, suffix, content):
 
 def test_stl_that_lie(marker, data, tmp_path):
     good = data[".stl"]
-    assert "bytes where the header implies" in refused(marker, tmp_path, ".stl", good[:-1])
-    assert "bytes where the header implies" in refused(marker, tmp_path, ".stl", good[:80] + b"\xff" * 4 + good[84:])
+    assert "header implies" in refused(marker, tmp_path, ".stl", good[:-1])
+    assert "header implies" in refused(marker, tmp_path, ".stl", good[:80] + b"\xff" * 4 + good[84:])
     assert "found none" in refused(marker, tmp_path, ".stl", bytes(84))
     corners = np.zeros((1, 3, 3))
     corners[0, 0, 0] = np.nan
     assert "not finite" in refused(marker, tmp_path, ".stl", stl(corners))
-    assert "lines of another kind" in refused(marker, tmp_path, ".stl", b"solid x\nvortex 1 2 3\nendsolid x\n")
+    assert "another kind" in refused(marker, tmp_path, ".stl", b"solid x\nvortex 1 2 3\nendsolid x\n")
     assert "no end" in refused(marker, tmp_path, ".stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\n")
     three = b"vertex 1 2 3\nvertex 4 5 x\nvertex 7 8 9\n"
     assert "numbers" in refused(marker, tmp_path, ".stl", b"solid\nouter loop\n" + three + b"endfacet\nendsolid\n")
@@ -106,7 +107,7 @@ def test_3mf_that_lie(marker, data, tmp_path):
     assert "a document type" in said(text.replace("<model", '<!DOCTYPE x [<!ENTITY a "b">]><model', 1))
     assert "a unit of length" in said(text.replace('unit="millimeter"', 'unit="furlong"'))
     assert "numbers" in said(text.replace('v1="', 'v1="x', 1))
-    assert "a corner that is missing" in said(text.replace('v1="', 'v1="99999', 1))
+    assert "is missing" in said(text.replace('v1="', 'v1="99999', 1))
     assert "found object '99" in said(text.replace('<item objectid="', '<item objectid="99'))
     # An object of itself.
     circle = '<components><component objectid="2"/></components></object>'
@@ -122,7 +123,7 @@ def test_3mf_whose_parts_are_others_in_prusaslicer(marker, data, tmp_path):
         (tmp_path / "a.3mf").write_bytes(with_model(data[".3mf"], changed, VOLUMES))
         return [finding.sentence for finding in verify(marker, tmp_path / "a.3mf").findings]
 
-    assert "dot 3 has no inlay: its pocket is empty" in said(re.sub(r"<volume.*\n(?=</object>)", "", text))
+    assert sentence("no inlay", 3) in said(re.sub(r"<volume.*\n(?=</object>)", "", text))
     same = "dots and plate are printed by the same extruder"
     assert same in said(text.replace('"extruder" value="2"', '"extruder" value="1"', 1))
     bad = with_model(data[".3mf"], text.replace("firstid", "first"), VOLUMES)
@@ -190,14 +191,14 @@ def test_3mf_and_glb_that_grow(marker, data, tmp_path):
     document["scenes"][0]["nodes"] = [drawn] * 19_999
     assert "triangles" in refused(marker, tmp_path, ".glb", glb(document, rest))
     document["extras"] = [[]] * 3_000_000
-    assert "at most 10 MB of text" in refused(marker, tmp_path, ".glb", glb(document, rest))
+    assert "10 MB of text" in refused(marker, tmp_path, ".glb", glb(document, rest))
     assert time.process_time() - start < 10
 
 
 def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     good = data[".step"]
-    assert "no header or no end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
-    assert "no header or no end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
+    assert "or no end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
+    assert "or no end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
     assert "10 000 km" in refused(marker, tmp_path, ".step", good.replace(b"42.8", b"1e39"))
     nothing = good.partition(b"DATA;\n")[0] + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n"
     assert "STEP" in refused(marker, tmp_path, ".step", nothing)
@@ -220,11 +221,11 @@ def other_parser(monkeypatch, tmp_path):
 
 def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_parser, monkeypatch):
     other_parser("crashes", "import os\n\ndef step(data):\n    os._exit(1)\n")
-    assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
+    assert "breaks it" in refused(marker, tmp_path, ".step", data[".step"])
     monkeypatch.setitem(guard.KINDS, "CAD", replace(guard.KINDS["CAD"], seconds=0.5))
     other_parser("sleeps", "import time\n\ndef step(data):\n    time.sleep(100)\n")
     start = time.perf_counter()
-    assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
+    assert "breaks it" in refused(marker, tmp_path, ".step", data[".step"])
     assert time.perf_counter() - start < 20
 
 

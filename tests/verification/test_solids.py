@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from sentences import pattern, sentence
 from spoiled_solids import SOLIDS, glb, gltf, model, resized, stl, stl_of_text, triangles, with_model
 
 from markergen.exporters import ExportOptions
@@ -134,9 +135,9 @@ def test_dots_of_another_place_height_or_size_are_named(skew, tmp_path, made):
     drawn = edited(edited(drawn, index=1, z=5.9e-3), index=4, feature=Feature(0.0121))
     for check in checks(marker, drawn, tmp_path, FABRICATIONS[made]):
         shifted, diameter, height = rounded(check)
-        assert re.match(r"dot 3 is 0.20? mm off \(x \+(200|199.99|200.0\d) um, y", shifted)
-        assert re.match(r"dot 4 has a diameter of 12.10? mm, not 12 mm", diameter)
-        assert re.match(r"dot 1 is 0.10? mm too low", height)
+        assert re.match(pattern("dot off", 3, "0.20? mm") + r" \(x \+(200|199.99|200.0\d) um, y", shifted)
+        assert re.match("dot 4 " + pattern("diameter", "12.10? mm", "12 mm"), diameter)
+        assert re.match(pattern("dot too low", 1, "0.10? mm"), height)
         assert check.worst == 3
 
 
@@ -144,7 +145,7 @@ def test_dots_of_another_place_height_or_size_are_named(skew, tmp_path, made):
 def test_dots_of_another_kind_are_named(skew, tmp_path, made):
     drawn = edited(edited(skew, index=0, feature=Feature(0.012)), feature=Feature(0.012, 0.006))
     for check in checks(skew, drawn, tmp_path, FABRICATIONS[made]):
-        assert sentences(check) == ["dot 0 is a dot, not a ring", "dot 3 is a ring, not a dot"]
+        assert sentences(check) == [sentence("dot for ring", 0), sentence("ring for dot", 3)]
 
 
 @pytest.mark.parametrize("made", either(["laser"], [["fdm"]]))
@@ -162,7 +163,9 @@ def test_dots_too_few_or_too_many_and_other_markers_are_named(skew, make_ngon, t
 
 def test_a_marker_without_its_relief_and_the_other_way_around(skew, tmp_path):
     for check in checks(raised(skew), skew, tmp_path, Fabrication()):
-        assert sentences(check) == ["dot 1 is 6 mm too low", "dot 2 is 12 mm too low", "dot 4 is 6 mm too low"]
+        assert sentences(check) == [
+            sentence("dot too low", dot, depth) for dot, depth in [(1, "6 mm"), (2, "12 mm"), (4, "6 mm")]
+        ]
     for check in checks(skew, raised(skew), tmp_path, Fabrication()):
         assert kinds(check) == ["height"] * 3
 
@@ -173,22 +176,22 @@ def test_a_scale_is_named(variants, files, tmp_path, made, suffix):
     path = tmp_path / f"scaled{suffix}"
     path.write_bytes(resized(files("full", made, suffix).read_bytes(), suffix, 0.998))
     check = verify(variants("full", made), path)
-    assert sentences(check) == ["scaled by 0.998 along x and y"]
+    assert sentences(check) == [sentence("scaled", "0.998 along x and y")]
     np.testing.assert_allclose(check.scale, 0.998, atol=1e-6)
     if suffix == ".step":
         return
     path.write_bytes(resized(files("plain", "fdm", suffix).read_bytes(), suffix, 1.0, 0.998, 1.0))
     # Circles that are stretched are no circles: their diameters are off by half as much.
-    assert sentences(verify(variants("plain", "fdm"), path))[0] == "scaled by 0.998 along y"
+    assert sentences(verify(variants("plain", "fdm"), path))[0] == sentence("scaled", "0.998 along y")
 
 
 @pytest.mark.parametrize("suffix", SOLIDS)
 @pytest.mark.parametrize(
     ("factor", "said"),
     [
-        (1e-3, "scaled by 0.001 along x, y and z: m taken for mm"),
-        (1 / 25.4, "scaled by 0.0393701 along x, y and z: inch taken for mm"),
-        (1e3, "scaled by 1000 along x, y and z: mm taken for m"),
+        (1e-3, sentence("unit", "0.001", "m", "mm")),
+        (1 / 25.4, sentence("unit", "0.0393701", "inch", "mm")),
+        (1e3, sentence("unit", "1000", "mm", "m")),
     ],
 )
 @pytest.mark.parametrize("name", either(["full"], [["plain"]]))
@@ -223,15 +226,15 @@ def test_holes_are_looked_at(variants, files, tmp_path, suffix):
         return rounded(verify(wanted, files("full", "fdm", suffix)))
 
     assert not found(first, second)
-    assert found(first) == ["a hole at x 16, y -24 mm that the marker does not have"]
+    assert found(first) == [sentence("hole extra", "x 16, y -24 mm")]
     (moved,) = found(replace(first, x=-0.0221), second)
-    assert re.fullmatch(r"the hole M3 at x -22.10, y -8 mm is 0.10? mm off", moved)
+    assert re.fullmatch(pattern("hole off", "M3", "x -22.10, y -8 mm", "0.10? mm"), moved)
     (wider,) = found(replace(first, diameter=0.0035), second)
-    assert re.fullmatch(r"the hole M3 at x -22, y -8 mm has a diameter of 3.40 mm, not 3.50 mm", wider)
+    assert re.fullmatch("the hole M3 .* " + pattern("diameter", "3.40 mm", "3.50 mm"), wider)
     (wider,) = found(first, replace(second, sink=0.0066))
-    assert re.search(r"has a diameter of 6.50 mm, not 6.60 mm", wider)
+    assert re.search(pattern("diameter", "6.50 mm", "6.60 mm"), wider)
     assert found(first, replace(second, x=0.0)) == [
-        "the hole M3 at x 0, y -24 mm is missing", "a hole at x 16, y -24 mm that the marker does not have",
+        sentence("hole missing", "M3", "x 0, y -24 mm"), sentence("hole extra", "x 16, y -24 mm"),
     ]  # fmt: skip
 
 
@@ -246,7 +249,7 @@ def test_a_hole_as_large_as_a_dot_is_no_dot(skew, tmp_path):
 def test_the_tag_is_looked_at(variants, files, made, suffix):
     marker, path = variants("full", made), files("full", made, suffix)
     other = replace(marker, tag=replace(marker.tag, id=8))
-    assert sentences(verify(other, path)) == ["the tag aruco:DICT_4X4_50:8 is not in its place"]
+    assert sentences(verify(other, path)) == [sentence("tag missing", "aruco:DICT_4X4_50:8")]
     moved = verify(replace(marker, tag=replace(marker.tag, center=(1e-4, 0.0))), path)
     assert kinds(moved) == ["tag"] * 4
     # Where solids would touch, an STL has 0.1 um between them.
@@ -260,7 +263,7 @@ def test_the_tag_is_looked_at(variants, files, made, suffix):
 def test_a_tag_that_is_not_there(variants, files, made, suffix):
     marker = replace(variants("plain", made), tag=variants("full", made).tag)
     check = verify(marker, files("plain", made, suffix))
-    assert sentences(check) == ["the tag aruco:DICT_4X4_50:7 is not in its place"]
+    assert sentences(check) == [sentence("tag missing", "aruco:DICT_4X4_50:7")]
 
 
 def test_plates_for_sheets_have_no_dots(variants, make_in, shapes, tmp_path):
@@ -280,7 +283,7 @@ def test_recesses_for_printed_dots_are_no_dots(variants, tmp_path):
     marker = variants("full", "fdm")
     for check in checks(marker, marker, tmp_path, Fabrication("print")):
         assert check.passed, check.findings
-        assert check.notes == ("recesses for printed dots with 50 um of room around them, and no dots",)
+        assert check.notes == (sentence("recesses", "50 um"),)
     moved = edited(marker, x=marker.control_points[3].x + 1e-4)
     for suffix in SOLIDS:
         assert kinds(verify(moved, tmp_path / f"wrong{suffix}")) == ["shifted"]
@@ -292,7 +295,7 @@ def test_plates_for_sheets_of_other_outlines(make_in, shapes, on_wider_plate, tm
     save(marker, [tmp_path / "a.step"], plain(Fabrication("print")))
     check = verify(marker, tmp_path / "a.step")
     assert check.passed, check.findings
-    assert "no dots of its own" in check.notes[0]
+    assert "no dots" in check.notes[0]
 
 
 @pytest.mark.parametrize("made", ["fdm", "laser"])
@@ -302,7 +305,7 @@ def test_colors_are_looked_at_in_a_step(variants, files, tmp_path, made):
     assert white != text
     (tmp_path / "a.step").write_text(white)
     check = verify(variants("plain", made), tmp_path / "a.step")
-    assert sentences(check) == ["dots and plate have the same color"]
+    assert sentences(check) == [sentence("same color")]
 
 
 def test_colors_are_looked_at_in_meshes(variants, files, tmp_path):
@@ -329,7 +332,7 @@ def test_what_does_not_close_is_named(variants, files, tmp_path):
     (tmp_path / "a.stl").write_bytes(stl(np.delete(corners, low[3], axis=0)))
     check = verify(variants("plain", "fdm"), tmp_path / "a.stl")
     assert kinds(check) == ["solid"]
-    assert check.findings[0].sentence.endswith("has open edges: it encloses no volume")
+    assert check.findings[0].sentence.endswith(sentence("open edges"))
 
 
 def test_an_inlay_that_is_not_flush_is_named(variants, files, tmp_path):
@@ -342,7 +345,10 @@ def test_an_inlay_that_is_not_flush_is_named(variants, files, tmp_path):
             assert sentences(verify(variants(name, made), tmp_path / "a.glb")) == [f"dot 3 is {said}"]
         node["translation"] = [1e-4, 0, 0]
         (tmp_path / "a.glb").write_bytes(glb(document, rest))
-        assert "dot 3 is 0.1 mm off (x +100 um, y" in sentences(verify(variants(name, made), tmp_path / "a.glb"))[0]
+        assert (
+            sentence("dot off", 3, "0.1 mm") + " (x +100 um, y"
+            in sentences(verify(variants(name, made), tmp_path / "a.glb"))[0]
+        )
 
 
 @pytest.mark.parametrize("suffix", SOLIDS)
@@ -364,7 +370,7 @@ def test_a_file_that_was_moved_up_is_told_once(variants, files, tmp_path, suffix
         path.write_bytes(glb(document, rest))
     else:
         path.write_bytes(assembled(data, tmp_path, (5, -7, 3), 30))
-    assert sentences(verify(variants("full", "fdm"), path)) == ["all dots are 3 mm too high"]
+    assert sentences(verify(variants("full", "fdm"), path)) == [sentence("dot too high", "all dots are", "3 mm")]
 
 
 def assembled(data, folder, shift, degrees, move=None):
@@ -445,4 +451,4 @@ def test_balls_are_measured_by_their_surface(variants, files, tmp_path):
     corners[ball] += [0.05, 0, 0]
     (tmp_path / "a.stl").write_bytes(stl(corners))
     check = verify(marker, tmp_path / "a.stl")
-    assert any(said.startswith("dot 3 is 0.05 mm off (x +") for said in rounded(check))
+    assert any(said.startswith(sentence("dot off", 3, "0.05 mm") + " (x +") for said in rounded(check))

@@ -4,6 +4,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import shapely
+from sentences import sentence
 
 from markergen.drawing.text import text_width
 from markergen.geometry.contour import area, flattened
@@ -115,16 +116,16 @@ def test_what_is_near_in_the_plate_is_kept_clear(make_ngon):
 
 def test_what_has_no_room_is_left_out_and_said(make_ngon, shapes, make_in):
     _, found, _ = engraved(make_ngon(4, 0.012, 0.004), pockets(make_ngon(4, 0.012, 0.004), 2.9))
-    assert found.notes == ("The back has no room for: origin and x-axis; name and spec hash.",)
+    assert found.notes == (sentence("back full", "origin and x-axis; name and spec hash"),)
     marker = make_in(shapes["annulus"], 7, 0.01)
     _, found, parts = engraved(marker)
-    assert found.notes == ("The back has no room for: origin and x-axis.",)
+    assert found.notes == (sentence("back full", "origin and x-axis"),)
     assert len(parts) == 17 + 7
     full = [cylinder(0, 0, 200, -2.5, 0)]
     _, found, parts = engraved(marker, full)
     assert parts == []
     assert found.notes == (
-        "The back has no room for: origin and x-axis; name and spec hash; ids 0, 1, 2, 3, 4 and 2 more.",
+        sentence("back full", "origin and x-axis; name and spec hash; ids 0, 1, 2, 3, 4 and 2 more"),
     )
 
 
@@ -145,7 +146,7 @@ def test_a_plate_that_letters_would_fall_out_of_is_not_engraved(make_ngon):
     assert thick(0.0005).cut
     thin = thick(0.00049)
     assert thin.cut == ()
-    assert thin.notes == ("The back is not engraved: a plate of 0.49 mm is thinner than 0.5 mm.",)
+    assert thin.notes == (sentence("back thin", "0.49 mm", "0.5 mm"),)
 
 
 def test_a_large_title_takes_no_room_from_ids(make_ngon):

@@ -4,6 +4,7 @@ from math import pi, tan
 
 import pytest
 from cad import build
+from sentences import sentence
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
@@ -148,6 +149,6 @@ def test_a_missing_system_library_is_one_line_and_the_rest_works(make_ngon, tmp_
     )
     lines = done.stdout.decode().splitlines()
     assert len(lines) == 2
-    assert all("libGL.so.1: cannot open shared object file" in line for line in lines)
-    assert all("pip install 'markergen[solids]' && apt-get install libgl1 libx11-6" in line for line in lines)
+    assert all("libGL.so.1: cannot open" in line for line in lines)
+    assert all(sentence("install solids") in line for line in lines)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.json", "m.pdf", "m.svg"]

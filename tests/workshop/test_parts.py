@@ -4,6 +4,7 @@ from math import pi
 import numpy as np
 import pytest
 from cad import solids_of
+from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
@@ -71,7 +72,7 @@ def test_engraving_can_be_left_out_and_says_what_has_no_room(make_ngon, shapes, 
     assert len(parts_of(marker, Fabrication()).parts[0].cut) > 5
     assert len(parts_of(marker, PLAIN).parts[0].cut) == 5
     marker = make_in(shapes["annulus"], 5, 0.01)
-    assert parts_of(marker, Fabrication()).notes[-1] == "The back has no room for: origin and x-axis."
+    assert parts_of(marker, Fabrication()).notes[-1] == sentence("back full", "origin and x-axis")
     assert parts_of(marker, PLAIN).notes == ()
 
 

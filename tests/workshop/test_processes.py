@@ -317,7 +317,7 @@ def test_balls_stand_before_the_plate(make):
     # A napkin ring depends on its height alone.
     assert ring.volume == pytest.approx(pi / 6 * (2 * (r**2 - (r / 2) ** 2) ** 0.5) ** 3)
     assert core.material == "light"
-    with pytest.raises(InputError, match="without a tag for balls"):
+    with pytest.raises(InputError, match="a tag for balls"):
         PROCESSES["dome"](make(5, tag=True), Fabrication("dome", dome="ball"))
 
 

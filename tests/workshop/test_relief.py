@@ -5,6 +5,7 @@ from math import pi, radians, tan
 
 import numpy as np
 import pytest
+from sentences import pattern
 
 from markergen.errors import InputError
 from markergen.model.boundary import polygon_from
@@ -104,14 +105,14 @@ def test_a_dot_has_a_rim_to_lie_in(two):
     marker = replace(two(60), clearance=0.0004)
     (pillar,), notes = pillars(marker, Fabrication())
     assert pillar.radius == pytest.approx(10.4)
-    assert any("0.4 mm wider in radius than their dots" in note for note in notes)
+    assert any("0.4 mm wider in radius" in note for note in notes)
 
 
 def test_feet_are_reduced_where_room_is_short(two):
     # Two pillars of radius 10.5 with 1.4 mm between them: half a millimeter for each and a wall of 0.4 mm.
     found, notes = pillars(two(22.4, flat=20.0), Fabrication())
     assert [pillar.foot for pillar in found] == [0.5, 0.5]
-    assert any("0.5 mm or more instead of 1 mm" in note for note in notes)
+    assert any("0.5 mm or more instead" in note for note in notes)
     # A fillet is no higher than its pillar.
     (low,), _ = pillars(two(60, z=0.5), Fabrication())
     assert low.foot == 0.4
@@ -120,15 +121,13 @@ def test_feet_are_reduced_where_room_is_short(two):
 
 
 def test_pillars_that_would_touch_are_refused(two):
-    with pytest.raises(InputError, match=r"pillar of dot-0 and the pillar of dot-1, found 0.3 mm; .*--clearance 2.2mm"):
+    with pytest.raises(InputError, match=r"dot-0 and the pillar of dot-1, found 0.3 mm; .*--clearance 2.2mm"):
         pillars(two(21.3, flat=20.0), Fabrication())
     square = polygon_from([[[-0.15, -0.15], [0.15, -0.15], [0.15, 0.15], [-0.15, 0.15]]])
     at_edge = replace(two(142), boundary=square)
-    with pytest.raises(
-        InputError, match=r"pillar of dot-1 and the plate's edge, found 0.5 mm in common; .*larger --edge"
-    ):
+    with pytest.raises(InputError, match=r"dot-1 and the plate's edge, found 0.5 mm .*--edge"):
         pillars(at_edge, Fabrication())
-    with pytest.raises(InputError, match=r"pillar of dot-1 and hole M3 at 70 mm, 0 mm, .*; move the hole by 2.4mm"):
+    with pytest.raises(InputError, match=r"dot-1 and hole M3 at 70 mm, 0 mm, .* by 2.4mm"):
         pillars(replace(two(60), substrate=Substrate(holes=(Hole(0.07, 0.0, 0.003, name="M3"),))), Fabrication())
 
 
@@ -183,12 +182,12 @@ def test_what_pillars_hide_by_brute_force(draft, foot):
 
 def test_a_pillar_that_hides_a_dot_is_refused_or_its_draft_is(two):
     low = looking((400, 0, 150), (-400, 0, 150))
-    with pytest.raises(InputError, match=r"the pillar of dot-1 hiding some of dot-0 in 1 of 2 poses; design it again"):
+    with pytest.raises(InputError, match=pattern("pillar hides", 1, 0, 2)):
         pillars(two(60), Fabrication(), low)
     # Beside the pillar, low: the wall's draft is in the way.
     beside = looking((127, 54, 47))
     assert len(pillars(two(50), Fabrication(), beside)[0]) == 1
-    with pytest.raises(InputError, match=r"hiding some of dot-0 in 1 of 1 poses; use --draft [\d.]+ or less") as caught:
+    with pytest.raises(InputError, match=r"dot-0 in 1 of 1 poses; use --draft [\d.]+") as caught:
         pillars(two(50), Fabrication(draft=0.6), beside)
     named = float(caught.value.args[2].split()[2])
     assert 0 < named < np.degrees(0.6)
@@ -219,7 +218,7 @@ def test_poses_come_from_the_spec_of_the_marker(two):
     grazing = replace(
         marker, provenance={"spec": Spec(n=4, poses="cone:distance=0.8..1,tilt=70..75,count=40").as_dict()}
     )
-    with pytest.raises(InputError, match="pillars that hide no dot"):
+    with pytest.raises(InputError, match="hide no dot"):
         PROCESSES["fdm"](grazing, Fabrication())
 
 

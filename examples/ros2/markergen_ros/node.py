@@ -5,6 +5,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from markergen_detect import Camera, DescriptionError, Detector, Finding
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -12,8 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from tf2_ros import TransformBroadcaster
 from visualization_msgs.msg import Marker
 
-from markergen import Camera, Detector, Found, InputError
-from markergen_ros.images import array_of
+from markergen_ros.images import array_of, camera_of, grey
 from markergen_ros.poses import dots_of, pose_of, transform_of
 
 
@@ -23,12 +23,12 @@ class MarkerNode(Node):
         texts = self.declare_parameter("markers", "marker.json").value.split(",")
         self.paths = [text.rpartition("=")[2] for text in texts]
         self.frames = [text.rpartition("=")[0] or Path(text).stem for text in texts]
-        self.sigma = self.declare_parameter("print_sigma", "0.1mm").value
+        self.sigma = self.declare_parameter("print_sigma", 0.0).value or None
         self.poses = [self.create_publisher(PoseWithCovarianceStamped, f"~/{frame}/pose", 10) for frame in self.frames]
         self.dots = self.create_publisher(Marker, "~/dots", 10)
         self.tf = TransformBroadcaster(self)
         self.camera: Camera | None = None
-        self.before: list[Found] = []
+        self.before: list[Finding] = []
         self.create_subscription(CameraInfo, "camera_info", self.guarded(self.calibrate), qos_profile_sensor_data)
         self.create_subscription(Image, "image", self.guarded(self.detect), qos_profile_sensor_data)
 
@@ -36,13 +36,13 @@ class MarkerNode(Node):
         def call(message: Any) -> None:
             try:
                 callback(message)
-            except InputError as error:
+            except DescriptionError as error:
                 self.get_logger().error(str(error), throttle_duration_sec=5.0)
 
         return call
 
     def calibrate(self, message: CameraInfo) -> None:
-        camera = Camera.from_message(message)
+        camera = camera_of(message)
         if camera != self.camera:
             self.camera, self.before = None, []
             self.detector = Detector(self.paths, camera, print_sigma=self.sigma, copies=1)
@@ -51,14 +51,14 @@ class MarkerNode(Node):
     def detect(self, message: Image) -> None:
         if self.camera is None:
             return
-        self.before = self.detector(array_of(message), near=self.before or None)
-        for found in self.before:
-            if found.ok:
-                frame = self.frames[found.index]
-                pose = pose_of(found, message.header)
-                self.poses[found.index].publish(pose)
+        self.before = self.detector(grey(array_of(message)), near=self.before)
+        for finding in self.before:
+            if finding.ok:
+                frame = self.frames[finding.body]
+                pose = pose_of(finding, message.header)
+                self.poses[finding.body].publish(pose)
                 self.tf.sendTransform(transform_of(pose, frame))
-                self.dots.publish(dots_of(found, pose, frame))
+                self.dots.publish(dots_of(finding, self.detector.bodies[finding.body], pose, frame))
 
 
 def main() -> None:

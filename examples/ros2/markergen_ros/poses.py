@@ -1,26 +1,37 @@
-"""From a detection to messages of ROS, in the optical frame of the camera (REP 103), which is OpenCV's."""
+"""From a finding to messages of ROS, in the optical frame of the camera (REP 103), which is OpenCV's."""
 
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, TransformStamped
-from scipy.spatial.transform import Rotation
+from markergen_detect import Body, Finding
 from visualization_msgs.msg import Marker
-
-from markergen import Found, Rig
 
 XYZ_FIRST = [3, 4, 5, 0, 1, 2]
 """ROS has the translation first; both turn about the fixed axes of the camera."""
 
 
-def pose_of(found: Found, header: Any) -> PoseWithCovarianceStamped:
-    assert found.translation is not None  # with a camera there is a pose
-    assert found.covariance is not None
+def quaternion_of(rotation: Any) -> list[float]:
+    """Return x, y, z, w of a rotation: the eigenvector of the largest eigenvalue (I. Bar-Itzhack, 2000)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    matrix = [
+        [xx - yy - zz, xy + yx, xz + zx, zy - yz],
+        [xy + yx, yy - xx - zz, yz + zy, xz - zx],
+        [xz + zx, yz + zy, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ]
+    return list(map(float, np.linalg.eigh(matrix)[1][:, 3]))
+
+
+def pose_of(finding: Finding, header: Any) -> PoseWithCovarianceStamped:
+    assert finding.translation is not None  # with a camera there is a pose
+    assert finding.covariance is not None
     message = PoseWithCovarianceStamped(header=header)
     pose = message.pose.pose
-    pose.position.x, pose.position.y, pose.position.z = map(float, found.translation)
-    turn = Rotation.from_matrix(found.rotation).as_quat()
-    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = map(float, turn)
-    message.pose.covariance = found.covariance[XYZ_FIRST][:, XYZ_FIRST].ravel().tolist()
+    pose.position.x, pose.position.y, pose.position.z = map(float, finding.translation)
+    turn = pose.orientation
+    turn.x, turn.y, turn.z, turn.w = quaternion_of(finding.rotation)
+    message.pose.covariance = finding.covariance[XYZ_FIRST][:, XYZ_FIRST].ravel().tolist()
     return message
 
 
@@ -32,11 +43,9 @@ def transform_of(pose: PoseWithCovarianceStamped, frame: str) -> TransformStampe
     return message
 
 
-def dots_of(found: Found, pose: PoseWithCovarianceStamped, frame: str) -> Marker:
-    marker = found.marker
-    size = float(2 * marker.radii.mean()) if isinstance(marker, Rig) else marker.dot_diameter
+def dots_of(finding: Finding, body: Body, pose: PoseWithCovarianceStamped, frame: str) -> Marker:
     message = Marker(header=pose.header, ns=frame, type=Marker.SPHERE_LIST, pose=pose.pose.pose)
-    message.scale.x = message.scale.y = message.scale.z = size
+    message.scale.x = message.scale.y = message.scale.z = float(body.diameters.mean())
     message.color.g = message.color.a = 1.0
-    message.points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in found.xyz]
+    message.points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in body.xyz[np.isin(body.ids, finding.ids)]]
     return message

@@ -5,10 +5,10 @@ from markergen.comparison.contestants.base import (
     Absent,
     Arena,
     Contestant,
-    Kind,
+    ContestantKind,
     Sighting,
     forms,
     listed,
 )
 
-__all__ = ["KINDS", "Absent", "Arena", "Contestant", "Kind", "Sighting", "forms", "listed"]
+__all__ = ["KINDS", "Absent", "Arena", "Contestant", "ContestantKind", "Sighting", "forms", "listed"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.model.body import Body
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -18,6 +19,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.registry import Registry
 from markergen.render import Optics, Patch, expected_levels, render_patches
+from markergen.render.view import painted_body, photograph
 from markergen.validation.bounds import photometric_bounds
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -123,49 +125,71 @@ class Contestant(ABC):
         """Detect it and estimate its pose."""
 
 
-class FlatContestant(Contestant):
-    """A contestant in one plane, rendered from patches."""
+class PaintedContestant(Contestant):
+    """A contestant painted on the plates of a body, or on a single plate where there is none."""
+
+    body: Body | None
 
     @abstractmethod
-    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """Patches of a print with errors `moved` from `print_error`, as seen from a pose."""
+    def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
+        """Patches of one plate, whose print has the errors `moved`, as seen from its pose."""
+
+    def by_plate(self, moved: Array) -> list[Array]:
+        """Split errors from `print_error` by plates."""
+        return [moved]
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
         """See `Contestant.render`."""
-        return render_patches(self.patches(camera, pose, moved), camera, *pose, optics, rng)
+        parts = self.by_plate(moved)
+        if self.body is None:
+            return render_patches(self.patches(camera, pose, moved), camera, *pose, optics, rng)
 
-    def scene(self, camera: Camera) -> Callable[[Array, Array], list[Patch]]:
+        def patches_of(plate: int, rotation: Array, translation: Array) -> list[Patch]:
+            return self.patches(camera, (rotation, translation), parts[plate], plate)
+
+        return photograph(painted_body(self.body, patches_of, camera, *pose), camera, optics, rng)
+
+    def scene(self, camera: Camera, plate: int = 0) -> Callable[[Array, Array], list[Patch]]:
         """Patches of an exact print by rotation (3, 3) and translation (3,), for `photometric_bounds`."""
-        exact = self.print_error(0.0, np.random.default_rng(0))
-        return lambda rotation, translation: self.patches(camera, (rotation, translation), exact)
+        exact = self.by_plate(self.print_error(0.0, np.random.default_rng(0)))[plate]
+        return lambda rotation, translation: self.patches(camera, (rotation, translation), exact, plate)
 
     def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """See `Contestant.bound`."""
+        """See `Contestant.bound`; there is none for several plates."""
+        if self.body is not None and len(self.body.plates) > 1:
+            return super().bound(camera, poses, optics)
         bounds = photometric_bounds(self.scene(camera), camera, poses, optics)
         return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
 
     def area(self, radius: float) -> float:
-        """See `Contestant.area`: that of a circle of this radius."""
-        return np.pi * radius**2
+        """See `Contestant.area`: that of a circle of this radius, of a rig that of all plates."""
+        if self.body is None or self.body.frame == "marker":
+            return np.pi * radius**2
+        return sum(plate.marker.boundary.region.area for plate in self.body.plates)
 
     def ink(self, radius: float) -> float:
-        """See `Contestant.ink`: inside a circle of this radius about the origin."""
+        """See `Contestant.ink`: inside circles about the origins of the plates, of this radius if there is no body."""
+        radii = [radius] if self.body is None else [plate.marker.boundary.radius for plate in self.body.plates]
+        return sum(self._ink(radius, plate) for plate, radius in enumerate(radii))
+
+    def _ink(self, radius: float, plate: int) -> float:
         focal = _INK_PX * _INK_DISTANCE
         camera = Camera(2 * _INK_PX + 1, 2 * _INK_PX + 1, focal, focal, _INK_PX, _INK_PX)
         pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, _INK_DISTANCE * radius])
         sharp = Optics(blur_px=0, noise_grey=0, dark=0, light=255)
-        level = expected_levels(self.scene(camera)(*pose), camera, *pose, sharp)
+        level = expected_levels(self.scene(camera, plate)(*pose), camera, *pose, sharp)
         x, y = np.meshgrid(*[np.arange(2 * _INK_PX + 1) - _INK_PX] * 2)
         inside = x**2 + y**2 <= (_INK_PX + 0.5) ** 2
         return float(np.sum(1 - level[inside] / 255.0, dtype=float)) * (radius / _INK_PX) ** 2
 
 
 @dataclass(frozen=True, eq=False)
-class Absent(FlatContestant):
+class Absent(PaintedContestant):
     """A contestant whose library is not installed: it keeps its row, and says what to install."""
 
     name: str
     absent: str
+    body = None
 
     @property
     def points(self) -> Array:
@@ -187,9 +211,9 @@ class Absent(FlatContestant):
         del sigma, rng
         return np.zeros((0, 2))
 
-    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `FlatContestant.patches`: none."""
-        del camera, pose, moved
+    def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
+        """See `PaintedContestant.patches`: none."""
+        del camera, pose, moved, plate
         return []
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
@@ -234,7 +258,7 @@ class Arena:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ContestantKind:
     """A kind of contestant, given by text: its name in the table, or ``name:arguments``.
 
     Attributes
@@ -271,7 +295,7 @@ class Kind:
             return Absent(text, f"needs {self.requires}: {PEERS}")
 
 
-KINDS: Registry[Kind] = Registry("contestant", "markergen.comparison.contestants", entry=Kind)
+KINDS: Registry[ContestantKind] = Registry("contestant", "markergen.comparison.contestants", entry=ContestantKind)
 """Kinds of contestants by the first word of their text."""
 
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any
 
-import numpy as np
-
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
-from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, share_of
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, share_of
 from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera
@@ -24,7 +22,7 @@ less white around them than OpenCV advises, and errors twice as large."""
 
 
 @dataclass(frozen=True, eq=False)
-class ChArUco(Printed):
+class ChArUco(Squares):
     """A ChArUco board, which needs no white beyond its squares."""
 
     name: str
@@ -60,21 +58,17 @@ class ChArUco(Printed):
 
     @property
     def lattice(self) -> Lattice:
-        """The squares that print errors deform."""
+        """See `Squares.lattice`."""
         return Lattice(self.board.columns, self.board.rows, self.board.square)
 
     def describe(self, setting: FiducialSettings | None) -> str:
         """See `Contestant.describe`."""
         return f"cv2.aruco, {(setting or self.settings[0]).describe(self.board)}"
 
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each corner of a square."""
-        return self.lattice.print_error(sigma, rng)
-
-    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
-        """See `Printed.outlines`."""
-        del scale_px
-        return self.lattice.displaced(self.board.outlines, moved)
+    @property
+    def exact_outlines(self) -> tuple[Array, ...]:
+        """See `Squares.exact_outlines`."""
+        return self.board.outlines
 
     def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
         """See `Printed.find`."""
@@ -101,4 +95,4 @@ def _family(tags: int) -> str:
     return f"aruco:DICT_4X4_{next((count for count in sizes if count >= tags), sizes[-1])}"
 
 
-KINDS.register("charuco")(Kind(_board, "charuco:CxR[:DICT][:SHARE]", "ChArUco board", "OpenCV"))
+KINDS.register("charuco")(ContestantKind(_board, "charuco:CxR[:DICT][:SHARE]", "ChArUco board", "OpenCV"))

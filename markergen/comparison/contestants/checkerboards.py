@@ -1,15 +1,14 @@
 """Checkerboards, detected by cv2.findChessboardCornersSB."""
 # tests: tests/contracts/test_contestants.py
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
-from markergen.comparison.contestants.printed import Grey, Lattice, Printed, grid_size, ours
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, ours
 from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.model.camera import Camera
@@ -19,7 +18,7 @@ FORM = "checkerboard:COLUMNSxROWS"
 
 
 @dataclass(frozen=True)
-class Settings:
+class CheckerboardSettings:
     """Settings of cv2.findChessboardCornersSB: its flags by name, and a factor of enlargement before it."""
 
     flags: tuple[str, ...] = ()
@@ -31,23 +30,30 @@ class Settings:
 
 
 SETTINGS = (
-    Settings(),
-    Settings(("ACCURACY",)),
-    Settings(("EXHAUSTIVE",)),
-    Settings(enlarge=2),
-    Settings(("EXHAUSTIVE",), 2),
+    CheckerboardSettings(),
+    CheckerboardSettings(("ACCURACY",)),
+    CheckerboardSettings(("EXHAUSTIVE",)),
+    CheckerboardSettings(enlarge=2),
+    CheckerboardSettings(("EXHAUSTIVE",), 2),
 )
 """Over the paper's poses, NORMALIZE_IMAGE misses half of the boards; ACCURACY in an enlarged image takes 0.8 s for
 errors a tenth smaller."""
 
 
 @dataclass(frozen=True, eq=False)
-class Checkerboard(Printed):
+class Checkerboard(Squares):
     """A checkerboard; its detector tells the inner corners apart up to rotations that turn them into themselves."""
 
     name: str
-    lattice: Lattice
+    squares: Lattice
     radius: float
+    settings = SETTINGS
+    detector = "cv2.findChessboardCornersSB"
+
+    @property
+    def lattice(self) -> Lattice:
+        """See `Squares.lattice`."""
+        return self.squares
 
     @property
     def turns(self) -> int:  # type: ignore[override]
@@ -60,32 +66,18 @@ class Checkerboard(Printed):
         return self.lattice.inner
 
     @property
-    def settings(self) -> Sequence[Settings]:
-        """See `Contestant.settings`."""
-        return SETTINGS
-
-    @property
     def size(self) -> str:
         """See `Contestant.size`."""
         return f"{len(self.points)} inner corners, squares of {1e3 * self.lattice.side:.4g} mm"
 
-    def describe(self, setting: Settings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"cv2.findChessboardCornersSB, {(setting or SETTINGS[0]).describe()}"
-
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each corner of a square."""
-        return self.lattice.print_error(sigma, rng)
-
-    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
-        """See `Printed.outlines`: the top left square is black."""
-        del scale_px
+    @property
+    def exact_outlines(self) -> tuple[Array, ...]:
+        """See `Squares.exact_outlines`: the top left square is black."""
         columns, rows, side = self.lattice.columns, self.lattice.rows, self.lattice.side
         black = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
-        exact = tuple(to_plane(outline, columns, rows, side) for outline in cell_outlines(black))
-        return self.lattice.displaced(exact, moved)
+        return tuple(to_plane(outline, columns, rows, side) for outline in cell_outlines(black))
 
-    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, setting: CheckerboardSettings) -> FiducialDetection:
         """See `Printed.find`."""
         import cv2
 
@@ -107,4 +99,4 @@ def _board(text: str, arena: Arena) -> Checkerboard:
     return Checkerboard(text, Lattice(columns, rows, side), side * hypot(columns, rows) / 2)
 
 
-KINDS.register("checkerboard")(Kind(_board, "checkerboard:CxR", "checkerboard of C x R squares", "OpenCV"))
+KINDS.register("checkerboard")(ContestantKind(_board, "checkerboard:CxR", "checkerboard of C x R squares", "OpenCV"))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import FlatContestant, Image, Pose, Sighting
+from markergen.comparison.contestants.base import Image, PaintedContestant, Pose, Sighting
 from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
@@ -23,16 +23,20 @@ from markergen.render.patches import circle_vertices
 Grey = NDArray[np.uint8]
 
 
-class Printed(FlatContestant):
+class Printed(PaintedContestant):
     """A flat pattern in black on a white disk that contains it with the white it needs.
 
     Attributes
     ----------
     radius : float
         Radius of the disk, m.
+    detector : str
+        What finds it.
     """
 
     radius: float
+    detector: str
+    body = None
 
     @property
     @abstractmethod
@@ -48,12 +52,17 @@ class Printed(FlatContestant):
     def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
         """Outlines (m, 2) in m of the ink of a print, to be filled even-odd; `scale_px` is 1 m in px of the image."""
 
+    def describe(self, setting: Any) -> str:
+        """See `Contestant.describe`."""
+        return f"{self.detector}, {(setting or self.settings[0]).describe()}"
+
     @abstractmethod
     def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
         """Find its points in an image."""
 
-    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `FlatContestant.patches`."""
+    def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
+        """See `PaintedContestant.patches`."""
+        del plate
         nearest = max(float(pose[1][2]) - self.radius, 0.1 * self.radius)
         # Few different scales, so that what is drawn once serves many views.
         scale_px = 2.0 ** ceil(log2(camera.focal.max() / nearest))
@@ -136,6 +145,29 @@ class Lattice:
         upper = (1 - u) * grid[j, i] + u * grid[j, i + 1]
         lower = (1 - u) * grid[j + 1, i] + u * grid[j + 1, i + 1]
         return np.asarray((1 - v) * upper + v * lower)
+
+
+class Squares(Printed):
+    """A pattern of squares that print errors deform, corner by corner."""
+
+    @property
+    @abstractmethod
+    def lattice(self) -> Lattice:
+        """The squares."""
+
+    @property
+    @abstractmethod
+    def exact_outlines(self) -> tuple[Array, ...]:
+        """Outlines (m, 2) in m of the ink of an exact print."""
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each corner of a square."""
+        return self.lattice.print_error(sigma, rng)
+
+    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
+        """See `Printed.outlines`."""
+        del scale_px
+        return self.lattice.displaced(self.exact_outlines, moved)
 
 
 def disk_outlines(centers: Array, radius: float, scale_px: float) -> tuple[Array, ...]:

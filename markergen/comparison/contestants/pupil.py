@@ -1,15 +1,14 @@
 """AprilTags, detected by AprilTag's own library as packaged in pupil-apriltags."""
 # tests: tests/contracts/test_contestants.py
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
-from markergen.comparison.contestants.printed import Grey, ours
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.printed import Grey, Printed, ours
 from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
@@ -24,7 +23,7 @@ _OFFSET_PX = 0.5
 
 
 @dataclass(frozen=True)
-class Settings:
+class PupilSettings:
     """Settings of pupil_apriltags.Detector, and a factor of enlargement before it."""
 
     quad_decimate: float = 1.0
@@ -40,9 +39,9 @@ class Settings:
 
 
 SETTINGS = (
-    *(Settings(1.0, sigma, refine, k) for k in (1, 2) for sigma in (0.0, 0.8) for refine in (True, False)),
-    Settings(2.0),
-    Settings(2.0, enlarge=2),
+    *(PupilSettings(1.0, sigma, refine, k) for k in (1, 2) for sigma in (0.0, 0.8) for refine in (True, False)),
+    PupilSettings(2.0),
+    PupilSettings(2.0, enlarge=2),
 )
 
 
@@ -50,16 +49,11 @@ SETTINGS = (
 class PupilTag(SquareTag):
     """An AprilTag that pupil-apriltags looks for."""
 
-    @property
-    def settings(self) -> Sequence[Any]:
-        """See `Contestant.settings`."""
-        return SETTINGS
+    settings = SETTINGS
+    detector = "pupil-apriltags"
+    describe = Printed.describe
 
-    def describe(self, setting: Any) -> str:
-        """See `Contestant.describe`."""
-        return f"pupil-apriltags, {(setting or SETTINGS[0]).describe()}"
-
-    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, setting: PupilSettings) -> FiducialDetection:
         """See `Printed.find`."""
         del camera
         detector = _detector(self.tag.family.partition(":")[2], setting)
@@ -76,7 +70,7 @@ class PupilTag(SquareTag):
 
 
 @cache
-def _detector(family: str, setting: Settings) -> Any:
+def _detector(family: str, setting: PupilSettings) -> Any:
     import pupil_apriltags
 
     class Kept(pupil_apriltags.Detector):  # type: ignore[misc]
@@ -103,5 +97,5 @@ def _tag(text: str, arena: Arena) -> PupilTag:
 
 
 KINDS.register("pupil")(
-    Kind(_tag, "pupil:FAMILY[:ID]", "AprilTag", "AprilTag's own library", requires="pupil-apriltags")
+    ContestantKind(_tag, "pupil:FAMILY[:ID]", "AprilTag", "AprilTag's own library", requires="pupil-apriltags")
 )

@@ -1,7 +1,6 @@
 """Coded rings on a hexagonal lattice, drawn and detected by ringgrid."""
 # tests: tests/contracts/test_contestants.py
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
 from markergen.comparison.contestants.printed import Grey, Printed, grid_size, share_of
 from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
@@ -21,13 +20,15 @@ FORM, SHARE = "ringgrid:COLUMNSxROWS[:SHARE]", 0.8
 INNER, BAND = 2 / 3, 0.12
 """Radius of the inner ring and width of both, over the radius of the outer one, as in ringgrid's own targets."""
 _SECTORS = 16
+"""Number of sectors of a ring's code, as in ringgrid's own targets."""
 _SEGMENTS = 256
+"""Number of sides of a polygon that stands for a circle: they are 8e-5 of its radius off."""
 TIERS = {"wide": ((8.0, 24.0), (20.0, 60.0), (50.0, 150.0)), "narrow": ((8.0, 20.0), (14.0, 40.0), (30.0, 90.0))}
 """Ranges of the diameters of rings in px, each searched in turn."""
 
 
 @dataclass(frozen=True)
-class Settings:
+class RingGridSettings:
     """Settings of ringgrid's detector.
 
     Attributes
@@ -44,7 +45,7 @@ class Settings:
         return f"scales {self.scales}"
 
 
-SETTINGS = tuple(Settings(scales) for scales in ("adaptive", "two_tier_standard", "four_tier_wide", *TIERS))
+SETTINGS = tuple(RingGridSettings(scales) for scales in ("adaptive", "two_tier_standard", "four_tier_wide", *TIERS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,8 @@ class RingGrid(Printed):
     share: float
     scale: float
     radius: float
+    settings = SETTINGS
+    detector = "ringgrid"
 
     @property
     def plane_points(self) -> Array:
@@ -64,19 +67,10 @@ class RingGrid(Printed):
         return self.scale * _drawn(self.columns, self.rows, self.share)[1]
 
     @property
-    def settings(self) -> Sequence[Settings]:
-        """See `Contestant.settings`."""
-        return SETTINGS
-
-    @property
     def size(self) -> str:
         """See `Contestant.size`."""
         outer = 2 * self.scale * self.share * np.sqrt(3) / 2 / (1 + BAND)
         return f"{len(self.points)} rings of {1e3 * outer:.4g} mm"
-
-    def describe(self, setting: Settings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"ringgrid, {(setting or SETTINGS[0]).describe()}"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each ring."""
@@ -90,7 +84,7 @@ class RingGrid(Printed):
             self.scale * outline + offset for offset, ring in zip(moved, rings, strict=True) for outline in ring
         )
 
-    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, setting: RingGridSettings) -> FiducialDetection:
         """See `Printed.find`."""
         del camera
         detector = _detector(self.columns, self.rows, self.share)
@@ -187,4 +181,6 @@ def _grid(text: str, arena: Arena) -> RingGrid:
     return RingGrid(text, columns, rows, share, pitch, pitch * reach)
 
 
-KINDS.register("ringgrid")(Kind(_grid, "ringgrid:CxR[:SHARE]", "coded rings", "its own library", requires="ringgrid"))
+KINDS.register("ringgrid")(
+    ContestantKind(_grid, "ringgrid:CxR[:SHARE]", "coded rings", "its own library", requires="ringgrid")
+)

@@ -4,7 +4,6 @@ B. Benligiray, C. Topal, C. Akinlar, "STag: A stable fiducial marker system", Im
 """
 # tests: tests/contracts/test_contestants.py
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import pi, sqrt
@@ -12,8 +11,8 @@ from math import pi, sqrt
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
-from markergen.comparison.contestants.printed import Grey, Lattice, Printed, ours
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares, ours
 from markergen.comparison.fiducials import FiducialDetection, enlarged
 from markergen.errors import InputError
 from markergen.geometry.region import Region
@@ -51,10 +50,11 @@ _QUADRANT = (
 )  # fmt: skip
 """Radius, in diameters of the code, and angle of the 12 bits in a quadrant."""
 _SEGMENTS = 128
+"""Number of sides of a polygon that stands for a circle: they are 3e-4 of its radius off."""
 
 
 @dataclass(frozen=True)
-class Settings:
+class STagSettings:
     """A factor of enlargement before stag.detectMarkers, which has no settings that change its accuracy."""
 
     enlarge: int = 1
@@ -65,13 +65,15 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class STag(Printed):
+class STag(Squares):
     """An STag with its white border."""
 
     name: str
     number: int
     side: float
     radius: float
+    settings = (STagSettings(1), STagSettings(2), STagSettings(3))
+    detector = "stag-python"
 
     @property
     def plane_points(self) -> Array:
@@ -79,30 +81,21 @@ class STag(Printed):
         return self.side * UNITS
 
     @property
-    def settings(self) -> Sequence[Settings]:
-        """See `Contestant.settings`."""
-        return Settings(1), Settings(2), Settings(3)
-
-    @property
     def size(self) -> str:
         """See `Contestant.size`."""
         return f"side {1e3 * self.side:.4g} mm"
 
-    def describe(self, setting: Settings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"stag-python, {(setting or self.settings[0]).describe()}"
+    @property
+    def lattice(self) -> Lattice:
+        """See `Squares.lattice`: one."""
+        return Lattice(1, 1, self.side)
 
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each corner of the square."""
-        return Lattice(1, 1, self.side).print_error(sigma, rng)
+    @property
+    def exact_outlines(self) -> tuple[Array, ...]:
+        """See `Squares.exact_outlines`."""
+        return tuple(self.side * outline for outline in unit_outlines(self.number))
 
-    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
-        """See `Printed.outlines`."""
-        del scale_px
-        exact = tuple(self.side * outline for outline in unit_outlines(self.number))
-        return Lattice(1, 1, self.side).displaced(exact, moved)
-
-    def find(self, image: Grey, camera: Camera, setting: Settings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, setting: STagSettings) -> FiducialDetection:
         """See `Printed.find`."""
         import stag
 
@@ -145,4 +138,4 @@ def _stag(text: str, arena: Arena) -> STag:
     return STag(text, int(number), sqrt(2) * arena.square / (1 + 2 * QUIET), arena.square)
 
 
-KINDS.register("stag")(Kind(_stag, FORM, "STag", "its own library", requires="stag-python"))
+KINDS.register("stag")(ContestantKind(_stag, FORM, "STag", "its own library", requires="stag-python"))

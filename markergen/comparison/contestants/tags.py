@@ -1,5 +1,5 @@
-"""Square tags of ArUco and AprilTag, detected by cv2.aruco."""
-# tests: tests/comparison/test_baselines.py tests/comparison/test_compare.py
+"""Square tags of ArUco and AprilTag, alone or on each plate of a body, found by cv2.aruco."""
+# tests: tests/comparison/test_rig_contestants.py tests/comparison/test_baselines.py tests/comparison/test_compare.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,17 +7,31 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Kind
-from markergen.comparison.contestants.printed import Grey, Lattice, Printed
-from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, detect_fiducial, tag_settings
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Image, PaintedContestant, Pose, Sighting
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares
+from markergen.comparison.fiducials import (
+    FiducialDetection,
+    FiducialSettings,
+    detect_fiducial,
+    find_tags,
+    tag_settings,
+)
+from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
+from markergen.geometry.region import Region
+from markergen.model.body import Body
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag, parse_tag
+from markergen.render import Patch
+
+_HALVINGS = 50
+"""Halvings of the side of the largest square: 2^-50 of a plate is about the rounding of its outline."""
 
 
 @dataclass(frozen=True, eq=False)
-class SquareTag(Printed):
+class SquareTag(Squares):
     """A square tag with one white cell around it."""
 
     name: str
@@ -41,25 +55,119 @@ class SquareTag(Printed):
 
     @property
     def lattice(self) -> Lattice:
-        """The one square that print errors deform."""
+        """See `Squares.lattice`: one."""
         return Lattice(1, 1, self.tag.side)
 
     def describe(self, setting: FiducialSettings | None) -> str:
         """See `Contestant.describe`."""
         return f"cv2.aruco, {(setting or self.settings[0]).describe(self.tag)}"
 
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each corner of the square."""
-        return self.lattice.print_error(sigma, rng)
-
-    def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
-        """See `Printed.outlines`."""
-        del scale_px
-        return self.lattice.displaced(self.tag.outlines, moved)
+    @property
+    def exact_outlines(self) -> tuple[Array, ...]:
+        """See `Squares.exact_outlines`."""
+        return self.tag.outlines
 
     def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
         """See `Printed.find`."""
         return detect_fiducial(image, self.tag, setting, camera)
+
+
+@dataclass(frozen=True, eq=False)
+class TagBody(PaintedContestant):
+    """The plates of a body with tags of one family, each as large as its plate allows; one pose from all corners."""
+
+    name: str
+    body: Body
+    tags: tuple[Tag, ...]
+
+    @staticmethod
+    def on(body: Body, text: str) -> "TagBody":
+        """Put the tag of a text on the first plate of a body, and those of the next ids on the others."""
+        unit = parse_tag(text, 1.0)
+        sides = [_largest_square(plate.marker.boundary.region) / unit.outer_side for plate in body.plates]
+        return TagBody(text, body, tuple(replace(unit, id=unit.id + k, side=side) for k, side in enumerate(sides)))
+
+    @property
+    def points(self) -> Array:
+        """See `Contestant.points`: the corners of the black squares."""
+        corners = [np.column_stack([tag.corners, np.zeros(4)]) for tag in self.tags]
+        return np.concatenate([m.to_body(points) for m, points in zip(self.body.plates, corners, strict=True)])
+
+    @property
+    def settings(self) -> Sequence[Any]:
+        """See `Contestant.settings`: those that do not enlarge the image."""
+        return [settings for settings in tag_settings() if settings.enlarge == 1]
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        low, high = (1e3 * pick(tag.side for tag in self.tags) for pick in (min, max))
+        sides = f"{low:.4g}" if high - low < 1e-6 else f"{low:.4g} to {high:.4g}"
+        return f"{len(self.tags)} tags, side {sides} mm"
+
+    def describe(self, setting: FiducialSettings | None) -> str:
+        """See `Contestant.describe`."""
+        return f"cv2.aruco, {(setting or self.settings[0]).describe(self.tags[0])}"
+
+    def ink(self, radius: float) -> float:
+        """See `Contestant.ink`: of all plates."""
+        del radius
+        return float(sum(tag.ink.mean() * tag.side**2 for tag in self.tags))
+
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each corner of each square."""
+        return np.concatenate([Lattice(1, 1, tag.side).print_error(sigma, rng) for tag in self.tags])
+
+    def by_plate(self, moved: Array) -> list[Array]:
+        """See `PaintedContestant.by_plate`."""
+        return np.split(moved, len(self.tags))
+
+    def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
+        """See `PaintedContestant.patches`."""
+        del camera, pose
+        tag = self.tags[plate]
+        regions = self.body.plate_regions[plate].rings, Lattice(1, 1, tag.side).displaced(tag.outlines, moved)
+        return [Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in region), 1.0 - k) for k, region in enumerate(regions)]
+
+    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+        """See `Contestant.sight`: of tags with one id, the first."""
+        del print_sigma
+        grey = np.ascontiguousarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
+        seen = find_tags(grey, self.tags[0].family, setting or self.settings[0])
+        corners_of = {number - self.tags[0].id: corners for number, corners in reversed(seen)}
+        plates = sorted(k for k in corners_of if 0 <= k < len(self.tags))
+        if not plates:
+            return Sighting(reason="no tag of the rig")
+        ids = np.concatenate([4 * k + np.arange(4) for k in plates])
+        pixels = np.concatenate([corners_of[k] for k in plates])
+        rotation, translation = self._pose(plates, ids, pixels, camera)
+        if not np.isfinite(translation).all():
+            return Sighting(reason="points that determine no pose")
+        return Sighting(ids, pixels, rotation, translation)
+
+    def _pose(self, plates: Sequence[int], ids: NDArray[np.intp], pixels: Array, camera: Camera) -> Pose:
+        """Least-squares pose; in the frame of a plate, where corners of that plate alone are in its plane."""
+        plate = self.body.plates[plates[0]]
+        points = plate.to_marker(self.points[ids])
+        points[np.abs(points) < 1e-9 * self.body.radius] = 0.0
+        estimator = ESTIMATORS["lm"]
+        assert isinstance(estimator, PoseEstimator)
+        batch = Correspondences.from_distorted(points, pixels[None], camera)
+        rotation, translation = (part[0] for part in batch.once(estimator).best)
+        turned = rotation @ plate.rotation_matrix.T
+        return turned, translation - turned @ plate.translation_vector
+
+
+def _largest_square(region: Region) -> float:
+    """Side of the largest upright square about the origin inside a region, to rounding."""
+    left, low, right, high = region.box
+    inside, outside = 0.0, max(right - left, high - low)
+    for _ in range(_HALVINGS):
+        middle = (inside + outside) / 2
+        half = middle / 2 * (1 - 1e-9)
+        fits = region.covers(Region.rectangle(-half, -half, half, half))
+        inside, outside = (middle, outside) if fits else (inside, middle)
+    return inside
 
 
 def tag_in(text: str, radius: float) -> Tag:
@@ -72,5 +180,5 @@ def _tag(text: str, arena: Arena) -> SquareTag:
     return SquareTag(text, tag_in(text, arena.square), arena.square)
 
 
-KINDS.register("aruco")(Kind(_tag, "aruco:DICT[:ID]", "ArUco tag", "OpenCV"))
-KINDS.register("apriltag")(Kind(_tag, "apriltag:FAMILY[:ID]", "AprilTag", "OpenCV"))
+KINDS.register("aruco")(ContestantKind(_tag, "aruco:DICT[:ID]", "ArUco tag", "OpenCV"))
+KINDS.register("apriltag")(ContestantKind(_tag, "apriltag:FAMILY[:ID]", "AprilTag", "OpenCV"))

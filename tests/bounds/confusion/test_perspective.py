@@ -5,6 +5,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.bounds.confusion.perspective import find_rivals, label_safety, representative, safety_of
 from markergen.bounds.confusion.rival_fits import fit_poses, seen_layout
@@ -124,7 +125,7 @@ def test_dots_that_all_differ_are_safe():
     points = np.array([[0.1, 0.0], [0.01, 0.1], [-0.1, 0.01], [0.0, -0.09]])
     report = safety_of(seen_layout(points, np.arange(4), PAPER_CAMERA, FEW.poses))
     assert np.isinf(report.px).all()
-    assert report.sentences == ("labels are safe: no two dots are alike",)
+    assert report.sentences == (sentence("labels safe"),)
     assert report.as_dict(0.2)["least_px"] is None
 
 
@@ -145,9 +146,9 @@ def test_twenty_dots(make_marker):
 def test_longer_cycles_in_words(pentagon):
     report = label_safety(pentagon, FEW)
     turned = replace(report, labels=np.tile([1, 2, 0, 4, 3], (5, 1)))
-    assert turned.in_words(0) == "each of 0, 1, 2, 0 taken for the next and 3 and 4 exchanged"
+    assert turned.in_words(0) == sentence("exchanged", "0, 1, 2, 0", 3, 4)
     many = replace(report, px=np.ones(12), ids=tuple(range(12)), labels=np.tile(np.roll(np.arange(12), -1), (12, 1)))
-    assert many.in_words(0) == "12 dots taken for each other, 0 for 1 among them"
+    assert many.in_words(0) == sentence("many exchanged", 12)
 
 
 def test_of_several_rivals_that_are_equally_near_all_are_followed():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.maths.information import rotation_bound
 from markergen.validation import report
@@ -37,7 +38,7 @@ def test_without_a_headline_the_answer_is_first_order(subject, budget, few):
 
 def test_shares_in_words():
     parts = shares({"rotation_deg": {"image": 3.0, "print": 4.0, "camera": 0.0, "total": 5.0}}, "rotation_deg")
-    assert report.in_words(parts) == "print 64 %, image noise 36 %, calibration 0 %"
+    assert report.in_words(parts) == sentence("shares", 64, 36, 0)
 
 
 def test_command_makes_the_results_again(subject, results):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint
@@ -61,14 +62,11 @@ def test_advice_reaches_what_it_promises(pentagon, setting):
 
 def test_advice_in_words(pentagon, make_ngon, setting):
     said = advice_sentences(advise(pentagon, setting.camera, setting.poses), pentagon, setting.poses)
-    assert said[0].startswith("At 1.5 m and 70 deg the dot that looks smallest, of 36 mm, is 5.6 px")
-    assert "use 51.2 mm for the 8 px" in said[0]
+    assert said[0].startswith(sentence("smallest dot", "1.5 m", "70 deg", "36 mm", "5.6 px"))
+    assert "use 51.2 mm for" in said[0]
     assert "--dot 51.2mm" in said[-1]
     many = make_ngon(30, 0.15, 0.02)
-    assert (
-        "scale the whole marker to 2"
-        in advice_sentences(advise(many, setting.camera, setting.poses), many, setting.poses)[-1]
-    )
+    assert "whole marker to 2" in advice_sentences(advise(many, setting.camera, setting.poses), many, setting.poses)[-1]
     large = make_ngon(4, 0.15, 0.06)
     (only,) = advice_sentences(advise(large, setting.camera, setting.poses), large, setting.poses)
     assert "large enough" in only

@@ -54,7 +54,7 @@ def test_holes_by_place_have_places_and_no_circle_off_the_page():
         check_inside(front)
         written = " ".join(shape.words for shape in texts(front))
         assert "circle" not in written
-        assert "places in the table" in written or "H1 at x -150 , y 0" in " ".join(written.split())
+        assert "in the table" in written or "H1 at x -150 , y 0" in " ".join(written.split())
 
 
 def test_no_two_texts_touch(front):
@@ -175,5 +175,5 @@ def test_the_paper_is_a4_or_a3_or_what_is_asked_for():
     assert paper("disk", SheetOptions("A4")) in {"A4", "A4-landscape"}
     assert paper("disk", SheetOptions("A2-landscape")) == "A2-landscape"
     assert paper("small", SheetOptions(orientation="portrait")) == "A4"
-    with pytest.raises(InputError, match="paper that a fabrication sheet fits on"):
+    with pytest.raises(InputError, match="paper that a fabrication"):
         paper("disk", SheetOptions("100x100mm", margin=0.013))

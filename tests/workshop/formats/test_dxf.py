@@ -4,6 +4,7 @@ from dataclasses import replace
 import ezdxf
 import numpy as np
 import pytest
+from sentences import sentence
 
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
@@ -125,7 +126,7 @@ def test_what_is_for_sheets_alone_is_told(marker):
         EXPORTERS[".dxf"]([measured], ExportOptions(SheetOptions(compensate=wanted))) for wanted in (False, True)
     )
     assert plain.data == asked.data
-    assert asked.notes == (*plain.notes, "Drawn as designed: --compensate is for sheets.")
+    assert asked.notes == (*plain.notes, sentence("drawn as designed"))
 
 
 LASER = Fabrication("laser")

@@ -1,5 +1,5 @@
-"""Markers of dots, found by our detector: markers from files, and common layouts."""
-# tests: tests/comparison/test_baselines.py tests/comparison/test_compare.py
+"""Bodies of dots, found by our detector: markers and rigs from files, and common layouts."""
+# tests: tests/comparison/test_baselines.py tests/comparison/test_rig_contestants.py tests/comparison/test_compare.py
 
 from dataclasses import dataclass
 from math import pi, sin
@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, FlatContestant, Image, Kind, Pose, Sighting
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Image, PaintedContestant, Pose, Sighting
 from markergen.detect import detect
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, build_marker, light_marker
+from markergen.model.rig import Rig
 from markergen.model.spec import Spec
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dot_size import CLEARANCE, ROOM, choose_dots
@@ -25,42 +26,50 @@ from markergen.validation.validation import median_layout
 
 
 @dataclass(frozen=True, eq=False)
-class DotMarker(FlatContestant):
-    """One of our markers, found by our detector."""
+class DotBody(PaintedContestant):
+    """One of our markers or rigs, found by our detector."""
 
     name: str
-    marker: Marker
+    body: Marker | Rig
 
     @property
     def points(self) -> Array:
         """See `Contestant.points`: the dots' centers."""
-        return self.marker.xyz
+        return self.body.xyz
 
     @property
     def size(self) -> str:
         """See `Contestant.size`."""
-        return f"{len(self.marker)} dots of {self.marker.dot_words}"
+        if self.body.frame == "rig":
+            return f"{len(self.body.plates)} plates, {len(self.body)} dots"
+        return f"{len(self.body)} dots of {self.body.plates[0].marker.dot_words}"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each dot independently, measured ones by their covariance."""
-        return displacement(self.marker, ErrorSources(print_sigma=sigma), rng, axes=2)
+        errors, plates = ErrorSources(print_sigma=sigma), self.body.plates
+        return np.concatenate([displacement(plate.marker, errors, rng, axes=2) for plate in plates])
 
-    def patches(self, camera: Camera, pose: Pose, moved: Array) -> list[Patch]:
-        """See `FlatContestant.patches`."""
-        return seen_patches(displaced(self.marker, moved), camera, *pose)
+    def by_plate(self, moved: Array) -> list[Array]:
+        """See `PaintedContestant.by_plate`."""
+        return np.split(moved, self.body.first[1:])
+
+    def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
+        """See `PaintedContestant.patches`."""
+        printed = displaced(self.body.plates[plate].marker, moved)
+        return seen_patches(printed, camera, *pose, margin=float(self.body.margins[plate]))
 
     def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""
         del setting
-        detection = detect(image, self.marker, camera, ErrorSources(print_sigma=print_sigma))
+        detection = detect(image, self.body, camera, ErrorSources(print_sigma=print_sigma))
         if not detection.found or detection.pose is None:
             return Sighting(reason=detection.reason or "no pose")
-        index = {point.id: i for i, point in enumerate(self.marker.control_points)}
-        ids = np.array([index[int(i)] for i in detection.ids], dtype=np.intp)
-        return Sighting(ids, detection.pixels, detection.pose.rotation, detection.pose.translation)
+        row = {number: k for k, number in enumerate(self.body.ids.tolist())}
+        rows = np.array([row[int(number)] for number in detection.ids], dtype=np.intp)
+        return Sighting(rows, detection.pixels, detection.pose.rotation, detection.pose.translation)
 
 
-def _layout(text: str, arena: Arena) -> DotMarker:
+def _layout(text: str, arena: Arena) -> DotBody:
     """Make a common layout with dots of the first marker's size, and light ones if it has.
 
     If those do not fit, or there is no marker, they get the size that `design` would choose; if a ring of those does
@@ -80,7 +89,7 @@ def _layout(text: str, arena: Arena) -> DotMarker:
         layouts = comparison_layouts(region, n, arena.seed).get(kind)
         if layouts is not None:
             median = build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance)
-            return DotMarker(name, light_marker(median) if first and first.light else median)
+            return DotBody(name, light_marker(median) if first and first.light else median)
     raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
 
 
@@ -98,6 +107,6 @@ def _on_a_ring(n: int, boundary: Boundary) -> tuple[float, float]:
     return diameter, CLEARANCE * diameter
 
 
-KINDS.register("ngon")(Kind(_layout, "ngon:N", "dots on a regular polygon"))
-KINDS.register("square")(Kind(_layout, "square", "four dots in a square"))
-KINDS.register("random")(Kind(_layout, "random:N", "the median of random layouts"))
+KINDS.register("ngon")(ContestantKind(_layout, "ngon:N", "dots on a regular polygon"))
+KINDS.register("square")(ContestantKind(_layout, "square", "four dots in a square"))
+KINDS.register("random")(ContestantKind(_layout, "random:N", "the median of random layouts"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from markergen.comparison.tag_edges import fit_edges
+from markergen.comparison.contestants.edges import fit_edges
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
