@@ -423,7 +423,7 @@ class DetectorKeywords(TypedDict, total=False):
         Option(
             RUN,
             "Diameter of the smallest dots to look for; large images take less time with larger ones.",
-            0.0,
+            0,
             metavar="PX",
         ),
     ]
