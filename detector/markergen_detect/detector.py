@@ -95,6 +95,8 @@ class Finding(NamedTuple):
         The core's own form of the pose, for the next frame.
     verdict : Verdict or None
         Whether image, camera and body agree.
+    tracked : bool
+        True if only the surroundings of where it was were looked at.
     """
 
     ok: bool
@@ -127,6 +129,7 @@ class Finding(NamedTuple):
     turns: Array
     placed: Any
     verdict: "Verdict | None"
+    tracked: bool
 
     @property
     def reason(self) -> str:
@@ -274,7 +277,7 @@ class Detector:
                 raise MemoryError("not enough memory to search this image")
             blobs = _copied(found["blobs"][0], kinds["Blob"], found["blob_count"][0])
             rows = _copied(found["findings"][0], kinds["Finding"], found["count"][0])
-            return [self._finding(model, row, blobs, calibrated) for row in rows]
+            return [self._finding(model, row, blobs, calibrated, bool(found["tracked"][0])) for row in rows]
         finally:
             library().findings_free(pointer(found))
 
@@ -287,7 +290,9 @@ class Detector:
             track["pose"] = finding.placed
         return tracks
 
-    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool) -> Finding:
+    def _finding(
+        self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool
+    ) -> Finding:
         number = model.bodies[int(row["member"])]
         body = self.bodies[number]
         ok, labeled = row["state"] == constants()["FOUND"], bool(row["pixels"]) and row["count"] > 0
@@ -343,6 +348,7 @@ class Detector:
             tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
             turns=row["turn"][: int(row["turns"])].copy(),
             placed=row["pose"].copy() if ok else None,
+            tracked=tracked,
             verdict=read_verdict(row["verdict"], body.plate_names) if posed else None,
         )
 

@@ -147,6 +147,28 @@ static int add_finding(Findings *findings, const Layout *layout, const Labeling 
     return 0;
 }
 
+/* Adds a finding that is not FOUND for each member of a layout; its rival is the first other member of the same layout, or of
+   the layout `rival`. */
+static int add_findings(Frame *frame, int64_t l, const Labeling *labeling, const Finding *base)
+{
+    const Model *model = frame->model;
+    int status = 0;
+    for (int64_t k = 0; k < model->member_count && !status; k++) {
+        Finding finding = *base;
+        if (model->members[k].layout != l)
+            continue;
+        finding.member = (int32_t)k;
+        finding.rival = -1;
+        for (int64_t o = model->member_count - 1; o >= 0; o--)
+            if (o != k && model->members[o].layout == (base->rival < 0 ? l : base->rival))
+                finding.rival = o;
+        if (base->state != CLAIMED && base->state != HIDDEN_TAG)
+            finding.rival = -1;
+        status = add_finding(frame->findings, model->layouts + l, labeling, &finding);
+    }
+    return status;
+}
+
 /* Searches for a layout unless that is done. */
 static void seek(Frame *frame, int64_t l)
 {
@@ -223,6 +245,8 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
     /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
     if (!answer && asked && (members > 1 || finding->tag_state >= TAG_FAINT))
         finding->state = HIDDEN_TAG;
+    else if (!answer && members > 1)
+        finding->state = CLAIMED;
     return answer;
 }
 
@@ -426,14 +450,11 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
             drop(&quest->pool, chosen);
             continue;
         }
-        int64_t other = -1;
         for (int64_t i = 0; i < quest->pool.count; i++) {
             const Labeling *rival = quest->pool.best + i;
             const double less = quest->pool.best[chosen].evidence - rival->evidence;
-            if (i != chosen && less < finding->margin && contradict(layout, quest->pool.best + chosen, rival)) {
+            if (i != chosen && less < finding->margin && contradict(layout, quest->pool.best + chosen, rival))
                 finding->margin = less;
-                other = i;
-            }
         }
         if (answer > 0) {
             finding->margin = INFINITY;
@@ -442,18 +463,27 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
         if (!(finding->margin < MARGIN))
             return chosen;
         /* A tag may tell between them. */
-        Finding second = *finding;
-        const int of_other = ask_tag(frame, l, quest->pool.best + other, &second);
-        if (of_other < 0) {
-            drop(&quest->pool, other);
+        int asked = 0;
+        for (int64_t i = 0; i < quest->pool.count; i++) {
+            const Labeling *rival = quest->pool.best + i;
+            if (i == chosen || !(quest->pool.best[chosen].evidence - rival->evidence < MARGIN) ||
+                !contradict(layout, quest->pool.best + chosen, rival))
+                continue;
+            Finding second = *finding;
+            const int of_rival = ask_tag(frame, l, rival, &second);
+            if (of_rival > 0) {
+                *finding = second;
+                finding->margin = INFINITY;
+                return i;
+            }
+            if (of_rival < 0) {
+                drop(&quest->pool, i);
+                asked = 1;
+                break;
+            }
+        }
+        if (asked)
             continue;
-        }
-        if (of_other > 0) {
-            *finding = second;
-            finding->state = FOUND;
-            finding->margin = INFINITY;
-            return other;
-        }
         finding->state = frame->options->symmetric ? FOUND : AMBIGUOUS;
         finding->turns = turns_of(layout, &quest->pool, chosen, MARGIN, finding->turn);
         return chosen;
@@ -515,28 +545,27 @@ static int next_finding(Frame *frame)
         return NO_MEMORY;
     if (misplaced)
         finding.state = CONTRADICTED;
-    for (int64_t l = 0; l < model->layout_count; l++) {
+    int status = 0;
+    for (int64_t l = 0; l < model->layout_count && !status; l++) {
         Quest *other = frame->quests + l;
         if (l == best || !other->searched || !(best_of(&other->pool)->evidence > chosen->evidence - MARGIN) ||
             !share(layout, chosen, model->layouts + l, best_of(&other->pool)))
             continue;
         /* Neither has them. */
-        finding.state = CLAIMED;
+        Finding claim = {0};
+        claim.state = finding.state = CLAIMED;
+        claim.tag = claim.tag_state = -1;
+        claim.rival = best;
         finding.rival = l;
         other->ended = 1;
-        other->why.state = CLAIMED;
-        other->why.rival = best;
+        if (!other->found)
+            status = add_findings(frame, l, best_of(&other->pool), &claim);
     }
-    const int first = !quest->found;
-    if (finding.state == HIDDEN_TAG) {
-        quest->why = finding;
-        quest->why.count = chosen->count;
-    }
+    if (!status && (finding.state == FOUND || !quest->found))
+        status = finding.state == FOUND ? add_finding(frame->findings, layout, chosen, &finding)
+                                        : add_findings(frame, best, chosen, &finding);
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;
     quest->found++;
-    int status = 0;
-    if (finding.state == FOUND || first)
-        status = add_finding(frame->findings, layout, chosen, &finding);
     take(frame, layout, chosen);
     return status ? status : 1;
 }
@@ -554,7 +583,7 @@ static int is_mirrored(Frame *frame, int64_t l)
 }
 
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    const uint8_t *wanted, Findings *findings)
+                    Findings *findings)
 {
     Frame frame = {model, camera, calibrated, image, options, findings, NULL, {0}, {0}, {0}, NULL};
     int64_t status = 0, most = 0;
@@ -572,7 +601,6 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
         for (int64_t k = 0; k < model->member_count; k++)
             quest->members += model->members[k].layout == l;
         quest->left = options->copies * quest->members;
-        quest->ended = wanted && !wanted[l];
         quest->why.state = findings->blob_count < LEAST_DOTS ? FEW : UNFIT;
         quest->why.rival = quest->why.tag = quest->why.tag_state = -1;
         quest->why.evidence = -INFINITY;
@@ -586,7 +614,7 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
     }
     for (int64_t k = 0; k < model->member_count && !status; k++) {
         const int64_t l = model->members[k].layout;
-        int there = wanted && !wanted[l];
+        int there = 0;
         for (int64_t i = 0; i < findings->count; i++)
             there |= findings->findings[i].member == k;
         if (there)
@@ -639,6 +667,20 @@ static int append(Findings *all, Findings *part)
     return 0;
 }
 
+/* Whether a finding has a dot of one of others. */
+static int overlap(const Findings *all, const Findings *part)
+{
+    const Finding *own = part->findings;
+    for (int64_t i = 0; i < all->count; i++)
+        for (int64_t a = 0; a < all->findings[i].count; a++)
+            for (int64_t b = 0; b < own->count; b++) {
+                const double *one = all->blobs[all->findings[i].blobs[a]].center, *other = part->blobs[own->blobs[b]].center;
+                if (fabs(one[0] - other[0]) < 1 && fabs(one[1] - other[1]) < 1)
+                    return 1;
+            }
+    return 0;
+}
+
 /* The window in which the dots of a body may be that was there in the frame before; 0 if there are fewer than four of them. */
 static int window_of(const Layout *layout, const Camera *camera, const Image *image, const Pose *pose, int64_t *corner, Image *window,
                      double *smallest)
@@ -681,22 +723,19 @@ static int window_of(const Layout *layout, const Camera *camera, const Image *im
     return window->width > 2 && window->height > 2;
 }
 
-/* Finds again what was found in the frame before, in windows around it; 1 if all of it is there with all dots but those that
-   were missing then, 0 if not, or NO_MEMORY. */
+/* Finds again what was found in the frame before, in windows around it; 1 if all of it is there, 0 if not, or NO_MEMORY. */
 static int track(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                  const Track *tracks, int64_t count, Findings *findings)
 {
-    uint8_t *wanted = calloc((size_t)model->layout_count + 1, 1);
-    int found = wanted != NULL;
-    int status = wanted ? 0 : NO_MEMORY;
+    int found = 1, status = 0;
     for (int64_t k = 0; k < count && found && !status; k++) {
-        const int64_t l = model->members[tracks[k].member].layout;
         Findings part = {0};
         Image window;
         Options own = *options;
         int64_t corner[2];
         double smallest;
-        found = window_of(model->layouts + l, camera, image, &tracks[k].pose, corner, &window, &smallest);
+        found = window_of(model->layouts + model->members[tracks[k].member].layout, camera, image, &tracks[k].pose, corner, &window,
+                          &smallest);
         if (!found)
             break;
         own.copies = 1;
@@ -709,24 +748,19 @@ static int track(const Model *model, const Camera *camera, int calibrated, const
             part.blobs[b].center[1] += (double)corner[1];
         }
         undo_lens(camera, part.blobs, NULL, part.blob_count);
-        wanted[l] = 1;
-        status = (int)label_frame(model, camera, calibrated, image, &own, wanted, &part);
-        wanted[l] = 0;
-        found = 0;
-        for (int64_t i = 0; i < part.count && !status; i++)
-            found |= part.findings[i].state == FOUND && part.findings[i].member == tracks[k].member &&
-                     part.findings[i].count >= tracks[k].count;
+        /* Others are looked for, too: it might be one of them. */
+        status = (int)label_frame(model, camera, calibrated, image, &own, &part);
         for (int64_t i = 0; i < part.count; i++)
-            if (part.findings[i].state != FOUND) {
+            if (part.findings[i].state != FOUND || part.findings[i].member != tracks[k].member) {
                 free(part.findings[i].dots);
                 free(part.findings[i].pixels);
                 part.findings[i--] = part.findings[--part.count];
             }
-        if (found && !status)
+        found = !status && part.count && 2 * part.findings[0].count >= tracks[k].count && !overlap(findings, &part);
+        if (found)
             status = append(findings, &part);
         findings_free(&part);
     }
-    free(wanted);
     return status ? status : found;
 }
 
@@ -737,6 +771,8 @@ int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, c
     if (track_count) {
         const int tracked = track(model, camera, calibrated, image, options, tracks, track_count, findings);
         if (tracked)
+            findings->tracked = tracked > 0;
+        if (tracked)
             return tracked < 0 ? tracked : 0;
         findings_free(findings);
     }
@@ -744,7 +780,7 @@ int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, c
     if (findings->blob_count < 0)
         return NO_MEMORY;
     undo_lens(camera, findings->blobs, NULL, findings->blob_count);
-    return label_frame(model, camera, calibrated, image, options, NULL, findings);
+    return label_frame(model, camera, calibrated, image, options, findings);
 }
 
 void findings_free(Findings *findings)

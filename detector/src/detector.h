@@ -331,7 +331,7 @@ enum { TURNS = 12, PLATES = 12, TAG_NONE = -1 };
 typedef struct {
     int32_t member, state, cut;
     int32_t tag_state;       /* of TagReading, TAG_NONE without a tag */
-    int64_t rival, tag;      /* number of a layout; code of the tag that was read, -1 for none */
+    int64_t rival, tag;      /* number of a member; code of the tag that was read, -1 for none */
     double corners[4][2];    /* of that tag, px */
     int64_t turns;           /* of other labelings that are about as likely */
     double turn[TURNS];      /* by which they are turned about the plate's normal, rad */
@@ -356,6 +356,7 @@ typedef struct {
     int64_t count, blob_count;
     Finding *findings;
     Blob *blobs;
+    int64_t tracked; /* whether all are from windows around where they were */
 } Findings;
 
 /* Finds the bodies of a model in an image: found ones and those with dots first, then one finding for each other member. With
@@ -363,9 +364,9 @@ typedef struct {
    NO_MEMORY. */
 int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                      const Track *tracks, int64_t track_count, Findings *findings);
-/* The same from blobs that were found before, which become the findings' own, of the layouts `wanted`, all if NULL. */
+/* The same from blobs that were found before, which become the findings' own. */
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    const uint8_t *wanted, Findings *findings);
+                    Findings *findings);
 void findings_free(Findings *findings);
 
 /* ---- results.c ---- */

@@ -86,7 +86,7 @@ class Engine:
         With `near`, detections of the frame before, these are looked for where they were.
         """
         _check_image(image)
-        tracks = [detection.track for detection in near if detection.track is not None]
+        tracks = [_placed(detection) for detection in near if detection.track is not None]
         findings = self._detector(image, near=tracks if len(tracks) == len(near) else (), deadline=deadline)
         return [self._detection(finding) for finding in findings]
 
@@ -110,6 +110,7 @@ class Engine:
             "tag_state": finding.tag_state,
             "turns": finding.turns,
             "evidence": finding.evidence,
+            "tracked": finding.tracked,
         }
         if not finding.ok:
             return Detection(False, unlabeled=unlabeled, **common)
@@ -128,6 +129,16 @@ class Engine:
             track=finding,
             **common,
         )
+
+
+def _placed(detection: Detection) -> engine.Finding:
+    """Where a detection's marker was, by its pose if it has one."""
+    track: engine.Finding = detection.track
+    if detection.pose is None:
+        return track
+    placed = track.placed.copy()
+    placed["R"], placed["t"] = detection.pose.rotation.ravel(), detection.pose.translation
+    return track._replace(body=detection.marker, placed=placed)
 
 
 def _check(target: Target, calibrated: bool) -> None:

@@ -84,6 +84,8 @@ class Detection:
         Whether image, print and camera agree; None without a pose.
     track : object
         Where the detector looks for it in the next frame; None if it was not found.
+    tracked : bool
+        True if only the surroundings of where it was in the frame before were looked at.
     """
 
     found: bool
@@ -106,3 +108,4 @@ class Detection:
     evidence: float = float("-inf")
     verdict: Verdict | None = None
     track: Any = None
+    tracked: bool = False
