@@ -290,9 +290,7 @@ class Detector:
             track["pose"] = finding.placed
         return tracks
 
-    def _finding(
-        self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool
-    ) -> Finding:
+    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool) -> Finding:
         number = model.bodies[int(row["member"])]
         body = self.bodies[number]
         ok, labeled = row["state"] == constants()["FOUND"], bool(row["pixels"]) and row["count"] > 0

@@ -1150,13 +1150,13 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     const double blur = status < 0 ? 0 : common_blur(fits, count);
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Fit *disk = fits + 2 * i, *ring = disk + 1;
-        const double rough = 8 * (blobs[which[i]].hole - 0.5);
+        const double rough = 18 * (blobs[which[i]].hole - 0.5);
         const double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
         Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
         if (!chosen.good)
             continue;
         chosen.blob = which[i];
-        chosen.hole = 0.5 + (told > 4 ? 4 : told < -4 ? -4 : told) / 8;
+        chosen.hole = 0.5 + (told > 9 ? 9 : told < -9 ? -9 : told) / 18; /* as label.c reads it */
         fits[good++] = chosen;
     }
     status = status < 0 ? NO_MEMORY : 0;
