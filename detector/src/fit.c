@@ -1038,15 +1038,17 @@ static void shrink_slopes(Fit *fits, int64_t count)
     }
 }
 
-/* How much tells for a kind: the likelihood of its fit, of which a fifth counts since residuals of neighbors are alike, and
-   its blur, which all dots of one lens have but for 6 %: behind a blur as wide as a ring's ink, a disk with another blur looks
-   the same. By fits alone, one of 24 blurred markers had its ring elsewhere. */
+/* How much tells for a kind: the likelihood of its fit, of which a fifth counts, since residuals of neighbors are alike, and
+   less the wider the blur, which makes more of them alike; and its blur, which all dots of one lens have but for 6 %: behind a
+   blur as wide as a ring's ink, a disk with another blur looks the same. With a fifth for all, one of 24 blurred markers had its
+   ring elsewhere. */
 static double kind_told(const Fit *fit, double blur)
 {
-    if (!fit->good)
-        return fit->tried ? -4 - 0.5 * 25 : -1e6;
-    const double away = blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
-    return -0.1 * fit->misfit - 0.5 * (away * away < 25 ? away * away : 25);
+    if (!fit->tried)
+        return -1e6;
+    const double narrow = 0.8 / fit->p[BLUR], share = 0.1 * (narrow < 1 ? narrow * narrow : 1);
+    const double away = !fit->good ? 6 : blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
+    return -share * (fit->misfit < 1e5 ? fit->misfit : 1e5) - 0.5 * (away * away < 36 ? away * away : 36);
 }
 
 /* The blur that most fits agree with, of one kind or the other for each dot; 0 for fewer than three dots. */

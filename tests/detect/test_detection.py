@@ -180,7 +180,7 @@ def test_a_hidden_key_ring_leaves_the_turn_open(pentagon):
     covered = replace(pentagon, control_points=pentagon.control_points[1:])
     found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA)
     assert not found.found
-    assert "ambiguous without the key ring" in found.reason
+    assert "ambiguous" in found.reason
     assert found.ids.size == found.pixels.size == found.ellipse_centers.size == found.covariance.size == 0
     assert found.pose is None
     assert found.homography is None
