@@ -92,7 +92,7 @@ static const double MUCH_UNEVEN = 2;
 static const double MAX_MOVE = 0.7, UNEVEN_MOVE = 0.15, MOVE_SHARE = 0.003;
 /* Levels in the middle of certain disks, glossy ones included, and certain rings; number of blurs below which a shorter
    semi-axis tells a kind badly, whatever the level. */
-static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5;
+static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5, SHOWN_BLURS = 2.1;
 /* Standard deviation along each axis of the center of a dot whose fit is refused. */
 static const double ROUGH_PX = 0.2;
 
@@ -1153,7 +1153,10 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Fit *disk = fits + 2 * i, *ring = disk + 1;
         const double rough = 18 * (blobs[which[i]].hole - 0.5);
-        const double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        /* What is no wider than this shows no hole, whatever fits say. */
+        if (blobs[which[i]].semi[1] < SHOWN_BLURS * (blur > 0 ? blur : blobs[which[i]].blur))
+            told = told > 1 ? 1 : told < -1 ? -1 : told;
         Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
         if (!chosen.good)
             continue;
