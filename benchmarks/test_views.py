@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from markergen.detect import Detection, detect
-from markergen.detect.photometric import refine
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -70,14 +69,3 @@ def test_render_ours(compare: Callable[..., Any], scenery: Scenery) -> None:
 
 def test_detect_ours(compare: Callable[..., Any], scenery: Scenery) -> None:
     compare(GROUP, scenery.detected)
-
-
-def test_refine_ours_photometrically(compare: Callable[..., Any], scenery: Scenery) -> None:
-    found = scenery.detected()
-    compare(
-        GROUP,
-        lambda: [
-            refine(image, scenery.marker, scenery.camera, each, ERRORS)
-            for image, each in zip(scenery.images, found, strict=True)
-        ],
-    )

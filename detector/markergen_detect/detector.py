@@ -290,9 +290,7 @@ class Detector:
             track["pose"] = finding.placed
         return tracks
 
-    def _finding(
-        self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool
-    ) -> Finding:
+    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool) -> Finding:
         number = model.bodies[int(row["member"])]
         body = self.bodies[number]
         ok, labeled = row["state"] == constants()["FOUND"], bool(row["pixels"]) and row["count"] > 0
@@ -381,7 +379,8 @@ def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0)
     kind = structures()["Blob"]
     blobs = _copied(address[0], kind, count)
     library().blobs_free(ctypes.c_void_p(int(address[0]) or None))
-    if count and library().fit_blobs(pointer(picture), pointer(blobs), pointer(np.arange(count)), count) < 0:
+    which = np.arange(count)
+    if count and library().fit_blobs(pointer(picture), pointer(blobs), pointer(which), count) < 0:
         raise MemoryError("not enough memory to search this image")
     blobs = blobs[blobs["state"] == constants()["FITTED"]]
     covariance = blobs["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2)

@@ -239,6 +239,7 @@ typedef struct {
     double chi2;       /* of centers and outlines */
     double sigma, beyond; /* RMS by which centers miss, and the most likely standard deviation beyond their own, px */
     int64_t missing;   /* dots that should be seen and have no blob */
+    int64_t absent;    /* these, and those that might be seen */
 } Labeling;
 
 typedef struct Scene Scene;

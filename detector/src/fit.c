@@ -93,7 +93,7 @@ static const double MUCH_UNEVEN = 2;
 static const double MAX_MOVE = 0.7, UNEVEN_MOVE = 0.15, MOVE_SHARE = 0.003;
 /* Levels in the middle of certain disks, glossy ones included, and certain rings; number of blurs below which a shorter
    semi-axis tells a kind badly, whatever the level. */
-static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5;
+static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5, SHOWN_BLURS = 2.1;
 /* Standard deviation along each axis of the center of a dot whose fit is refused. */
 static const double ROUGH_PX = 0.2;
 
@@ -1006,15 +1006,17 @@ static void shrink_slopes(Fit *fits, int64_t count)
     }
 }
 
-/* How much tells for a kind: the likelihood of its fit, of which a fifth counts since residuals of neighbors are alike, and
-   its blur, which all dots of one lens have but for 6 %: behind a blur as wide as a ring's ink, a disk with another blur looks
-   the same. By fits alone, one of 24 blurred markers had its ring elsewhere. */
+/* How much tells for a kind: the likelihood of its fit, of which a fifth counts, since residuals of neighbors are alike, and
+   less the wider the blur, which makes more of them alike; and its blur, which all dots of one lens have but for 6 %: behind a
+   blur as wide as a ring's ink, a disk with another blur looks the same. With a fifth for all, one of 24 blurred markers had its
+   ring elsewhere. */
 static double kind_told(const Fit *fit, double blur)
 {
-    if (!fit->good)
-        return fit->tried ? -4 - 0.5 * 25 : -1e6;
-    const double away = blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
-    return -0.1 * fit->misfit - 0.5 * (away * away < 25 ? away * away : 25);
+    if (!fit->tried)
+        return -1e6;
+    const double narrow = 0.8 / fit->p[BLUR], share = 0.1 * (narrow < 1 ? narrow * narrow : 1);
+    const double away = !fit->good ? 6 : blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
+    return -share * (fit->misfit < 1e5 ? fit->misfit : 1e5) - 0.5 * (away * away < 36 ? away * away : 36);
 }
 
 /* The blur that most fits agree with, of one kind or the other for each dot; 0 for fewer than three dots. */
@@ -1118,13 +1120,16 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     const double blur = status < 0 ? 0 : common_blur(fits, count);
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Fit *disk = fits + 2 * i, *ring = disk + 1;
-        const double rough = 8 * (blobs[which[i]].hole - 0.5);
-        const double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        const double rough = 18 * (blobs[which[i]].hole - 0.5);
+        double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        /* What is no wider than this shows no hole, whatever fits say. */
+        if (blobs[which[i]].semi[1] < SHOWN_BLURS * (blur > 0 ? blur : blobs[which[i]].blur))
+            told = told > 1 ? 1 : told < -1 ? -1 : told;
         Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
         if (!chosen.good)
             continue;
         chosen.blob = which[i];
-        chosen.hole = 0.5 + (told > 4 ? 4 : told < -4 ? -4 : told) / 8;
+        chosen.hole = 0.5 + (told > 9 ? 9 : told < -9 ? -9 : told) / 18; /* as label.c reads it */
         fits[good++] = chosen;
     }
     status = status < 0 ? NO_MEMORY : 0;

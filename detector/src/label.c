@@ -300,8 +300,9 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
 }
 
 /* Standard deviations that places may have beyond their own, px, with how likely each is: lens, print and refraction are
-   never quite as the files say. */
-static const double BEYOND[] = {0.04, 0.13, 0.4, 1.3}, BEYOND_SHARE[] = {0.4, 0.3, 0.2, 0.1};
+   never quite as the files say. The largest grows by a share of the layout's extent in the image: files of other cameras
+   displace dots by as much. With 1.3 px for all, small markers of which a dot is elsewhere are found with it. */
+static const double BEYOND[] = {0.04, 0.13, 0.4, 0.3}, BEYOND_SHARE[] = {0.4, 0.3, 0.2, 0.1}, BEYOND_EXTENT = 0.005;
 enum { BEYONDS = 4 };
 
 /* Ink spreads, and bright surroundings eat into dark dots: standard deviation of the logarithm of a common factor. */
@@ -313,13 +314,15 @@ static const double PLANE = 6;
 /* A dot in plain view is missed for reasons other than its size in 1 % of cases (hidden, in a highlight); one seen flat or of
    few pixels, in 30 %. With 4 %, a marker whose dots are all but two of another one is not told from that. */
 static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3;
-static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.35, LIMIT_FACING = 0.12, EDGE_PX = 3;
+static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.2, LIMIT_FACING = 0.08, EDGE_PX = 3;
 
 /* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
-   rings. Where a kind is sure, it is e^6 times as likely as the other one; where none is seen, this is zero. */
+   rings; zero where no kind is seen. A sure ring is e^9 times as likely to be one as not: with e^6, a pentagon of which a dot is
+   hidden has no labels. A sure disk is only e^6 times: holes fill with ink, and a pentagon whose ring is hidden should have
+   none. */
 static double kind_evidence(const Scene *scene, const Dot *dot, const Blob *blob)
 {
-    const double told = 12 * smaller(larger(blob->hole - 0.5, -0.5), 0.5), ratio = exp(told);
+    const double told = smaller(larger(18 * (blob->hole - 0.5), -6), 9), ratio = exp(told);
     return (dot->ring ? told : 0) - log(scene->rings * ratio + 1 - scene->rings);
 }
 
@@ -378,8 +381,14 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     const int parameters = scene->calibrated ? 6 : 7;
     double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, disks = PLANE, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
     double offset = 0;
+    const double *middle = layout->middle, *turned = pose->R + 6;
+    const double far = turned[0] * middle[0] + turned[1] * middle[1] + turned[2] * middle[2] + pose->t[2];
+    const double extent = scene->px * pose->focal * layout->extent / larger(far, 1e-9);
+    double beyond[BEYONDS];
+    for (int b = 0; b < BEYONDS; b++)
+        beyond[b] = b + 1 < BEYONDS ? BEYOND[b] : larger(BEYOND[b] + BEYOND_EXTENT * extent, BEYOND[b - 1]);
     memset(N, 0, sizeof N);
-    labeling->count = labeling->missing = 0;
+    labeling->count = labeling->missing = labeling->absent = 0;
     labeling->evidence = -INFINITY;
     double missed = 0;
     for (int64_t i = 0; i < layout->count; i++) {
@@ -395,6 +404,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
                 continue;
             const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING;
             labeling->missing += plain;
+            labeling->absent++;
             missed += log(plain ? MISSED : MISSED_AT_LIMIT);
             continue;
         }
@@ -439,7 +449,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
         pixel_rows(scene, layout->dots + i, pose, J);
         for (int b = 0; b < BEYONDS; b++) {
-            const double more = BEYOND[b] * BEYOND[b] + print * print;
+            const double more = beyond[b] * beyond[b] + print * print;
             const double a = wide * blob->spread[0] + more, c = wide * blob->spread[1], d = wide * blob->spread[2] + more;
             const double det = a * d - c * c, W[3] = {d / det, -c / det, a / det};
             const double miss = W[0] * x * x + 2 * W[1] * x * y + W[2] * y * y;
@@ -458,8 +468,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         }
         offset += x * x + y * y;
     }
-    const double *m = layout->middle, *R = pose->R;
-    const double z = R[6] * m[0] + R[7] * m[1] + R[8] * m[2] + pose->t[2];
+    const double z = far;
     if (!(z > 0) || labeling->count < LEAST_DOTS)
         return -INFINITY;
     const Camera *camera = scene->camera;
@@ -493,7 +502,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         ratio += exp(sum[b] - total);
     labeling->sigma = sqrt(offset / (double)(2 * labeling->count - 6 > 1 ? 2 * labeling->count - 6 : 1));
     labeling->chi2 = chi2;
-    labeling->beyond = BEYOND[best];
+    labeling->beyond = beyond[best];
     labeling->evidence = total + log(ratio) + smaller(shapes, disks) + kinds + missed + prior;
     if (!(labeling->evidence < INFINITY))
         labeling->evidence = -INFINITY;
@@ -996,7 +1005,7 @@ static int by_votes(const void *a, const void *b)
 
 static int is_whole(const Layout *layout, const Labeling *labeling)
 {
-    return labeling->missing == 0 && 4 * labeling->count >= 3 * layout->count && labeling->evidence > SURE;
+    return labeling->absent == 0 && 4 * labeling->count >= 3 * layout->count && labeling->evidence > SURE;
 }
 
 /* Follows the up to `most` likeliest guesses, and forgets the others; returns 1 if the search may end. */
@@ -1285,7 +1294,10 @@ static void affine_rivals(const Scene *scene, const Layout *layout, const Labeli
                     continue;
                 const double cosine = L[0] + L[3], sine = L[2] - L[1], norm = hypot(cosine, sine);
                 moved_pose(layout->plates + part->plate, &chosen->pose, P, A, cosine / norm, sine / norm, &rival.pose);
-                fit_labeling(scene, layout, &rival, work);
+                if (chosen->count < layout->count)
+                    settle(scene, layout, &rival, work);
+                else
+                    fit_labeling(scene, layout, &rival, work);
                 keep(pool, layout, &rival);
             }
 }

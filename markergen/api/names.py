@@ -48,12 +48,6 @@ def _processes() -> Iterable[str]:
     return PROCESSES
 
 
-def _refinements() -> Iterable[str]:
-    from markergen.detect.photometric import REFINEMENTS
-
-    return REFINEMENTS
-
-
 def _papers() -> Iterable[str]:
     from markergen.drawing.paper import PAPERS
 
@@ -82,7 +76,7 @@ NAMES: dict[str, Callable[[], Iterable[str]]] = {
     "paper": _papers,
     "poses": _poses,
     "process": _processes,
-    "refine": _refinements,
+    "symmetric": lambda: ("none", "any"),
     "template": _templates,
 }
 """Names by option; other values may be possible, too, such as a file or a size of paper."""

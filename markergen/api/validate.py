@@ -25,7 +25,6 @@ _log = logging.getLogger(__name__)
 """Default number of synthetic images."""
 
 NOT_FOR_RIGS = {
-    "refine": "it fits one plate to the grey levels",
     "trials_for_all": "there are no common layouts of its plates",
 }
 """Options that a rig does not take, and why."""
@@ -111,7 +110,7 @@ def validate(
     series: SyntheticViews[Any] = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"],
         ErrorSources(printed, covariance, scale_sigma=settled["scale_sigma"]),
-        settled["hide"], settled["refine"],
+        settled["hide"],
     )  # fmt: skip
     check_pictures(targets, views)
     targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))

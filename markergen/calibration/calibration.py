@@ -27,9 +27,9 @@ from markergen.calibration.scale import source as scale_source
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
 from markergen.defaults import PRINT_SIGMA
-from markergen.maths.conics import mirrored_poses
 from markergen.errors import InputError
 from markergen.files import Written, write_all
+from markergen.maths.conics import mirrored_poses
 from markergen.model.body import Body
 from markergen.model.body_json import body_to_json
 from markergen.model.camera import Camera

@@ -20,8 +20,8 @@ from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.coverage import SIDES, posed
 from markergen.calibration.weaknesses import bounded_covariance
 from markergen.calibration.working_error import ExpectedError, Sensitivity, sensitivity
-from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.batched import Batched
+from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, axes_of

@@ -21,12 +21,12 @@ from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
 from markergen.detect.batch import detect_files
-from markergen.maths.conics import outlines, refine_poses
 from markergen.detect.detection import detect_dots
 from markergen.detect.detector import Detector, Found
-from markergen.estimators.weighted_pose import fit_pose
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
+from markergen.estimators.weighted_pose import fit_pose
+from markergen.maths.conics import outlines, refine_poses
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import rigid_motion
 from markergen.model.camera import NO_DISTORTION, Camera, Distortion

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.maths.conics import pose_rows
 from markergen.estimators.budget import pose_gain
+from markergen.maths.conics import pose_rows
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 

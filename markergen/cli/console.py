@@ -9,6 +9,8 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from typer import CallbackParam
+
 if TYPE_CHECKING:
     from markergen.options import Progress
     from markergen.presentation.results import Result
@@ -142,6 +144,13 @@ def note(line: str) -> None:
     """Print a remark on stderr."""
     if not Silence.on:
         complain(line)
+
+
+def ignored(param: CallbackParam, value: str | None) -> str | None:
+    """Print that an option of the release before has no effect, where it is given."""
+    if value is not None:
+        note(f"--{param.name} has no effect any more, and goes with the next release")
+    return value
 
 
 def report(line: str) -> None:

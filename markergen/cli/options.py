@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from markergen.api.names import names_of, takes_names
+from markergen.cli import console
 from markergen.errors import InputError
 from markergen.options import Option, declared
 from markergen.options.kinds import KINDS, Kind
@@ -20,6 +21,7 @@ Rows = list[tuple[str, str]]
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON; - is standard output.")
 ]
+Refine = Annotated[str | None, typer.Option(hidden=True, callback=console.ignored, metavar="NAME")]
 Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
 
 

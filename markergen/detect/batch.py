@@ -135,7 +135,9 @@ def detect_files(
     *,
     camera_covariance: CovarianceSource = None,
     print_sigma: str | float | None = None,
-    refine: str = "none",
+    symmetric: str = "none",
+    smallest: float = 0.0,
+    deadline: float | None = None,
     workers: int | None = None,
     window: bool | None = None,
     smooth: str | Sequence[float] | None = None,
@@ -154,8 +156,10 @@ def detect_files(
     ----------
     images
         Files, folders of them, or patterns such as ``*.png``.
-    markers, camera, camera_covariance, print_sigma, refine
+    markers, camera, camera_covariance, print_sigma, symmetric, smallest
         As for `Detector`.
+    deadline : float or None
+        Seconds for one image, after which no further search is begun.
     workers : int or None
         Number of threads, or of processes for many images; None is one for each processor.
     window, smooth
@@ -181,7 +185,10 @@ def detect_files(
     if overlay and Path(overlay).suffix.lower() in SUFFIXES:
         raise InputError("a folder for overlays of images", f"the video {overlay}", "give such an --overlay")
     sought = as_list(markers)
-    detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    detector = Detector(
+        sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, symmetric=symmetric,
+        smallest=smallest,
+    )  # fmt: skip
     paths = find_images(as_list(images), warn)
     at_once = workers_for(workers, len(paths))
     sources = [*sought, camera, camera_covariance]
@@ -219,7 +226,7 @@ def detect_files(
     try:
         if progress:
             progress("detecting", 0, len(paths))
-        _look_at_all(detector, tasks, at_once, finished)
+        _look_at_all(partial(_look_at_some, detector, deadline), tasks, at_once, finished)
     finally:
         # Written even after an interruption, so that the results so far are not lost.
         outcomes = Outcomes(tuple(done[number] for number in sorted(done)))
@@ -245,23 +252,26 @@ def _check_apart(folder: Path, paths: Sequence[Path]) -> None:
         )
 
 
-def look_at(detector: Detector, path: Path) -> Outcome:
+def look_at(detector: Detector, path: Path, deadline: float | None = None) -> Outcome:
     """Detect the detector's markers in one file."""
     try:
         image = read_image(path)
-        return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detector(image.grey)))
+        return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detector(image.grey, deadline=deadline)))
     except InputError as error:
         return Outcome(path, None, None, (), (), str(error))
 
 
 def _look_at_all(
-    detector: Detector, tasks: Sequence[Task], workers: int, finished: Callable[[int, Outcome], None]
+    look: Callable[[Sequence[Task]], list[Outcome]],
+    tasks: Sequence[Task],
+    workers: int,
+    finished: Callable[[int, Outcome], None],
 ) -> None:
     """Call finished(number, outcome) for every task as it is done, in any order."""
     if workers > 1 and len(tasks) >= MANY:
         parts = chunks_of(len(tasks), AT_ONCE)
         chunks = [[tasks[number] for number in part] for part in parts]
-        with closing(as_completed_chunks(partial(_look_at_some, detector), chunks, workers)) as completed:
+        with closing(as_completed_chunks(look, chunks, workers)) as completed:
             for index, outcomes in completed:
                 for number, outcome in zip(parts[index], outcomes, strict=True):
                     finished(number, outcome)
@@ -270,7 +280,7 @@ def _look_at_all(
     pool = ThreadPoolExecutor(workers)
     try:
         for number, task in enumerate(tasks):
-            futures[pool.submit(_look_at_some, detector, [task])] = number
+            futures[pool.submit(look, [task])] = number
         for future in as_completed(futures):
             finished(futures.pop(future), *future.result())
     finally:
@@ -280,11 +290,11 @@ def _look_at_all(
                 finished(number, *future.result())
 
 
-def _look_at_some(detector: Detector, tasks: Sequence[Task]) -> list[Outcome]:
+def _look_at_some(detector: Detector, deadline: float | None, tasks: Sequence[Task]) -> list[Outcome]:
     """Detect in some files, write their overlays, and drop the images: many would not fit into memory."""
     outcomes = []
     for path, drawing in tasks:
-        outcome = look_at(detector, path)
+        outcome = look_at(detector, path, deadline)
         try:
             if drawing and (drawn := outcome.overlay()):
                 write_atomic(drawing, drawn)

@@ -91,7 +91,7 @@ class Engine:
         return [self._detection(finding) for finding in findings]
 
     def dots(self, image: Image) -> Array:
-        """Return the centers (m, 2) in px of the outlines of all dots in an image, of a body or not; dark ones first."""
+        """Return the centers (m, 2) in px of all dots' outlines in an image, of a body or not; dark ones first."""
         _check_image(image)
         lights = sorted({target.plates[0].marker.light for target in self.targets})
         return np.concatenate([detect_dots(image, light).center for light in lights])
@@ -240,12 +240,11 @@ def detect_all(
     between markers that differ by their tags, and between labelings; otherwise, dots and key ring do.
     """
     _check_image(image)
-    if camera is not None and image.shape != (camera.height, camera.width):
-        raise InputError(
-            f"an image of the camera's {camera.width}x{camera.height} px",
-            f"{image.shape[1]}x{image.shape[0]} px",
-            "give the calibration for this size: cropped or scaled images have another",
-        )
+    if not image.size or (camera is not None and image.shape != (camera.height, camera.width)):
+        height, width = image.shape
+        size = "pixels" if camera is None else f"the camera's {camera.width}x{camera.height} px"
+        reason = f"found 0 dots in an image of {width}x{height} px; expected {size}"
+        return [Detection(False, reason=reason, marker=k, state="few") for k in range(len(markers))]
     return _prepared(tuple(markers), camera, _Same(errors), copies)(image)
 
 

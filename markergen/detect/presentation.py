@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.detect.results import Detection
 from markergen.errors import InputError
+from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.geometry.outlines import walked
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.maths.rotation import logarithm

@@ -90,7 +90,9 @@ def detect_video(
     *,
     camera_covariance: CovarianceSource = None,
     print_sigma: str | float | None = None,
-    refine: str = "none",
+    symmetric: str = "none",
+    smallest: float = 0.0,
+    deadline: float | None = None,
     workers: int | None = None,
     window: bool | None = None,
     smooth: str | Sequence[float] | None = None,
@@ -108,8 +110,10 @@ def detect_video(
     ----------
     source
         A video file, the number of a camera, the address of a stream, or a GStreamer pipeline.
-    markers, camera, camera_covariance, print_sigma, refine
+    markers, camera, camera_covariance, print_sigma, symmetric, smallest
         As for `Detector`.
+    deadline : float or None
+        Seconds for one frame, after which no further search is begun.
     workers
         For images alone.
     window : bool or None
@@ -142,7 +146,10 @@ def detect_video(
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
-    detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    detector = Detector(
+        sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, symmetric=symmetric,
+        smallest=smallest,
+    )  # fmt: skip
     if smooth is not None and detector.camera is None:
         raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
@@ -162,7 +169,7 @@ def detect_video(
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)
-        for look in watch(video, detector, smoother, watched):
+        for look in watch(video, detector, smoother, watched, deadline):
             for sink in sinks:
                 sink.put(look)
             show(str(look))
@@ -218,7 +225,11 @@ class Look:
 
 
 def watch(
-    video: Video, detector: Detector, smoother: Smoother | None = None, watched: Watched | None = None
+    video: Video,
+    detector: Detector,
+    smoother: Smoother | None = None,
+    watched: Watched | None = None,
+    deadline: float | None = None,
 ) -> Iterator[Look]:
     """Yield each frame of a video with what is found in it, near where it was in the frame before if it still is.
 
@@ -228,6 +239,8 @@ def watch(
         Filters the poses.
     watched : Watched, optional
         Counts the frames.
+    deadline : float, optional
+        Seconds for one frame, after which no further search is begun.
 
     Raises
     ------
@@ -248,7 +261,7 @@ def watch(
     for frame in video:
         start = monotonic() if start is None else start
         whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
-        found = detector(frame.image, near=found if frame.time > whole else None)
+        found = detector(frame.image, near=found if frame.time > whole else None, deadline=deadline)
         smoothed = smoother(frame.time, found) if smoother else None
         watched.frames += 1
         watched.found += any(each.ok for each in found)

@@ -16,11 +16,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound, translation_bound
 from markergen.maths.projection import perspective, to_camera
+from markergen.maths.rotation import skew
+from markergen.model.body import Body
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.spec import check_scale
@@ -295,6 +297,42 @@ def together_covariance(gain: Array, jacobian: Array, rotation: Array, sources: 
     through = gain.swapaxes(-1, -2) @ jacobian[..., 3:] @ rotation[:, None]
     through = through.swapaxes(1, 2).reshape(count, 6, 3 * n)
     return np.asarray(through @ sources.whole(n, 3) @ through.swapaxes(-1, -2), dtype=float)
+
+
+def spatial_errors(body: Body, dots: Indices, axes: Array, errors: ErrorSources) -> ErrorSources:
+    """Sources for dots (m,) of several plates: errors in each plate, and of the plates' relation.
+
+    They are in a frame whose axes in the body's are the columns of `axes` (3, 3), such as a plate's.
+
+    A dot at R x + t in the body, on a plate whose pose is off by (w, dt), is off by w x R x + dt.
+    """
+    whole, scaled = np.zeros((len(dots), 3, len(dots), 3)), np.zeros((len(dots), 3, 2))
+    for k, plate in enumerate(body.plates):
+        on_plate = np.flatnonzero(body.owner[dots] == k)
+        if not len(on_plate):
+            continue
+        rows = dots[on_plate] - body.first[k]
+        sources, marker = errors.of(plate.marker, rows), plate.marker
+        size = 3 if marker.joint_places is not None or np.ptp(marker.xyz[:, 2]) else 2
+        rotation = plate.rotation_matrix[:, :size]
+        block = sources.whole(len(rows), size).reshape(len(rows), size, len(rows), size)
+        whole[on_plate[:, None, None, None], np.arange(3)[:, None, None], on_plate[:, None], np.arange(3)] = np.einsum(
+            "ia,manb,jb->minj", rotation, block, rotation
+        )
+        scaled[on_plate] = plate.rotation_matrix[:, :2] @ sources.scaled(marker.xyz[rows])
+    # Printed on one printer, all plates have its scale.
+    whole += np.einsum("mik,njk->minj", scaled, scaled)
+    relation = body.relation_covariance
+    if relation is not None:
+        moved = np.zeros((len(dots), 3, len(relation)))
+        for m, dot in enumerate(dots):
+            plate, first = body.plates[body.owner[dot]], 6 * int(body.owner[dot])
+            moved[m, :, first : first + 3] = -skew(body.xyz[dot] - plate.translation_vector)
+            moved[m, :, first + 3 : first + 6] = np.eye(3)
+        through = moved.reshape(-1, len(relation))
+        whole += (through @ relation @ through.T).reshape(whole.shape)
+    places = np.einsum("ai,manb,bj->minj", axes, whole, axes)
+    return replace(errors, place_covariance=None, joint_places=places, scale_sigma=0.0)
 
 
 def _stack(blocks: Array) -> Array:

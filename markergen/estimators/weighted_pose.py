@@ -2,12 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.maths.conics import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import (
@@ -18,8 +16,7 @@ from markergen.estimators.budget import (
     print_covariance,
     together_covariance,
 )
-from markergen.maths.dlt import estimate_homography, four_in_general_position
-from markergen.maths.projection import plane_homography
+from markergen.maths.conics import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import NO_DISTORTION, Camera
 
@@ -183,6 +180,7 @@ def _estimated(
     """
     points, radii, seen, image = dots
     flat = nearly_flat(points)
+
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
@@ -229,7 +227,7 @@ def refine_weighted(
     Returns
     -------
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
-        See `conic_projection.refine_poses`.
+        See `maths.conics.refine_poses`.
     """
     # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
     # are right to a percent, and the estimate then to second order.

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
 from markergen.maths.batched import Batched
-from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 
@@ -58,26 +57,7 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
     normal = rotation[:, None, :, 2]
     disk = np.eye(3) - normal[..., :, None] * normal[..., None, :]
     facing = np.sum(place * normal, axis=-1) < 0
-    return _images(place, disk * (radii**2)[:, None, None], facing)
-
-
-def plane_outlines(points: Array, radii: Array, homography: Array) -> Outlines:
-    """Return the image ellipses for homographies (k, 3, 3) of the marker plane in m, with points (n, 2).
-
-    The dual conic is r^2 (h1 h1' + h2 h2') - p p' with h1, h2 the first two columns and p = H (X, Y, 1). Of H and -H,
-    the one that maps the middle of the points to the front is taken.
-    """
-    ahead = homography[:, 2, :2] @ points.mean(axis=0) + homography[:, 2, 2]
-    homography = homography * np.where(ahead < 0, -1.0, 1.0)[:, None, None]
-    place = points @ homography[:, :, :2].swapaxes(-1, -2) + homography[:, None, :, 2]
-    columns = homography[:, None, :, :2]
-    disk = columns @ columns.swapaxes(-1, -2) * (radii**2)[:, None, None]
-    facing = np.broadcast_to(np.linalg.det(homography)[:, None] < 0, place.shape[:-1])
-    return _images(place, disk, facing)
-
-
-def _images(place: Array, disk: Array, facing: NDArray[np.bool_]) -> Outlines:
-    """Return the outlines of the dual conics disk - place place', for `disk` (k, n, 3, 3) and `place` (k, n, 3)."""
+    disk = disk * (radii**2)[:, None, None]
     depth = place[..., 2]
     # Below zero the rim reaches the plane of the camera's center.
     level = depth**2 - disk[..., 2, 2]
@@ -231,34 +211,3 @@ class EllipseCenters(LeastSquares):
     def take(self, chosen: Mask) -> "EllipseCenters":
         """See `LeastSquares.take`."""
         return replace(self, seen=self.seen[chosen], weight=self.weight[chosen], used=self.used[chosen])
-
-
-ECCENTRICITY_ROUNDS = 2
-"""Iterations: over the paper's poses the offset, up to a pixel, is known to 3e-3 px after one and 4e-5 px after two."""
-
-
-def correct_centers(centers: Array, points: Array, radii: Array) -> tuple[Array, Array]:
-    """Correct ellipse centers for their offset from the images of the circles' centers, without a camera.
-
-    The offset follows exactly from the homography, which is in turn estimated from the centers corrected so far.
-
-    Parameters
-    ----------
-    centers : array (k, n, 2), n >= 4
-        Centers of the dots' image ellipses in ideal px, or any linear function of them.
-    points : array (n, 2), m
-        Centers of the dots in the marker plane.
-    radii : array (n,), m
-
-    Returns
-    -------
-    corrected : array (k, n, 2)
-    homography : array (k, 3, 3)
-        Homography from points to corrected centers; not finite or arbitrary if three of four points are collinear.
-    """
-    corrected = centers
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for _ in range(ECCENTRICITY_ROUNDS):
-            drawn = plane_outlines(points, radii, estimate_homography(points, corrected))
-            corrected = centers - (drawn.center - drawn.point)
-        return corrected, estimate_homography(points, corrected)

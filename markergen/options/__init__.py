@@ -4,6 +4,7 @@ The options themselves are declared in `markergen.options.declarations`, the kin
 """
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -25,6 +26,10 @@ SHEET, SOLID, SEARCH = "Sheet", "Solid", "Search"
 TRIALS, IMAGES, ERRORS, RUN, FILES = "Trials", "Synthetic views", "Print and calibration", "Run", "Files"
 GROUPS = (LAYOUT, VIEW, DOTS, TRIALS, IMAGES, ERRORS, SHEET, SOLID, SEARCH, RUN, FILES)
 """Groups in the order of help."""
+
+
+WITHOUT_EFFECT = frozenset({"refine"})
+"""Options of the release before that are still accepted and ignored; they go with the next."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +184,9 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     settled: dict[str, Any] = {}
     findings = []
     for name, value in options.items():
-        if name not in declarations:
+        if name in WITHOUT_EFFECT:
+            warnings.warn(f"{name}= has no effect any more", DeprecationWarning, stacklevel=3)
+        elif name not in declarations:
             findings.append(f"{name}={brief(value)} (no such option: {_hint(name, declarations)})")
     for name, option in declarations.items():
         asked = options.get(name)

@@ -366,10 +366,6 @@ class ValidateKeywords(TypedDict, total=False):
         str, Option(IMAGES, "Background of the marker: plain, clutter or photo.", "plain", metavar="NAME")
     ]
     hide: Annotated[int, Option(IMAGES, "Number of dots covered in each view.", 0)]
-    refine: Annotated[
-        str,
-        Option(IMAGES, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
-    ]
     stress: Annotated[
         bool,
         Option(IMAGES, "Repeat the views with blur, noise, low light, a hidden dot, clutter.", False, flags="--stress"),
@@ -418,15 +414,27 @@ class DetectorKeywords(TypedDict, total=False):
 
     camera_covariance: Calibrated
     print_sigma: Printed
-    refine: Annotated[
+    symmetric: Annotated[
         str,
-        Option(RUN, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
+        Option(RUN, "none, or any: of a layout that repeats under a turn, take any labeling.", "none", metavar="NAME"),
+    ]
+    smallest: Annotated[
+        float,
+        Option(
+            RUN,
+            "Diameter of the smallest dots to look for; large images take less time with larger ones.",
+            0,
+            metavar="PX",
+        ),
     ]
 
 
 class DetectKeywords(DetectorKeywords, total=False):
     """Options of a detection in images, videos and cameras."""
 
+    deadline: Annotated[
+        float, Option(RUN, "Seconds for one image, after which no further search is begun.", metavar="SECONDS")
+    ]
     workers: Workers
     window: Annotated[
         bool,

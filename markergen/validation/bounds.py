@@ -8,8 +8,7 @@ import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.bounds.dot_covariances import plate_covariances
-from markergen.detect.joining import spatial_errors
-from markergen.estimators.budget import PoseBudget, pose_budget
+from markergen.estimators.budget import PoseBudget, pose_budget, spatial_errors
 from markergen.maths.information import (
     apply_pose_step,
     covariance,

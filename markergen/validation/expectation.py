@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
-from markergen.maths.conics import mirrored_poses, pose_rows
-from markergen.estimators.weighted_pose import normalized_covariance, refine_weighted
 from markergen.estimators.budget import PoseBudget, print_covariance
+from markergen.estimators.weighted_pose import normalized_covariance, refine_weighted
+from markergen.maths.conics import mirrored_poses, pose_rows
 from markergen.maths.information import apply_pose_step, flip_separation, mirrored_rotation
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import angle_between

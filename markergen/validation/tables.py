@@ -351,8 +351,6 @@ def _conditions(views: Mapping[str, Any]) -> str:
         conditions.append(f"{views['background']} behind")
     if views["hidden"]:
         conditions.append(f"{views['hidden']} of the dots hidden")
-    if views["refine"] != "none":
-        conditions.append(f"{views['refine']} refinement")
     misprint = f"dots misprinted by {views['print_sigma_mm']:g} mm" if views["print_sigma_mm"] else "printed exactly"
     conditions.append("misprinted as the measurement allows" if views.get("print_measured") else misprint)
     return ": " + ", ".join(conditions)

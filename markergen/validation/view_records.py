@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
+from markergen.detect.detection import body_poses
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.rotation import logarithm
@@ -130,13 +131,17 @@ def record(series: SyntheticViews[Any], view: View) -> Record:
         {} if body.frame == "rig" else _pose_errors(series, view, rotation, translation),
         pose_error, nees,
         _homography_px(series, view, rotation, translation),
-        *_plates_alone(body, view, rotation, translation),
+        *_plates_alone(series, view, rotation, translation),
     )  # fmt: skip
 
 
-def _plates_alone(body: Body, view: View, rotation: Array, translation: Array) -> tuple[Indices, Array, Array, Mask]:
+def _plates_alone(
+    series: SyntheticViews[Any], view: View, rotation: Array, translation: Array
+) -> tuple[Indices, Array, Array, Mask]:
     """Plates with poses of their own, their errors and claimed standard deviations, and whether they are flipped."""
-    parts = [(body.constellations[part.marker].plate, part.pose) for part in view.detection.parts if part.pose]
+    body: Body = series.marker
+    poses = [] if body.is_single else body_poses(view.detection, body, series.camera, series.errors)
+    parts = [(body.constellations[k].plate, pose) for k, pose in poses]
     truths = [plate.camera_pose(rotation, translation) for plate, _ in parts]
     estimates = [pose for _, pose in parts]
     pairs = list(zip(estimates, truths, strict=True))
@@ -173,7 +178,6 @@ def summarize(series: SyntheticViews[Marker], records: list[Record]) -> dict[str
         "optics": {**vars(series.optics)},
         "background": series.background,
         "hidden": series.hidden,
-        "refine": series.refine,
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "print_measured": series.marker.places_measured,
         "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.detect import Detection, detect
-from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.presentation import overlay
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -65,8 +64,6 @@ class SyntheticViews(Generic[B]):
         all of it.
     hidden : int
         Number of covered dots, chosen anew for every view; on a rig, of those in view.
-    refine : str
-        ``none`` or ``photometric``.
 
     Raises
     ------
@@ -83,7 +80,6 @@ class SyntheticViews(Generic[B]):
     background: str = "plain"
     errors: ErrorSources = field(default_factory=lambda: ErrorSources(print_sigma=0.0))
     hidden: int = 0
-    refine: str = "none"
 
     def __post_init__(self) -> None:
         if not 0 <= self.count <= MOST_VIEWS:
@@ -96,7 +92,6 @@ class SyntheticViews(Generic[B]):
             raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
         if not 0 <= self.hidden <= len(self.marker):
             raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
-        check_refinement(self.refine)
 
     @cached_property
     def coverage(self) -> Coverage:
@@ -124,9 +119,6 @@ class SyntheticViews(Generic[B]):
         scenery = Scenery(behind, hiding(printed, hidden, camera, rotation, translation, surroundings))
         image = render_view(printed, camera, rotation, translation, self.optics, noise, scenery)
         detection = detect(image, body, camera, self.errors)
-        if self.refine == "photometric" and detection.found:
-            assert isinstance(body, Marker)
-            detection = refine(image, body, camera, detection, self.errors)
         truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
         return View(k, pose, image, detection, truth, body.ids, hidden)
 

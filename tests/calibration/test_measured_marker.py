@@ -9,10 +9,10 @@ from simulated_photos import CAMERA, hand_held, nees, scene
 
 from markergen.api.validate import validate
 from markergen.calibration.adjustment import adjust
-from markergen.detect import Detector, kernel
-from markergen.estimators.weighted_pose import estimate_pose
+from markergen.detect import Detector
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.estimators.weighted_pose import estimate_pose
 from markergen.maths.rotation import logarithm
 from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
@@ -64,15 +64,10 @@ def test_sampled_prints_have_the_joint_covariance(measured):
     np.testing.assert_allclose(np.cov(drawn.T) / np.outer(scale, scale), joint / np.outer(scale, scale), atol=0.05)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_the_pose_covariance_is_true(measured, compiled, monkeypatch):
+def test_the_pose_covariance_is_true(measured):
     """NEES of 300 poses of prints drawn from the joint covariance: 6 degrees each, so 1 +- 0.034 at one sigma."""
-    if compiled and kernel.library() is None:
-        pytest.skip(kernel.missing())
-    if not compiled:
-        monkeypatch.setattr(kernel, "library", lambda: None)
     rng, sigma, found = np.random.default_rng(1), 0.05, []
-    count = 300 if compiled else 60
+    count = 300
     prints = measured.xyz + displacement(measured, PAPER, rng, prints=(count,))
     rotation, translation = hand_held(count, rng, (20, 60))
     spread = np.broadcast_to(sigma**2 * np.eye(2), (6, 2, 2))
@@ -83,19 +78,6 @@ def test_the_pose_covariance_is_true(measured, compiled, monkeypatch):
         error = np.concatenate([logarithm(rotation[k] @ pose.rotation.T), translation[k] - pose.translation])
         found.append(nees(error, pose.budget.total / pose.scale))
     assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / (6 * count)) + 0.02)
-
-
-def test_compiled_and_plain_poses_agree(measured, monkeypatch):
-    if kernel.library() is None:
-        pytest.skip(kernel.missing())
-    rotation, translation = hand_held(1, np.random.default_rng(3))
-    pixels = CAMERA.project(measured.xyz, rotation, translation)[0] + np.random.default_rng(2).normal(0, 0.1, (6, 2))
-    given = measured.xyz, pixels, np.broadcast_to(0.01 * np.eye(2), (6, 2, 2)), CAMERA, PAPER.of(measured)
-    one = estimate_pose(*given)
-    monkeypatch.setattr(kernel, "library", lambda: None)
-    other = estimate_pose(*given)
-    np.testing.assert_allclose(one.translation, other.translation, atol=1e-9)
-    np.testing.assert_allclose(one.budget.print, other.budget.print, rtol=1e-5)
 
 
 def test_the_budget_is_that_of_the_pose(measured):
@@ -123,12 +105,7 @@ def grown(measured, share):
     return photographed(measured.as_designed, range(6), measured.xyz, covariance, {})
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_an_unknown_scale_makes_distances_unsure_and_changes_no_pose(measured, compiled, monkeypatch):
-    if compiled and kernel.library() is None:
-        pytest.skip(kernel.missing())
-    if not compiled:
-        monkeypatch.setattr(kernel, "library", lambda: None)
+def test_an_unknown_scale_makes_distances_unsure_and_changes_no_pose(measured):
     rng, unsure = np.random.default_rng(4), grown(measured, 0.01)
     rotation, translation = hand_held(1, rng, (30, 31))
     pixels = CAMERA.project(measured.xyz, rotation, translation)[0] + rng.normal(0, 0.1, (6, 2))

@@ -6,7 +6,6 @@ import pytest
 from sentences import sentence
 
 from markergen.cli import main
-from markergen.detect import kernel
 from markergen.model.body_json import read_marker
 from markergen.model.camera import Camera, Distortion
 from markergen.model.poses import paper
@@ -45,21 +44,6 @@ def folder(tmp_path_factory):
 def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     return folder
-
-
-@pytest.fixture(autouse=True)
-def complete(monkeypatch):
-    """Nothing is said about the compiled part of detection, wherever the tests run."""
-    monkeypatch.setattr(kernel, "missing", lambda: None)
-
-
-def test_without_the_compiled_part_one_line_says_so(here, capsys, monkeypatch):
-    monkeypatch.setattr(kernel, "missing", lambda: "why not")
-    assert main(["detect", "good", *ALL, "--json", "-"]) == 0
-    said = capsys.readouterr()
-    assert len(json.loads(said.out)) == 2
-    assert said.err.count("why not") == 1
-    assert said.err.endswith("note: why not\n")
 
 
 ALL = ["--marker", "marker.json", "--camera", "camera.yaml"]
@@ -129,7 +113,8 @@ def test_without_a_camera(here, capsys):
         (["nowhere*.png", *ALL], "nowhere"),
         (["good", "--marker", "none.json"], "none.json"),
         (["good", "--marker", "marker.json", "--camera", "marker.json"], "camera"),
-        (["good", *ALL, "--refine", "magic"], "photometric"),
+        (["good", *ALL, "--symmetric", "magic"], "none or any"),
+        (["good", *ALL, "--smallest", "-1"], "0 px or more"),
         (["good", *ALL, "--print-sigma", "-1mm"], "print"),
         (["good", "--marker", "marker.json", "--camera-covariance", "x"], "--camera"),
         (["good"], "--marker"),

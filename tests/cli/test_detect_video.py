@@ -16,7 +16,6 @@ from sentences import sentence
 from videos import read_video, write_video
 
 from markergen.cli import console, main
-from markergen.detect import kernel
 from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
@@ -49,7 +48,6 @@ def folder(tmp_path_factory, pentagon):
 def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(kernel, "missing", lambda: None)
     return folder
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.detect import fiducials
+from markergen.comparison import fiducials
 from markergen.comparison.fiducials import (
     REFINEMENTS,
     FiducialSettings,

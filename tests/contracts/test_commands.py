@@ -12,7 +12,6 @@ import markergen as mg
 from markergen.cli import main
 from markergen.cli.commands import app
 from markergen.comparison import compare
-from markergen.detect import kernel
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
 from markergen.render import Optics, render_view
@@ -75,7 +74,6 @@ def here(made, tmp_path, monkeypatch):
     shutil.copytree(made, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setattr(compare, "TUNING_VIEWS", 2)
-    monkeypatch.setattr(kernel, "missing", lambda: None)
     return tmp_path / "here"
 
 

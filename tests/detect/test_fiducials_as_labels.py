@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect, detect_all
-from markergen.detect.detection import UNREAD, identify
-from markergen.comparison.fiducials import CONFIRMS, NO_TAGS, REFUTES, SILENT, Sightings, look_for_tags, verdicts
 from markergen.detect.presentation import as_dict
-from markergen.detect.seen_models import Planes, Poses
-from markergen.maths.projection import plane_homography
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper, paper_roll
@@ -134,71 +130,11 @@ def test_two_copies_of_one_and_another_between_them(small):
     assert sorted(each.marker for each in found if each.found) == [0, 1, 1]
 
 
-def test_a_tag_that_cannot_be_read_leaves_labels_to_the_key_ring(tagged, sight):
-    seen = sight(tagged, 3)
-    (found,) = identify(seen.blobs, [tagged], PAPER_CAMERA, copies=1)
-    assert found.found
-    assert found.tag is None
-    family = [tagged, replace(tagged, tag=replace(TAG, id=8))]
-    both = identify(seen.blobs, family, PAPER_CAMERA)
-    assert [each.reason for each in both] == [UNREAD, UNREAD]
-    assert both[0].rival == 1
-
-
-def test_images_of_16_bits(tagged):
-    image = view(tagged, 5, hidden=[0], optics=Optics(bits=12))
-    assert image.dtype == np.uint16
-    assert right(tagged, 5, detect(image, tagged, PAPER_CAMERA))
-    assert look_for_tags(image, {TAG.family}).names == ((TAG.family, 7),)
-    assert len(look_for_tags(np.zeros((50, 50), dtype=np.uint16), {TAG.family})) == 0
-    assert look_for_tags(image, set()) is NO_TAGS
-
-
 CORNERS = np.column_stack([TAG.corners, np.zeros(4)])
 
 
 def quad(pose=0):
     return PAPER_CAMERA.project(CORNERS, POSES.rotation[[pose]], POSES.translation[[pose]])[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "turn", "shift", "state"),
-    [
-        ((TAG.family, 7), 0, 0, CONFIRMS),
-        ((TAG.family, 7), 0, 5, CONFIRMS),
-        ((TAG.family, 7), 1, 0, REFUTES),
-        ((TAG.family, 7), 2, 0, REFUTES),
-        ((TAG.family, 8), 0, 0, REFUTES),
-        (("apriltag:36h11", 7), 0, 0, REFUTES),
-        # Nearly right: seen badly. And one beside the marker says nothing of it.
-        ((TAG.family, 7), 0, 14, SILENT),
-        ((TAG.family, 8), 0, 200, SILENT),
-    ],
-)
-def test_what_a_tag_says_of_a_labeling(name, turn, shift, state):
-    seen = Sightings((name,), np.roll(quad(), turn, axis=0)[None] + [shift, 0])
-    for model in (
-        Poses(POSES.rotation[[0]], POSES.translation[[0]]),
-        Planes(plane_homography(POSES.rotation[[0]], POSES.translation[[0]], np.eye(3))),
-    ):
-        found, which = verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, seen)
-        assert found.tolist() == [state]
-        assert which.tolist() == [-1 if state == SILENT else 0]
-
-
-def test_the_right_tag_outweighs_a_misread_one():
-    seen = Sightings(((TAG.family, 8), (TAG.family, 7)), np.stack([quad(), quad()]))
-    found, which = verdicts(
-        Poses(POSES.rotation[[0]], POSES.translation[[0]]).project(CORNERS), TAG, PAPER_CAMERA, seen
-    )
-    assert (found.tolist(), which.tolist()) == ([CONFIRMS], [1])
-
-
-def test_a_labeling_behind_the_camera_is_not_judged():
-    model = Poses(POSES.rotation[[0]], -POSES.translation[[0]])
-    found, _ = verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, Sightings(((TAG.family, 7),), quad()[None]))
-    assert found.tolist() == [SILENT]
-    assert verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, NO_TAGS)[0].tolist() == [SILENT]
 
 
 def test_a_tag_off_the_origin(pentagon):

@@ -1,14 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from rigs import cube
 
 from markergen.errors import InputError
 from markergen.estimators import Correspondences
-from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.estimators.budget import ErrorSources, pose_budget, spatial_errors
 from markergen.estimators.lm import LM
 from markergen.maths.information import covariance, information, pose_jacobian
 from markergen.maths.projection import project
-from markergen.maths.rotation import exponential, logarithm
+from markergen.maths.rotation import exponential, logarithm, skew
 from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.marker import JointCovariance
+from markergen.model.rig import Rig
 
 CALIBRATION = np.array([[4.0, 3.0, 0.1, 0.0], [3.0, 4.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0], [0.0, 0.1, 0.0, 1.0]])
 EXACT = ErrorSources(print_sigma=0.0)
@@ -185,3 +190,32 @@ def test_a_wrong_scale_moves_the_pose_as_estimates_from_scaled_points_say(settin
     assert np.all(budget.translation["print"] >= sigma / np.sqrt(2) * chosen.distance * 0.999)
     with pytest.raises(InputError, match=r"0\.001 is 0\.1 %"):
         ErrorSources(scale_sigma=0.5)
+
+
+def test_errors_of_places_and_of_the_relation_are_those_of_samples():
+    rng, body = np.random.default_rng(6), cube()
+    matrix = 1e-10 * np.eye(12) + 4e-11
+    joint = JointCovariance(tuple(range(6)), "xy", tuple(map(tuple, matrix)))
+    measured = replace(body.markers[2], marker=replace(body.markers[2].marker, joint_covariance=joint))
+    root = np.kron(np.eye(6), np.diag([1e-3] * 3 + [1e-4] * 3)) @ rng.standard_normal((36, 36))
+    rig = Rig((*body.markers[:2], measured, *body.markers[3:]), tuple(map(tuple, root @ root.T)))
+    dots, facing = np.array([0, 3, 12, 13, 17]), rig.plates[2]
+    sources = spatial_errors(rig, dots, facing.rotation_matrix, ErrorSources(print_sigma=5e-5))
+    samples = []
+    for _ in range(5_000):
+        step, printed = root @ rng.standard_normal(36), np.linalg.cholesky(matrix) @ rng.standard_normal(12)
+        moved = []
+        for dot in dots:
+            owner = rig.owner[dot]
+            plate, number = rig.plates[owner], dot - rig.first[owner]
+            place, motion = plate.marker.xyz[number].copy(), step[6 * owner : 6 * owner + 6]
+            place[:2] += printed[2 * number : 2 * number + 2] if owner == 2 else 5e-5 * rng.standard_normal(2)
+            turned = (np.eye(3) + skew(motion[:3])) @ plate.rotation_matrix @ place
+            moved.append(facing.to_marker(turned + plate.translation_vector + motion[3:]))
+        samples.append(np.ravel(moved))
+    expected = sources.whole(len(dots), 3)
+    sigma = np.sqrt(np.diag(expected))
+    # A correlation of 5,000 samples has a standard deviation of at most 0.014, and a variance of 0.02.
+    assert np.cov(np.array(samples).T) / np.outer(sigma, sigma) == pytest.approx(
+        expected / np.outer(sigma, sigma), abs=0.08
+    )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import with_options
+from markergen.cli.options import Refine, with_options
 from markergen.options import VIEW
 from markergen.options.declarations import DetectKeywords
 
@@ -45,6 +45,7 @@ def detect(
         Path | None,
         typer.Option(metavar="DIR|FILE.mp4", help="Write each image here, or the video, with its detections drawn in."),
     ] = None,
+    refine: Refine = None,  # noqa: ARG001 - of the release before
     **options: Any,
 ) -> None:
     """Find markers in images or a video: dot centers and pose T_camera_marker, with covariance, and homography.

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Json, Report, with_options
+from markergen.cli.options import Json, Refine, Report, with_options
 from markergen.options import VIEW
 from markergen.options.declarations import ValidateKeywords
 
@@ -34,6 +34,7 @@ def validate(
         list[str] | None,
         typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
     ] = None,
+    refine: Refine = None,  # noqa: ARG001 - of the release before
     **options: Any,
 ) -> None:
     """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then detection

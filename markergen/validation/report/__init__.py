@@ -444,12 +444,11 @@ def command(subject: Subject) -> str:
         "--optics": _optics(seen.get("optics") or {}),
         "--background": seen.get("background", "plain"),
         "--hide": seen.get("hidden", 0),
-        "--refine": seen.get("refine", "none"),
         "--print-sigma": None if sigma is None else f"{sigma:g}mm",
         "--camera-covariance": "COVARIANCE" if designed and calibrated else None,
         "--seed": results.get("seed"),
     }
-    defaults = {"--optics": "", "--background": "plain", "--hide": 0, "--refine": "none"}
+    defaults = {"--optics": "", "--background": "plain", "--hide": 0}
     parts = ["markergen", "validate", "MARKER.json"]
     for option, value in options.items():
         if value is not None and value != defaults.get(option):
