@@ -99,21 +99,6 @@ static const double ROUGH_PX = 0.2;
 
 static inline double within(double a, double low, double high) { return a < low ? low : a > high ? high : a; }
 
-/* The normal distribution F(t), and its density f: F by formula 26.2.17 of Abramowitz and Stegun, within 1e-7. */
-static inline Lanes normal_at(Lanes t, Lanes *density)
-{
-    const Lanes size = magnitude(t), power = most_of(-0.72134752f * t * t, all(-120)); /* f is 2^power / sqrt(2 pi) */
-    const Flags whole = __builtin_convertvector(power, Flags);
-    const Lanes part = power - __builtin_convertvector(whole, Lanes), k = 1 / (1 + 0.2316419f * size);
-    const Lanes scale = 0.39894228f * (Lanes)((whole + 127) << 23);
-    const Lanes f = scale * (1 + part * (0.69314217f + part * (0.24017159f + part * (0.05527814f +
-                             part * (0.009186874f + part * 0.0009381165f)))));
-    const Lanes beyond = f * k * (0.31938153f + k * (-0.356563782f + k * (1.781477937f + k * (-1.821255978f +
-                                  k * 1.330274429f))));
-    *density = f;
-    return pick(t > 0, 1 - beyond, beyond);
-}
-
 /* ---- grey levels of a blurred ellipse ---- */
 
 typedef struct {

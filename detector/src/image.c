@@ -371,20 +371,22 @@ static void smooth_row(const Image *image, int64_t y, uint16_t *sums, uint8_t *t
 }
 
 /* The sums of the columns of the 7 rows of the coarser level around the present one, with HALF more at either end, and the
-   means around its pixels. */
+   means around its pixels less the step. */
 typedef struct {
     const Image *coarse;
     int64_t row;
     uint16_t *sums;
-    uint8_t *means;
+    uint8_t *limits;
+    int step;
 } Window;
 
-/* Means around the pixels of row y of the coarser level, each written twice. */
+/* Limits around the pixels of row y of the coarser level, each written twice. */
 static void move_down(Window *w, int64_t y)
 {
     const int64_t height = w->coarse->height, width = w->coarse->width;
     uint16_t *restrict middle = w->sums + HALF;
-    uint8_t *restrict means = w->means;
+    uint8_t *restrict limits = w->limits;
+    const uint16_t step = (uint16_t)w->step;
     if (w->row < 0)
         for (int64_t i = -HALF; i <= HALF; i++) {
             const uint8_t *row = w->coarse->rows + w->coarse->stride * (i < 0 ? 0 : i < height ? i : height - 1);
@@ -406,18 +408,18 @@ static void move_down(Window *w, int64_t y)
     for (int64_t x = 0; x < width; x++) {
         /* 1338 / 2^16 is 1/49. */
         const uint16_t sum = (uint16_t)(s[x] + s[x + 1] + s[x + 2] + s[x + 3] + s[x + 4] + s[x + 5] + s[x + 6] + 24);
-        const uint16_t mean = (uint16_t)((uint32_t)(sum * 1338) >> 16), twice = (uint16_t)(mean | mean << 8);
-        memcpy(means + 2 * x, &twice, 2);
+        const uint16_t mean = (uint16_t)((uint32_t)(sum * 1338) >> 16), limit = (uint16_t)(mean > step ? mean - step : 0);
+        const uint16_t twice = (uint16_t)(limit | limit << 8);
+        memcpy(limits + 2 * x, &twice, 2);
     }
-    means[2 * width] = means[2 * width - 1];
+    limits[2 * width] = limits[2 * width - 1];
 }
 
-/* 1 where a pixel is dark, else 0. */
-static void mark_dark(uint8_t *restrict dark, const uint8_t *restrict means, const uint8_t *restrict row, int64_t width, int step)
+/* 1 where a pixel is darker than the limit, else 0. */
+static void mark_dark(uint8_t *restrict dark, const uint8_t *restrict limits, const uint8_t *restrict row, int64_t width)
 {
-    const uint8_t most = (uint8_t)step;
     for (int64_t x = 0; x < width; x++)
-        dark[x] = (uint8_t)(means[x] > row[x] ? means[x] - row[x] : 0) > most;
+        dark[x] = row[x] < limits[x];
 }
 
 /* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 64 zeros
@@ -458,7 +460,7 @@ static int find_components(const Image *image, const Image *coarse, Ellipses *fo
     noise *= smooth ? 3. / 8 : 1;
     const int step = (int)smaller(larger(MIN_DEPTH, DEPTH_SIGMA * noise), 255);
     const size_t most = (size_t)width / 2 + 1; /* runs in a row */
-    Window window = {coarse, -1, calloc((size_t)coarse->width + 2 * HALF, sizeof *window.sums), malloc((size_t)width + 2)};
+    Window window = {coarse, -1, calloc((size_t)coarse->width + 2 * HALF, sizeof *window.sums), malloc((size_t)width + 2), step};
     uint16_t *scratch = malloc(((size_t)width + 2) * sizeof *scratch);
     uint8_t *smoothed = malloc((size_t)width + 1), *dark = calloc((size_t)width + 72, 1);
     int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
@@ -466,7 +468,7 @@ static int find_components(const Image *image, const Image *coarse, Ellipses *fo
     /* Those of two rows, since a joined one stays until the end of its row. */
     Component *all = malloc(2 * most * sizeof *all);
     int32_t above_count = 0, free_one = -1, used = 0;
-    const int enough = window.sums && window.means && scratch && smoothed && dark && changes && above && here && all;
+    const int enough = window.sums && window.limits && scratch && smoothed && dark && changes && above && here && all;
     int status = enough ? 0 : NO_MEMORY;
     /* One row more, without a dark pixel, completes what is left. */
     for (int64_t y = 0; y <= height && !status; y++) {
@@ -478,7 +480,7 @@ static int find_components(const Image *image, const Image *coarse, Ellipses *fo
                 move_down(&window, of_coarse);
             if (smooth)
                 smooth_row(image, y, scratch, smoothed);
-            mark_dark(dark, window.means, smooth ? smoothed : row, width, step);
+            mark_dark(dark, window.limits, smooth ? smoothed : row, width);
             here_count = find_changes(changes, dark, width) / 2;
         }
         /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
@@ -550,7 +552,7 @@ static int find_components(const Image *image, const Image *coarse, Ellipses *fo
         above_count = here_count;
     }
     free(window.sums);
-    free(window.means);
+    free(window.limits);
     free(scratch);
     free(smoothed);
     free(dark);
@@ -962,7 +964,9 @@ static const double LEAST_BLUR = 0.28;
 /* Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of the
    ink's darkness that is left of a small dot. */
 static const double LEAST_SHARE = 0.05, MAX_SHARE = 0.954, LEAST_DEPTH = 0.5;
-static const double MAX_INWARD = 1;
+static const float MAX_INWARD = 1;
+/* Shorter semi-axis, in blurs, beyond which the middle is as dark as the ink. */
+static const double FAR_BLURS = 6;
 /* The usual blur is that at this quantile of the outlines that are certain and of at least that depth, if there are three;
    that of small ones may differ from it by this factor. */
 static const double WIDE = 0.97, USUAL = 0.5, BLUR_RATIO = 1.06, CLEAR_DOUBT = 0.5;
@@ -981,10 +985,10 @@ static const double RING_DEPTH[SIZES] = {0.276, 0.43,  0.474, 0.515, 0.577, 0.64
                                          0.751, 0.798, 0.872, 0.923, 0.956, 0.988, 1};
 static const double RING_MIDDLE[SIZES] = {0,     0,     0.005, 0.196, 0.456, 0.665, 0.807,
                                           0.894, 0.945, 0.987, 0.998, 1,     1,     1};
-/* Squared cosines of an ellipse's parameter over a quarter of it. */
-static const double QUARTER[QUARTERS] = {
-    0.9957224306869051, 0.9619397662556434, 0.8966766701456176, 0.8043807145043602, 0.6913417161825449, 0.5652630961100258,
-    0.4347369038899743, 0.3086582838174552, 0.19561928549563964, 0.10332332985438249, 0.038060233744356645, 0.004277569313094792};
+/* Squared cosines of an ellipse's parameter at even steps over a quarter of it. */
+static const Lanes QUARTER[QUARTERS / LANES] = {{0.99572243f, 0.96193977f, 0.89667667f, 0.80438071f},
+                                                {0.69134172f, 0.5652631f, 0.4347369f, 0.30865828f},
+                                                {0.19561929f, 0.10332333f, 0.03806023f, 0.00427757f}};
 
 /* An outline as it is seen, in pixels of its level: semi-axes at half of the visible step; difference of the mean levels 1 px
    outside and 1 px inside, relative to the visible step; level in the middle, from 0 where it is as dark as the darkest along
@@ -999,17 +1003,14 @@ typedef struct {
     double semi[2], blur, depth, level;
 } Behind;
 
-static double normal_below(double x) { return erfc(-x * 0.70710678118654752440) / 2; }
-
-/* Its inverse for probabilities from 0.02 to 0.98, by Halley's method. */
+/* The inverse of the normal distribution for probabilities from 0.02 to 0.98, within 1e-8: P. J. Acklam's approximation. */
 static double normal_quantile(double p)
 {
-    double x = (p - 0.5) * 2.5066282746310005024;
-    for (int i = 0; i < 5; i++) {
-        const double step = (normal_below(x) - p) * 2.5066282746310005024 * exp(x * x / 2);
-        x -= step / (1 + x * step / 2);
-    }
-    return x;
+    const double q = p - 0.5, r = q * q;
+    return q * (((((-39.69683028665376 * r + 220.9460984245205) * r - 275.9285104469687) * r + 138.3577518672690) * r -
+                 30.66479806614716) * r + 2.506628277459239) /
+           (((((-54.47609879822406 * r + 161.5858368580409) * r - 155.6989798598866) * r + 66.80131188771972) * r -
+             13.28068155288572) * r + 1);
 }
 
 static double between_entries(double x, const double *from, const double *to)
@@ -1029,16 +1030,19 @@ static double between_entries(double x, const double *from, const double *to)
    the normal. These change by b cos^2 / D with the longer semi-axis, and by a sin^2 / D with the shorter one. */
 static void moved_inward(double a, double b, double s, double *moved)
 {
-    double aa = 0, ab = 0, bb = 0, x = 0, y = 0;
-    for (int i = 0; i < QUARTERS; i++) {
-        const double along = b * QUARTER[i], across = a * (1 - QUARTER[i]), square = b * along + a * across;
-        const double root = sqrt(square), inward = s * smaller(s * a * b / (2 * square * root), MAX_INWARD);
-        aa += along * along / square;
-        ab += along * across / square;
-        bb += across * across / square;
-        x += along * inward / root;
-        y += across * inward / root;
+    const float longer = (float)a, shorter = (float)b, blur = (float)s;
+    Lanes sum_aa = all(0), sum_ab = all(0), sum_bb = all(0), sum_x = all(0), sum_y = all(0);
+    for (int i = 0; i < QUARTERS / LANES; i++) {
+        const Lanes along = shorter * QUARTER[i], across = longer * (1 - QUARTER[i]), square = shorter * along + longer * across;
+        const Lanes per_square = 1 / square, per_root = root_of(per_square);
+        const Lanes inward = blur * least_of(blur * longer * shorter * 0.5f * per_square * per_root, all(MAX_INWARD));
+        sum_aa += along * along * per_square;
+        sum_ab += along * across * per_square;
+        sum_bb += across * across * per_square;
+        sum_x += along * inward * per_root;
+        sum_y += across * inward * per_root;
     }
+    const double aa = sum_of(sum_aa), ab = sum_of(sum_ab), bb = sum_of(sum_bb), x = sum_of(sum_x), y = sum_of(sum_y);
     moved[0] = (bb * x - ab * y) / (aa * bb - ab * ab);
     moved[1] = (aa * y - ab * x) / (aa * bb - ab * ab);
 }
@@ -1047,13 +1051,16 @@ static void moved_inward(double a, double b, double s, double *moved)
    its angle, in proportion to 1/r^2. */
 static double darkness(double a, double b, double s)
 {
-    double dark = 0, whole = 0;
-    for (int i = 0; i < QUARTERS; i++) {
-        const double square = a * a * QUARTER[i] + b * b * (1 - QUARTER[i]);
-        dark -= expm1(square * (-0.5 / (s * s))) / square;
-        whole += 1 / square;
+    const float longer = (float)(a * a), shorter = (float)(b * b), per_blur = (float)(-0.72134752 / (s * s));
+    Lanes light = all(0), whole = all(0);
+    if (b > FAR_BLURS * s)
+        return 1;
+    for (int i = 0; i < QUARTERS / LANES; i++) {
+        const Lanes square = longer * QUARTER[i] + shorter * (1 - QUARTER[i]), weight = 1 / square;
+        light += weight * power_of_2(most_of(per_blur * square, all(-120)));
+        whole += weight;
     }
-    return dark / whole;
+    return 1 - sum_of(light) / sum_of(whole);
 }
 
 /* What is behind a blurred disk or ring, with a blur within limits, px of its level. */
@@ -1075,9 +1082,11 @@ static Behind unblurred(const Seen *seen, int ring, double least, double most, i
         behind.depth = larger(between_entries(size, RING_SIZE, RING_DEPTH), LEAST_DEPTH);
         outside = mean - s * (size - 0.5 / size);
         /* Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins. */
-        const double inner = (1 - outside) / s, outer = (-1 - outside) / s, width = size / 2;
-        lost = 2 * normal_below(1 / s) - 1 - normal_below(inner) + normal_below(outer) + normal_below(inner - width) -
-               normal_below(outer - width);
+        const float inner = (float)((1 - outside) / s), outer = (float)((-1 - outside) / s), width = (float)(size / 2);
+        Lanes density;
+        const Lanes edges = normal_at((Lanes){inner, outer, inner - width, outer - width}, &density);
+        const Lanes straight = normal_at(all((float)(1 / s)), &density);
+        lost = (double)(2 * straight[0] - 1 - edges[0] + edges[1] + edges[2] - edges[3]);
     }
     moved_inward(a, b, s, moved);
     behind.semi[0] = a - outside + moved[0];
