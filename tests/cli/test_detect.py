@@ -172,10 +172,10 @@ def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypat
 
     honest = batch.look_at
 
-    def interrupted(detector, path):
+    def interrupted(detector, path, deadline):
         if path.name == "250.png":
             raise KeyboardInterrupt
-        return honest(detector, path)
+        return honest(detector, path, deadline)
 
     monkeypatch.setattr(batch, "look_at", interrupted)
     found = tmp_path / "found.json"
