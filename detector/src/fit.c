@@ -11,6 +11,7 @@
    only if that is clearly better. */
 
 #include "detector.h"
+#include "lanes.h"
 
 /* Unknowns p: center (2) and M (m11, m12, m22) of the ellipse |M (x - c)| = 1; grey levels of light and dark; blur; slopes of
    light and of dark (2 each), per px; center (2) of a ring's hole, and its size relative to the outline's. */
@@ -92,44 +93,11 @@ static const double MUCH_UNEVEN = 2;
 static const double MAX_MOVE = 0.7, UNEVEN_MOVE = 0.15, MOVE_SHARE = 0.003;
 /* Levels in the middle of certain disks, glossy ones included, and certain rings; number of blurs below which a shorter
    semi-axis tells a kind badly, whatever the level. */
-static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5;
+static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5, SHOWN_BLURS = 2.1;
 /* Standard deviation along each axis of the center of a dot whose fit is refused. */
 static const double ROUGH_PX = 0.2;
 
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double within(double a, double low, double high) { return a < low ? low : a > high ? high : a; }
-
-/* ---- four pixels at a time ---- */
-
-enum { LANES = 4 };
-typedef float Lanes __attribute__((vector_size(4 * LANES)));
-typedef int32_t Flags __attribute__((vector_size(4 * LANES))); /* -1 or 0 from comparisons */
-
-static inline Lanes all(float x) { return (Lanes){x, x, x, x}; }
-static inline Lanes pick(Flags which, Lanes a, Lanes b) { return (Lanes)((which & (Flags)a) | (~which & (Flags)b)); }
-static inline Lanes magnitude(Lanes x) { return (Lanes)((Flags)x & INT32_MAX); }
-static inline Lanes most_of(Lanes a, Lanes b) { return pick(a > b, a, b); }
-static inline Lanes least_of(Lanes a, Lanes b) { return pick(a < b, a, b); }
-
-static inline Lanes root_of(Lanes x)
-{
-    Lanes root;
-    for (int k = 0; k < LANES; k++)
-        root[k] = sqrtf(x[k]);
-    return root;
-}
-
-static inline Lanes read(const float *from)
-{
-    Lanes x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-static inline void write(float *to, Lanes x) { memcpy(to, &x, sizeof x); }
-
-static inline double sum_of(Lanes x) { return (double)((x[0] + x[1]) + (x[2] + x[3])); }
 
 /* The normal distribution F(t), and its density f: F by formula 26.2.17 of Abramowitz and Stegun, within 1e-7. */
 static inline Lanes normal_at(Lanes t, Lanes *density)
@@ -1038,15 +1006,17 @@ static void shrink_slopes(Fit *fits, int64_t count)
     }
 }
 
-/* How much tells for a kind: the likelihood of its fit, of which a fifth counts since residuals of neighbors are alike, and
-   its blur, which all dots of one lens have but for 6 %: behind a blur as wide as a ring's ink, a disk with another blur looks
-   the same. By fits alone, one of 24 blurred markers had its ring elsewhere. */
+/* How much tells for a kind: the likelihood of its fit, of which a fifth counts, since residuals of neighbors are alike, and
+   less the wider the blur, which makes more of them alike; and its blur, which all dots of one lens have but for 6 %: behind a
+   blur as wide as a ring's ink, a disk with another blur looks the same. With a fifth for all, one of 24 blurred markers had its
+   ring elsewhere. */
 static double kind_told(const Fit *fit, double blur)
 {
-    if (!fit->good)
-        return fit->tried ? -4 - 0.5 * 25 : -1e6;
-    const double away = blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
-    return -0.1 * fit->misfit - 0.5 * (away * away < 25 ? away * away : 25);
+    if (!fit->tried)
+        return -1e6;
+    const double narrow = 0.8 / fit->p[BLUR], share = 0.1 * (narrow < 1 ? narrow * narrow : 1);
+    const double away = !fit->good ? 6 : blur > 0 ? (fit->p[BLUR] - blur) / (0.06 * blur) : 0;
+    return -share * (fit->misfit < 1e5 ? fit->misfit : 1e5) - 0.5 * (away * away < 36 ? away * away : 36);
 }
 
 /* The blur that most fits agree with, of one kind or the other for each dot; 0 for fewer than three dots. */
@@ -1151,7 +1121,10 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Fit *disk = fits + 2 * i, *ring = disk + 1;
         const double rough = 18 * (blobs[which[i]].hole - 0.5);
-        const double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        /* What is no wider than this shows no hole, whatever fits say. */
+        if (blobs[which[i]].semi[1] < SHOWN_BLURS * (blur > 0 ? blur : blobs[which[i]].blur))
+            told = told > 1 ? 1 : told < -1 ? -1 : told;
         Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
         if (!chosen.good)
             continue;

@@ -2,11 +2,10 @@
    blurred outlines. */
 
 #include "detector.h"
+#include "lanes.h"
 
 static const double PI = 3.14159265358979323846;
 
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
 /* What is no number becomes `low`: places in the image follow from this. */
 static inline double between(double x, double low, double high) { return x > low ? x < high ? x : high : low; }
 
@@ -145,73 +144,93 @@ static int set_range(const Image *image, Pyramid *p)
     return 0;
 }
 
-static void to_eight_bits(const Image *image, const Pyramid *p, uint8_t *to)
+/* Row y of an image in 8 bits. */
+static void read_row(const Image *image, const Pyramid *p, int64_t y, uint8_t *restrict to)
 {
     const float low = (float)p->low, scale = (float)(1 / p->unit);
-    for (int64_t y = 0; y < image->height; y++, to += image->width) {
-        const uint8_t *row = image->rows + y * image->stride;
-        if (image->wide)
-            for (int64_t x = 0; x < image->width; x++) {
-                const float level = ((float)wide_level(image, x, y) - low) * scale;
-                to[x] = (uint8_t)(level > 0 ? level < 255 ? level : 255 : 0);
-            }
-        else
-            for (int64_t x = 0; x < image->width; x++)
-                to[x] = (uint8_t)(UINT8_MAX - row[x]);
-    }
+    const uint8_t *row = image->rows + y * image->stride;
+    for (int64_t x = 0; x < image->width; x++)
+        if (image->wide) {
+            const float level = ((float)wide_level(image, x, y) - low) * scale;
+            to[x] = (uint8_t)(level > 0 ? level < 255 ? level : 255 : 0);
+        } else
+            to[x] = (uint8_t)(UINT8_MAX - row[x]);
 }
 
-/* Means of 2 x 2 pixels, halves rounded up; an odd column or row at the far edges is left out. */
-static void halve(const Image *image, uint8_t *to, int64_t height, int64_t width)
+/* Means of 2 x 2 pixels of two rows, halves rounded up. */
+static void halve(const uint8_t *restrict a, const uint8_t *restrict b, uint8_t *restrict to, int64_t width)
 {
-    for (int64_t y = 0; y < height; y++, to += width) {
-        const uint8_t *a = image->rows + 2 * y * image->stride, *b = a + image->stride;
-        for (int64_t x = 0; x < width; x++)
-            to[x] = (uint8_t)((a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1] + 2) >> 2);
+    for (int64_t x = 0; x < width; x++) {
+        uint16_t above, below;
+        memcpy(&above, a + 2 * x, 2);
+        memcpy(&below, b + 2 * x, 2);
+        to[x] = (uint8_t)((uint16_t)((above & UINT8_MAX) + (above >> 8) + (below & UINT8_MAX) + (below >> 8) + 2) >> 2);
     }
 }
 
+/* Row y of a level: from the finer one where that is kept, else from rows made in `spare`, so that an image of which only
+   coarse levels are used is read once. */
+static void make_row(const Image *image, const Pyramid *p, int level, int64_t y, uint8_t *spare, uint8_t *to)
+{
+    const uint8_t *pair[2];
+    if (!level) {
+        read_row(image, p, y, to);
+        return;
+    }
+    const Image *finer = p->level + level - 1;
+    for (int k = 0; k < 2; k++) {
+        pair[k] = finer->rows + (2 * y + k) * finer->stride;
+        if (!finer->rows) {
+            uint8_t *row = spare + k * finer->width;
+            make_row(image, p, level - 1, 2 * y + k, spare + 2 * finer->width, row);
+            pair[k] = row;
+        }
+    }
+    halve(pair[0], pair[1], to, finer->width / 2);
+}
+
+/* An odd column or row at the far edges of a level is left out of the next. One more than those that are searched gives the
+   means around the pixels of the coarsest. */
 static int build_pyramid(const Image *image, double smallest, Pyramid *p)
 {
     const int copied = image->wide || image->inverted;
-    int64_t height = image->height, width = image->width, pixels = copied ? height * width : 0;
-    p->first = 0;
+    int64_t height = image->height, width = image->width, pixels = 0, shorter = height < width ? height : width;
+    p->first = p->end = 0;
     p->memory = NULL;
     while ((smallest >= ldexp(2 * LEAST_DOT, p->first) || height * width > (int64_t)MAX_PIXELS << (2 * p->first)) &&
-           ((height < width ? height : width) >> p->first) >= 2 * MIN_SIDE)
+           (shorter >> p->first) >= 2 * MIN_SIDE)
         p->first++;
     if (set_range(image, p))
         return NO_MEMORY;
-    p->level[0] = *image;
-    for (p->end = 1; (height < width ? height : width) >= 2 * MIN_SIDE; p->end++) {
-        height /= 2;
-        width /= 2;
-        pixels += height * width;
-        p->level[p->end] = (Image){NULL, height, width, width, 0, 0};
+    for (int i = 0;; i++, height /= 2, width /= 2) {
+        p->level[i] = (Image){NULL, height, width, width, 0, 0};
+        pixels += i < p->first || (i == 0 && !copied) ? 0 : height * width;
+        if (p->end)
+            break;
+        p->end = (height < width ? height : width) < 2 * MIN_SIDE ? i + 1 : 0;
     }
-    uint8_t *free_place = p->memory = malloc((size_t)pixels + 1);
-    if (!free_place)
+    p->memory = malloc((size_t)(pixels + 4 * image->width + 1));
+    if (!p->memory)
         return NO_MEMORY;
-    if (copied) {
-        to_eight_bits(image, p, free_place);
-        p->level[0] = (Image){free_place, image->height, image->width, image->width, 0, 0};
-        free_place += image->height * image->width;
-    }
-    for (int i = 1; i < p->end; i++) {
+    uint8_t *place = p->memory, *spare = place + pixels;
+    if (!copied)
+        p->level[0] = *image;
+    for (int i = copied ? p->first : p->first > 1 ? p->first : 1; i <= p->end; i++) {
         Image *level = p->level + i;
-        halve(level - 1, free_place, level->height, level->width);
-        level->rows = free_place;
-        free_place += level->height * level->width;
+        for (int64_t y = 0; y < level->height; y++)
+            make_row(image, p, i, y, spare, place + y * level->width);
+        level->rows = place;
+        place += level->height * level->width;
     }
     return 0;
 }
 
 /* ---- dark components ----
 
-   A pixel p is dark if round(sum / 225) - p > step, with the sum over the 15 x 15 pixels around it, those beyond the
-   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that share a
-   side are of one component. The window is wider than a blurred edge, narrow compared to a dot's surroundings; the inside
-   of a larger dot does not differ from its mean, but a closed band along its edge does.
+   A pixel p is dark if m - p > step, with m the mean of the 14 x 14 pixels around it, those beyond the image's edge repeated
+   from the edge: of 7 x 7 of the next coarser level, which is a quarter of the work. Dark pixels that share a side are of one
+   component. The window is wider than a blurred edge, narrow compared to a dot's surroundings; the inside of a larger dot does
+   not differ from its mean, but a closed band along its edge does.
 
    One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
    A component without a run in a row is complete, and its place is used again: memory is that of a few rows.
@@ -221,7 +240,7 @@ static int build_pyramid(const Image *image, double smallest, Pyramid *p)
    modulo 2^64; relative to the corner of the component's box, they are exact again for boxes of up to 2^15 pixels' side.
    Larger ones are left out. */
 
-enum { HALF = 7, WINDOW = 2 * HALF + 1, AREA = WINDOW * WINDOW, LARGEST = 1 << 15, RING = 16 };
+enum { HALF = 3, LARGEST = 1 << 15 };
 
 /* Least depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise. */
 static const double MIN_DEPTH = 6, DEPTH_SIGMA = 3.5;
@@ -351,101 +370,81 @@ static void smooth_row(const Image *image, int64_t y, uint16_t *sums, uint8_t *t
         to[x] = (uint8_t)((sums[x] + 2 * sums[x + 1] + sums[x + 2] + 8) >> 4);
 }
 
-/* 1 where a pixel is dark, else 0. The sum of 15 is that of 8, 4, 2 and 1 neighbors, in blocks that stay in the cache. */
-static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, int64_t width, int step)
-{
-    enum { BLOCK = 1024 };
-    uint16_t two[BLOCK + 14], four[BLOCK + 12], eight[BLOCK];
-    const uint16_t least = (uint16_t)(AREA * (step + 1));
-    for (int64_t from = 0; from < width; from += BLOCK) {
-        const int m = width - from < BLOCK ? (int)(width - from) : BLOCK;
-        const uint16_t *s = sums + from;
-        const uint8_t *p = row + from;
-        uint8_t *d = dark + from;
-        for (int x = 0; x < m + 13; x++)
-            two[x] = (uint16_t)(s[x] + s[x + 1]);
-        for (int x = 0; x < m + 11; x++)
-            four[x] = (uint16_t)(two[x] + two[x + 2]);
-        for (int x = 0; x < m; x++)
-            eight[x] = (uint16_t)(four[x] + four[x + 4]);
-        for (int x = 0; x < m; x++) {
-            const uint16_t sum = (uint16_t)(eight[x] + four[x + 8] + two[x + 12] + s[x + 14] + AREA / 2);
-            const uint16_t own = (uint16_t)(AREA * p[x]);
-            const uint16_t over = (uint16_t)(sum > own ? sum - own : 0);
-            d[x] = over >= least;
-        }
-    }
-}
-
-/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 8 zeros
-   behind its end. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
-static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
-{
-    int32_t count = 0;
-    uint8_t before = 0;
-    for (int64_t x = 0; x <= width; x += 8) {
-        uint64_t word;
-        memcpy(&word, dark + x, 8);
-        if (word == (before ? UINT64_C(0x0101010101010101) : 0))
-            continue;
-        for (int i = 0; i < 8; i++) {
-            const uint8_t own = dark[x + i];
-            changes[count] = (int32_t)(x + i);
-            count += own ^ before;
-            before = own;
-        }
-    }
-    return count;
-}
-
-/* The last RING rows that the window has reached, and the sums of the 15 around the present one, with HALF columns more at
-   either end. */
+/* The sums of the columns of the 7 rows of the coarser level around the present one, with HALF more at either end, and the
+   means around its pixels. */
 typedef struct {
-    const Image *image;
-    const uint8_t *row[RING];
-    uint8_t *smooth; /* RING rows, or NULL */
-    uint16_t *sums, *scratch;
+    const Image *coarse;
+    int64_t row;
+    uint16_t *sums;
+    uint8_t *means;
 } Window;
 
-static void read_row(Window *w, int64_t y)
-{
-    w->row[y % RING] = w->image->rows + y * w->image->stride;
-    if (w->smooth) {
-        uint8_t *to = w->smooth + y % RING * w->image->width;
-        smooth_row(w->image, y, w->scratch, to);
-        w->row[y % RING] = to;
-    }
-}
-
+/* Means around the pixels of row y of the coarser level, each written twice. */
 static void move_down(Window *w, int64_t y)
 {
-    const int64_t height = w->image->height, width = w->image->width;
-    uint16_t *middle = w->sums + HALF;
-    if (y == 0) {
-        memset(middle, 0, sizeof *middle * (size_t)width);
-        for (int64_t i = 0; i <= HALF && i < height; i++)
-            read_row(w, i);
+    const int64_t height = w->coarse->height, width = w->coarse->width;
+    uint16_t *restrict middle = w->sums + HALF;
+    uint8_t *restrict means = w->means;
+    if (w->row < 0)
         for (int64_t i = -HALF; i <= HALF; i++) {
-            const uint8_t *row = w->row[i < 0 ? 0 : i < height ? i : height - 1];
+            const uint8_t *row = w->coarse->rows + w->coarse->stride * (i < 0 ? 0 : i < height ? i : height - 1);
             for (int64_t x = 0; x < width; x++)
                 middle[x] = (uint16_t)(middle[x] + row[x]);
         }
-    } else {
-        if (y + HALF < height)
-            read_row(w, y + HALF);
-        const uint8_t *in = w->row[(y + HALF < height ? y + HALF : height - 1) % RING];
-        const uint8_t *out = w->row[(y - HALF - 1 > 0 ? y - HALF - 1 : 0) % RING];
+    else {
+        const uint8_t *in = w->coarse->rows + w->coarse->stride * (y + HALF < height ? y + HALF : height - 1);
+        const uint8_t *out = w->coarse->rows + w->coarse->stride * (y - HALF - 1 > 0 ? y - HALF - 1 : 0);
         for (int64_t x = 0; x < width; x++)
             middle[x] = (uint16_t)(middle[x] + in[x] - out[x]);
     }
+    w->row = y;
     for (int64_t i = 0; i < HALF; i++) {
         w->sums[i] = middle[0];
         middle[width + i] = middle[width - 1];
     }
+    const uint16_t *s = w->sums;
+    for (int64_t x = 0; x < width; x++) {
+        /* 1338 / 2^16 is 1/49. */
+        const uint16_t sum = (uint16_t)(s[x] + s[x + 1] + s[x + 2] + s[x + 3] + s[x + 4] + s[x + 5] + s[x + 6] + 24);
+        const uint16_t mean = (uint16_t)((uint32_t)(sum * 1338) >> 16), twice = (uint16_t)(mean | mean << 8);
+        memcpy(means + 2 * x, &twice, 2);
+    }
+    means[2 * width] = means[2 * width - 1];
+}
+
+/* 1 where a pixel is dark, else 0. */
+static void mark_dark(uint8_t *restrict dark, const uint8_t *restrict means, const uint8_t *restrict row, int64_t width, int step)
+{
+    const uint8_t most = (uint8_t)step;
+    for (int64_t x = 0; x < width; x++)
+        dark[x] = (uint8_t)(means[x] > row[x] ? means[x] - row[x] : 0) > most;
+}
+
+/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 64 zeros
+   behind its end. In rows with texture every other branch would be mispredicted, so there is one for 64 pixels. */
+static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
+{
+    int32_t count = 0;
+    uint64_t before = 0;
+    for (int64_t x = 0; x <= width; x += 64) {
+        uint64_t words[8], any = before, bits = 0;
+        memcpy(words, dark + x, sizeof words);
+        for (int i = 0; i < 8; i++)
+            any |= words[i];
+        if (!any)
+            continue;
+        /* Eight bytes to eight bits, the first one the lowest. */
+        for (int i = 0; i < 8; i++)
+            bits |= (words[i] * UINT64_C(0x0102040810204080) >> 56) << (8 * i);
+        for (uint64_t edges = bits ^ (bits << 1 | before); edges; edges &= edges - 1)
+            changes[count++] = (int32_t)(x + __builtin_ctzll(edges));
+        before = bits >> 63;
+    }
+    return count;
 }
 
 /* Outlines of the components that could be dots. */
-static int find_components(const Image *image, Ellipses *found)
+static int find_components(const Image *image, const Image *coarse, Ellipses *found)
 {
     const int64_t height = image->height, width = image->width;
     found->count = 0;
@@ -459,25 +458,27 @@ static int find_components(const Image *image, Ellipses *found)
     noise *= smooth ? 3. / 8 : 1;
     const int step = (int)smaller(larger(MIN_DEPTH, DEPTH_SIGMA * noise), 255);
     const size_t most = (size_t)width / 2 + 1; /* runs in a row */
-    Window window = {.image = image};
-    window.sums = malloc(((size_t)width + 2 * HALF) * sizeof *window.sums);
-    window.scratch = malloc(((size_t)width + 2) * sizeof *window.scratch);
-    window.smooth = smooth ? malloc((size_t)(RING * width)) : NULL;
-    uint8_t *dark = calloc((size_t)width + 16, 1);
+    Window window = {coarse, -1, calloc((size_t)coarse->width + 2 * HALF, sizeof *window.sums), malloc((size_t)width + 2)};
+    uint16_t *scratch = malloc(((size_t)width + 2) * sizeof *scratch);
+    uint8_t *smoothed = malloc((size_t)width + 1), *dark = calloc((size_t)width + 72, 1);
     int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
     Run *above = malloc((most + 1) * sizeof *above), *here = malloc((most + 1) * sizeof *here);
     /* Those of two rows, since a joined one stays until the end of its row. */
     Component *all = malloc(2 * most * sizeof *all);
     int32_t above_count = 0, free_one = -1, used = 0;
-    int status = window.sums && window.scratch && (window.smooth || !smooth) && dark && changes && above && here && all
-                     ? 0
-                     : NO_MEMORY;
+    const int enough = window.sums && window.means && scratch && smoothed && dark && changes && above && here && all;
+    int status = enough ? 0 : NO_MEMORY;
     /* One row more, without a dark pixel, completes what is left. */
     for (int64_t y = 0; y <= height && !status; y++) {
         int32_t here_count = 0, i = 0, joined = -1;
         if (y < height) {
-            move_down(&window, y);
-            mark_dark(dark, window.sums, window.row[y % RING], width, step);
+            const uint8_t *row = image->rows + y * image->stride;
+            const int64_t of_coarse = y / 2 < coarse->height ? y / 2 : coarse->height - 1;
+            if (of_coarse != window.row)
+                move_down(&window, of_coarse);
+            if (smooth)
+                smooth_row(image, y, scratch, smoothed);
+            mark_dark(dark, window.means, smooth ? smoothed : row, width, step);
             here_count = find_changes(changes, dark, width) / 2;
         }
         /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
@@ -549,8 +550,9 @@ static int find_components(const Image *image, Ellipses *found)
         above_count = here_count;
     }
     free(window.sums);
-    free(window.scratch);
-    free(window.smooth);
+    free(window.means);
+    free(scratch);
+    free(smoothed);
     free(dark);
     free(changes);
     free(above);
@@ -569,31 +571,35 @@ static int find_components(const Image *image, Ellipses *found)
 enum { NORMALS = 24, EIGHTH = NORMALS / 8, PLACES = 9, ZERO = PLACES / 2, UNKNOWNS = 5 };
 
 /* Places across the outline where its profile is sampled, px. */
-static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
+static const float PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
 /* The first, cheap test: 6 of 8 directions have a step of at least 6 grey levels and 0.3 of the mean between pixels inside
    and outside of the outline of a component, which is too large by about a pixel. */
-static const double INSIDE_PX = -2, OUTSIDE_PX = 1.5, LEAST_STEP = 6, STEP_SHARE = 0.3;
+static const float INSIDE_PX = -2, OUTSIDE_PX = 1.5f, LEAST_STEP = 6, STEP_SHARE = 0.3f;
 enum { LEAST_EIGHTHS = 6 };
 /* Normals that must have an edge, of every other one at first, then of all: a quarter or a little more may be hidden,
    washed out by light, or cut off. */
-static const int MIN_NORMALS[2] = {9, 17};
+static const float MIN_NORMALS[2] = {9, 17};
 /* Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median. */
-static const double MIN_STEP = 12, ALIKE = 0.35;
+static const float MIN_STEP = 12, ALIKE = 0.35f;
 /* Maximum standard deviation of the step over the normals, without the three least and three largest, over its median, of a
    component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves, letters,
    cloth and stones 0.1 to 0.6. */
-static const double MAX_UNEVEN[2] = {0.5, 0.38};
+static const float MAX_UNEVEN[2] = {0.5f, 0.38f};
 /* Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots have
    0.02 to 0.15, clutter 0.1 to 1. */
-static const double MAX_RMS[2][2] = {{0.28, 0.03}, {0.22, 0.015}};
-static const double MIN_SEMI = 0.5;
+static const float MAX_RMS[2][2] = {{0.28f, 0.03f}, {0.22f, 0.015f}};
+static const float MIN_SEMI = 0.5f;
 /* Solutions of least squares, each with weights by the residuals of the one before. */
 static const int ROUNDS[2] = {2, 3};
 /* Residuals of more than 2.5 times their scale, which is at least 0.04 px, lose most of their weight. */
-static const double LEAST_SCALE = 0.04, SOFT = 2.5;
+static const float LEAST_SCALE = 0.04f, SOFT = 2.5f;
 /* The middle is the mean of center and eight points at 0.2 of the outline less 0.6 px of its shorter semi-axis, but at 0.05
    at least: where the hole is wide, noise is averaged away. */
-static const double MIDDLE_LEAST = 0.05, MIDDLE_SHARE = 0.2, MIDDLE_PX = 0.6;
+static const float MIDDLE_LEAST = 0.05f, MIDDLE_SHARE = 0.2f, MIDDLE_PX = 0.6f;
+/* How far from the outline levels are looked at, with room for a fit's moves, px. */
+static const double REACH = 8;
+/* Distance of an edge that there is not, px. */
+static const float NOWHERE = 1e6f;
 /* Limits, px, beyond which a rough outline is none. */
 static const double SMALLEST_SEMI = 1e-6, FARTHEST = 1e9;
 
@@ -607,42 +613,10 @@ typedef struct {
 } Edge;
 
 /* Of the normals' angles; the sine is a quarter of them behind. */
-static const double COSINE[NORMALS] = {
-    1.0, 0.9659258262890683, 0.8660254037844386, 0.7071067811865476, 0.5, 0.25881904510252074,
-    0.0, -0.25881904510252074, -0.5, -0.7071067811865476, -0.8660254037844386, -0.9659258262890683,
-    -1.0, -0.9659258262890683, -0.8660254037844386, -0.7071067811865476, -0.5, -0.25881904510252074,
-    0.0, 0.25881904510252074, 0.5, 0.7071067811865476, 0.8660254037844386, 0.9659258262890683};
-
-static double cosine(int i) { return COSINE[i]; }
-static double sine(int i) { return COSINE[(i + NORMALS - NORMALS / 4) % NORMALS]; }
-
-static double interpolated_inside(const Image *image, double x, double y)
-{
-    const int64_t column = (int64_t)x, row = (int64_t)y;
-    const double right = x - (double)column, down = y - (double)row;
-    const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
-    const double top = p[0] + right * (p[1] - p[0]);
-    return top + down * (q[0] + right * (q[1] - q[0]) - top);
-}
-
-/* Beyond the image's edge as at the edge. */
-static double interpolated(const Image *image, double x, double y)
-{
-    return interpolated_inside(image, between(x, 0, (double)image->width - 1.001),
-                               between(y, 0, (double)image->height - 1.001));
-}
-
-static double nearest_pixel(const Image *image, double x, double y)
-{
-    const int64_t column = (int64_t)between(x + 0.5, 0, (double)image->width - 1);
-    const int64_t row = (int64_t)between(y + 0.5, 0, (double)image->height - 1);
-    return image->rows[row * image->stride + column];
-}
-
-static int is_within(const Image *image, double x, double y)
-{
-    return x >= 0 && x <= (double)image->width - 1 && y >= 0 && y <= (double)image->height - 1;
-}
+static const float COSINE[NORMALS] = {1,      0.96592583f,  0.8660254f,  0.70710678f,  0.5f,  0.25881905f,
+                                      0,      -0.25881905f, -0.5f,       -0.70710678f, -0.8660254f, -0.96592583f,
+                                      -1,     -0.96592583f, -0.8660254f, -0.70710678f, -0.5f, -0.25881905f,
+                                      0,      0.25881905f,  0.5f,        0.70710678f,  0.8660254f,  0.96592583f};
 
 static double shorter_semi(const double *e)
 {
@@ -661,183 +635,314 @@ static int is_ellipse(const double *e)
     return shorter_semi(e) > SMALLEST_SEMI;
 }
 
-static void outline_point(const double *e, double u, double v, double *place, double *normal)
+/* Four ellipses at a time, whose places count from a pixel of each one's: the corner of what is looked at, if all of it is
+   `inside` the image. */
+typedef struct {
+    const uint8_t *at[LANES];
+    int64_t stride, x[LANES], y[LANES];
+    Flags left, right, top, bottom; /* the image's outermost pixels */
+    Lanes e[UNKNOWNS], shorter;
+    int inside;
+} Four;
+
+static Four four_of(const Image *image, const Edge *edges, int64_t count)
 {
+    const double right = (double)image->width - 1, bottom = (double)image->height - 1;
+    Four f = {.stride = image->stride, .inside = 1};
+    double corner[LANES][2];
+    for (int k = 0; k < LANES; k++) {
+        const double *e = edges[k < count ? k : count - 1].outline.e;
+        const double across = sqrt(e[2] * e[2] + e[3] * e[3]) + REACH, down = sqrt(e[3] * e[3] + e[4] * e[4]) + REACH;
+        corner[k][0] = e[0] - across;
+        corner[k][1] = e[1] - down;
+        f.inside &= corner[k][0] >= 0 && corner[k][1] >= 0 && e[0] + across < right && e[1] + down < bottom;
+    }
+    for (int k = 0; k < LANES; k++) {
+        const double *e = edges[k < count ? k : count - 1].outline.e;
+        f.x[k] = (int64_t)between(f.inside ? corner[k][0] : e[0], 0, right);
+        f.y[k] = (int64_t)between(f.inside ? corner[k][1] : e[1], 0, bottom);
+        f.at[k] = image->rows + f.y[k] * image->stride + f.x[k];
+        f.left[k] = (int32_t)-f.x[k];
+        f.top[k] = (int32_t)-f.y[k];
+        f.right[k] = (int32_t)(image->width - 1 - f.x[k]);
+        f.bottom[k] = (int32_t)(image->height - 1 - f.y[k]);
+        f.e[0][k] = (float)(e[0] - (double)f.x[k]);
+        f.e[1][k] = (float)(e[1] - (double)f.y[k]);
+        for (int j = 2; j < UNKNOWNS; j++)
+            f.e[j][k] = (float)e[j];
+        f.shorter[k] = (float)shorter_semi(e);
+    }
+    return f;
+}
+
+static inline Flags clamped(Flags x, Flags low, Flags high)
+{
+    const Flags under = x < low, over = x > high;
+    return (under & low) | (over & high) | (~(under | over) & x);
+}
+
+/* The next smaller whole number. */
+static inline Flags whole_of(Lanes x)
+{
+    const Flags whole = __builtin_convertvector(x, Flags);
+    return whole + (__builtin_convertvector(whole, Lanes) > x);
+}
+
+/* Between four pixels; beyond the image's edge as at the edge. */
+static inline Lanes sample(const Four *f, Lanes x, Lanes y)
+{
+    Flags column = __builtin_convertvector(x, Flags), row = __builtin_convertvector(y, Flags), above, below;
+    if (!f->inside) {
+        column = clamped(whole_of(x), f->left, f->right - 1);
+        row = clamped(whole_of(y), f->top, f->bottom - 1);
+        x = most_of(least_of(x, __builtin_convertvector(f->right, Lanes)), __builtin_convertvector(f->left, Lanes));
+        y = most_of(least_of(y, __builtin_convertvector(f->bottom, Lanes)), __builtin_convertvector(f->top, Lanes));
+    }
+    const Lanes right = x - __builtin_convertvector(column, Lanes), down = y - __builtin_convertvector(row, Lanes);
+    for (int k = 0; k < LANES; k++) {
+        const uint8_t *at = f->at[k] + row[k] * f->stride + column[k];
+        uint16_t pair, next;
+        memcpy(&pair, at, 2);
+        memcpy(&next, at + f->stride, 2);
+        above[k] = pair;
+        below[k] = next;
+    }
+    /* The first byte is the lower one. */
+    const Flags a = above & UINT8_MAX, c = below & UINT8_MAX;
+    const Lanes upper = __builtin_convertvector(a, Lanes) + right * __builtin_convertvector((above >> 8) - a, Lanes);
+    const Lanes lower = __builtin_convertvector(c, Lanes) + right * __builtin_convertvector((below >> 8) - c, Lanes);
+    return upper + down * (lower - upper);
+}
+
+static inline Lanes nearest_pixel(const Four *f, Lanes x, Lanes y)
+{
+    const Flags column = clamped(whole_of(x + 0.5f), f->left, f->right), row = clamped(whole_of(y + 0.5f), f->top, f->bottom);
+    Flags level;
+    for (int k = 0; k < LANES; k++)
+        level[k] = f->at[k][row[k] * f->stride + column[k]];
+    return __builtin_convertvector(level, Lanes);
+}
+
+static inline Flags is_within(const Four *f, Lanes x, Lanes y)
+{
+    return (x >= __builtin_convertvector(f->left, Lanes)) & (x <= __builtin_convertvector(f->right, Lanes)) &
+           (y >= __builtin_convertvector(f->top, Lanes)) & (y <= __builtin_convertvector(f->bottom, Lanes));
+}
+
+static inline void outline_point(const Four *f, int normal, Lanes *place, Lanes *direction)
+{
+    const float u = COSINE[normal], v = COSINE[(normal + NORMALS - NORMALS / 4) % NORMALS];
+    const Lanes *e = f->e, x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, per_length = 1 / root_of(x * x + y * y);
     place[0] = e[0] + e[2] * u + e[3] * v;
     place[1] = e[1] + e[3] * u + e[4] * v;
-    const double x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, length = sqrt(x * x + y * y);
-    normal[0] = x / length;
-    normal[1] = y / length;
+    direction[0] = x * per_length;
+    direction[1] = y * per_length;
 }
 
-static void sort_few(double *values, int n)
+/* In the order of their size, by Batcher's exchanges, the same ones whatever the numbers are. */
+static inline void sort_lanes(Lanes *values, int n)
 {
-    for (int i = 1; i < n; i++) {
-        const double value = values[i];
-        int j = i;
-        for (; j > 0 && values[j - 1] > value; j--)
-            values[j] = values[j - 1];
-        values[j] = value;
-    }
+    for (int p = 1; p < n; p *= 2)
+        for (int k = p; k > 0; k /= 2)
+            for (int j = k % p; j + k < n; j += 2 * k)
+                for (int i = j; i < j + k && i + k < n; i++)
+                    if ((i ^ (i + k)) < 2 * p) {
+                        const Flags a = (Flags)values[i], b = (Flags)values[i + k];
+                        const Flags change = (a ^ b) & (values[i] > values[i + k]);
+                        values[i] = (Lanes)(a ^ change);
+                        values[i + k] = (Lanes)(b ^ change);
+                    }
 }
 
-static int stands_out(const Image *image, const double *e)
+static Flags stand_out(const Image *image, Edge *edges, int64_t count)
 {
-    const double inside = larger(INSIDE_PX, -shorter_semi(e));
-    double step[8], sum = 0;
-    int good = 0, in_image[8];
+    const Four f = four_of(image, edges, count);
+    const Lanes inside = most_of(all(INSIDE_PX), -f.shorter);
+    Lanes step[8], sum = all(0);
+    Flags in_image[8], good = {0};
     for (int i = 0; i < 8; i++) {
-        double p[2], n[2];
-        outline_point(e, cosine(EIGHTH * i), sine(EIGHTH * i), p, n);
-        step[i] = nearest_pixel(image, p[0] + OUTSIDE_PX * n[0], p[1] + OUTSIDE_PX * n[1]) -
-                  nearest_pixel(image, p[0] + inside * n[0], p[1] + inside * n[1]);
+        Lanes p[2], n[2];
+        outline_point(&f, EIGHTH * i, p, n);
+        step[i] = nearest_pixel(&f, p[0] + OUTSIDE_PX * n[0], p[1] + OUTSIDE_PX * n[1]) -
+                  nearest_pixel(&f, p[0] + inside * n[0], p[1] + inside * n[1]);
         sum += step[i];
-        in_image[i] = is_within(image, p[0], p[1]);
+        in_image[i] = is_within(&f, p[0], p[1]);
     }
-    const double enough = larger(LEAST_STEP, STEP_SHARE * (sum / 8));
+    const Lanes enough = most_of(all(LEAST_STEP), STEP_SHARE / 8 * sum);
     for (int i = 0; i < 8; i++)
-        good += in_image[i] && step[i] > enough;
+        good -= in_image[i] & (step[i] > enough);
     return good >= LEAST_EIGHTHS;
 }
 
-/* Moves an ellipse to the edges near it, and fills in the rest of `edge` but for the middle; 0 without edges. */
-static int at_crossings(const Image *image, Edge *edge, int pass)
+/* Solves N x = b by Cholesky's decomposition, N of which the lower triangle is there and is replaced, for b (count). */
+static inline void solve_lanes(Lanes (*N)[UNKNOWNS], Lanes (*b)[UNKNOWNS], int count)
+{
+    Lanes inverse[UNKNOWNS];
+    for (int j = 0; j < UNKNOWNS; j++) {
+        inverse[j] = 1 / root_of(most_of(N[j][j], all(1e-9f)));
+        for (int i = j + 1; i < UNKNOWNS; i++) {
+            N[i][j] *= inverse[j];
+            for (int k = j + 1; k <= i; k++)
+                N[i][k] -= N[i][j] * N[k][j];
+        }
+    }
+    for (int c = 0; c < count; c++) {
+        for (int i = 0; i < UNKNOWNS; i++) {
+            for (int k = 0; k < i; k++)
+                b[c][i] -= N[i][k] * b[c][k];
+            b[c][i] *= inverse[i];
+        }
+        for (int i = UNKNOWNS - 1; i >= 0; i--) {
+            for (int k = i + 1; k < UNKNOWNS; k++)
+                b[c][i] -= N[k][i] * b[c][k];
+            b[c][i] *= inverse[i];
+        }
+    }
+}
+
+/* Moves four ellipses to the edges near them, and fills in the rest of `edges`; those without edges all around stay. */
+static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass)
 {
     /* The first pass takes every other normal. */
-    double *e = edge->outline.e;
     const int every = pass ? 1 : 2, normals = NORMALS / every, odd = normals / 8;
-    const double least = -shorter_semi(e), reach = PROFILE[PLACES - 1] + 1;
-    const double right = (double)image->width - 1 - reach, bottom = (double)image->height - 1 - reach;
-    double offset[PLACES], step[NORMALS], light[NORMALS], slope[NORMALS], away[NORMALS], sorted[NORMALS];
-    double rows[NORMALS][UNKNOWNS], weight[NORMALS], residual[NORMALS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
-    int good[NORMALS], count = 0;
+    Four f = four_of(image, edges, of);
+    Lanes offset[PLACES], step[NORMALS], light[NORMALS], slope[NORMALS], away[NORMALS], sorted[NORMALS];
+    Lanes rows[NORMALS][UNKNOWNS], weight[NORMALS], residual[NORMALS], solved[3][UNKNOWNS];
+    Flags good[NORMALS];
     /* At most as far inside as the middle of the shorter axis. */
     for (int j = 0; j < PLACES; j++)
-        offset[j] = larger(PROFILE[j], least);
+        offset[j] = most_of(all(PROFILE[j]), -f.shorter);
     for (int i = 0; i < normals; i++) {
-        const double u = cosine(every * i), v = sine(every * i);
-        double p[2], n[2], grey[PLACES];
-        outline_point(e, u, v, p, n);
-        if (p[0] > reach && p[1] > reach && p[0] < right && p[1] < bottom)
-            for (int j = 0; j < PLACES; j++)
-                grey[j] = interpolated_inside(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
-        else
-            for (int j = 0; j < PLACES; j++)
-                grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        const float u = COSINE[every * i], v = COSINE[(every * i + NORMALS - NORMALS / 4) % NORMALS];
+        Lanes p[2], n[2], grey[PLACES];
+        outline_point(&f, every * i, p, n);
+        for (int j = 0; j < PLACES; j++)
+            grey[j] = sample(&f, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
         /* The nearest place where the level rises past the mean of the lightest outside and the darkest inside. */
-        double lightest = grey[ZERO], darkest = grey[ZERO];
+        Lanes lightest = grey[ZERO], darkest = grey[ZERO];
         for (int j = 0; j < ZERO; j++) {
-            lightest = larger(lightest, grey[ZERO + 1 + j]);
-            darkest = smaller(darkest, grey[j]);
+            lightest = most_of(lightest, grey[ZERO + 1 + j]);
+            darkest = least_of(darkest, grey[j]);
         }
-        const double half = (lightest + darkest) / 2;
-        away[i] = INFINITY;
-        for (int j = 0; j + 1 < PLACES; j++)
-            if (grey[j] < half && grey[j + 1] >= half) {
-                const double share = (half - grey[j]) / (grey[j + 1] - grey[j]);
-                const double crossing = offset[j] + share * (offset[j + 1] - offset[j]);
-                if (fabs(crossing) < fabs(away[i]))
-                    away[i] = crossing;
-            }
+        const Lanes half = (lightest + darkest) * 0.5f;
+        Lanes nearest = all(NOWHERE);
+        for (int j = 0; j + 1 < PLACES; j++) {
+            const Flags rises = (grey[j] < half) & (grey[j + 1] >= half);
+            const Lanes share = (half - grey[j]) / pick(rises, grey[j + 1] - grey[j], all(1));
+            const Lanes crossing = offset[j] + share * (offset[j + 1] - offset[j]);
+            nearest = pick(rises & (magnitude(crossing) < magnitude(nearest)), crossing, nearest);
+        }
+        away[i] = nearest;
         light[i] = lightest;
         step[i] = sorted[i] = lightest - darkest;
         slope[i] = grey[ZERO + 1] - grey[ZERO - 1];
-        good[i] = away[i] < INFINITY && is_within(image, p[0], p[1]);
+        good[i] = (nearest < NOWHERE) & is_within(&f, p[0], p[1]);
         /* The derivatives of the distance along the normal with respect to center and axes. */
-        const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
-        memcpy(rows[i], row, sizeof row);
+        rows[i][0] = n[0];
+        rows[i][1] = n[1];
+        rows[i][2] = n[0] * u;
+        rows[i][3] = n[0] * v + n[1] * u;
+        rows[i][4] = n[1] * v;
     }
-    sort_few(sorted, normals);
-    const double median = (sorted[normals / 2 - 1] + sorted[normals / 2]) / 2;
-    double mean = 0, square = 0, difference = 0;
+    sort_lanes(sorted, normals);
+    const Lanes median = (sorted[normals / 2 - 1] + sorted[normals / 2]) * 0.5f;
+    const float share = 1 / (float)(normals - 2 * odd);
+    Lanes mean = all(0), square = all(0), difference = all(0), count = all(0);
     for (int i = odd; i < normals - odd; i++)
-        mean += sorted[i] / (normals - 2 * odd);
+        mean += sorted[i] * share;
     for (int i = odd; i < normals - odd; i++)
-        square += (sorted[i] - mean) * (sorted[i] - mean) / (normals - 2 * odd);
-    const double uneven = sqrt(square);
+        square += (sorted[i] - mean) * (sorted[i] - mean) * share;
+    const Lanes uneven = root_of(square);
     for (int i = 0; i < normals; i++) {
-        good[i] = good[i] && step[i] > ALIKE * median && ALIKE * step[i] < median;
-        count += good[i];
-        weight[i] = good[i];
-        away[i] = good[i] ? away[i] : 0;
-        difference += good[i] ? slope[i] : 0;
+        good[i] &= (step[i] > ALIKE * median) & (ALIKE * step[i] < median);
+        weight[i] = pick(good[i], all(1), all(0));
+        away[i] = pick(good[i], away[i], all(0));
+        difference += weight[i] * slope[i];
+        count += weight[i];
     }
-    if (!(count >= MIN_NORMALS[pass] && median >= MIN_STEP && uneven < MAX_UNEVEN[pass] * median))
-        return 0;
+    Flags found = (count >= MIN_NORMALS[pass]) & (median >= MIN_STEP) & (uneven < MAX_UNEVEN[pass] * median);
+    if (!(found[0] | found[1] | found[2] | found[3]))
+        return found;
 
     for (int done = 1; done <= ROUNDS[pass]; done++) {
         const int last = done == ROUNDS[pass];
-        memset(N, 0, sizeof N);
+        Lanes N[UNKNOWNS][UNKNOWNS] = {{{0}}};
         memset(solved, 0, sizeof solved);
         for (int i = 0; i < normals; i++)
             for (int j = 0; j < UNKNOWNS; j++) {
-                const double weighted = weight[i] * rows[i][j];
+                const Lanes weighted = weight[i] * rows[i][j];
                 for (int k = 0; k <= j; k++)
                     N[j][k] += weighted * rows[i][k];
-                solved[j] += weighted * away[i];
+                solved[0][j] += weighted * away[i];
             }
         for (int j = 0; j < UNKNOWNS; j++)
-            N[j][j] += 1e-9;
-        solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
-        solve_positive(UNKNOWNS, N[0], solved, last ? 3 : 1, -INFINITY);
+            N[j][j] += 1e-6f;
+        solved[1][0] = solved[2][1] = all(1);
+        solve_lanes(N, solved, last ? 3 : 1);
         for (int i = 0; i < normals; i++) {
             residual[i] = away[i];
             for (int j = 0; j < UNKNOWNS; j++)
-                residual[i] -= rows[i][j] * solved[j];
-            sorted[i] = good[i] ? fabs(residual[i]) : 0;
+                residual[i] -= rows[i][j] * solved[0][j];
+            sorted[i] = pick(good[i], magnitude(residual[i]), all(0));
         }
         if (last)
             break;
-        sort_few(sorted, normals);
-        const double scale = (sorted[normals / 2 - 1] + sorted[normals / 2]) / 2;
-        const double soft = SOFT * larger(1.48 * scale, LEAST_SCALE);
+        sort_lanes(sorted, normals);
+        const Lanes scale = (sorted[normals / 2 - 1] + sorted[normals / 2]) * 0.5f;
+        const Lanes per_soft = 1 / (SOFT * most_of(1.48f * scale, all(LEAST_SCALE)));
         for (int i = 0; i < normals; i++) {
-            const double r = residual[i] / soft, whole = 1 + r * r;
-            weight[i] = good[i] / (whole * whole);
+            const Lanes r = residual[i] * per_soft, whole = 1 + r * r;
+            weight[i] = pick(good[i], 1 / (whole * whole), all(0));
         }
     }
-    double total = 0, squares = 0;
+    Lanes total = all(0), squares = all(0);
     for (int i = 0; i < normals; i++) {
         total += weight[i];
         squares += weight[i] * residual[i] * residual[i];
     }
     for (int j = 0; j < UNKNOWNS; j++)
-        e[j] += solved[j];
-    sort_few(light, normals);
-    edge->light = (light[normals / 2 - 1] + light[normals / 2]) / 2;
-    edge->step = median;
-    edge->uneven = uneven / median;
-    edge->rms = sqrt(squares / total);
-    edge->slope = difference / count;
-    edge->inverse[0] = solved[UNKNOWNS];
-    edge->inverse[1] = solved[UNKNOWNS + 1];
-    edge->inverse[2] = solved[2 * UNKNOWNS + 1];
-    const double shorter = shorter_semi(e), longer = e[2] + e[4] - shorter;
-    return is_ellipse(e) && shorter > MIN_SEMI && longer < MAX_ELONGATION * shorter &&
-           edge->rms < MAX_RMS[pass][0] + MAX_RMS[pass][1] * shorter;
-}
-
-/* The even edge near a rough outline, which `edge` has; 0 if there is none. */
-static int is_even_edge(const Image *image, Edge *edge)
-{
-    const double *e = edge->outline.e;
-    if (!is_ellipse(e) || !stands_out(image, e) || !at_crossings(image, edge, 0) || !at_crossings(image, edge, 1))
-        return 0;
-    const double size = larger(MIDDLE_LEAST, MIDDLE_SHARE - MIDDLE_PX / shorter_semi(e));
-    double sum = interpolated(image, e[0], e[1]);
-    for (int j = 0; j < NORMALS; j += EIGHTH) {
-        const double u = size * cosine(j), v = size * sine(j);
-        sum += interpolated(image, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
+        f.e[j] += solved[0][j];
+    f.inside = 0;
+    const Lanes *e = f.e, apart = (e[2] - e[4]) * 0.5f, shorter = (e[2] + e[4]) * 0.5f - root_of(apart * apart + e[3] * e[3]);
+    const Lanes longer = e[2] + e[4] - shorter, rms = root_of(squares / total);
+    const float most = MAX_RMS[pass][0], growth = MAX_RMS[pass][1];
+    found &= (shorter > MIN_SEMI) & (longer < (float)MAX_ELONGATION * shorter) & (rms < most + growth * shorter);
+    Lanes middle = all(0);
+    if (pass) {
+        const Lanes size = most_of(all(MIDDLE_LEAST), MIDDLE_SHARE - MIDDLE_PX / shorter);
+        sort_lanes(light, normals);
+        middle = sample(&f, e[0], e[1]);
+        for (int j = 0; j < NORMALS; j += EIGHTH) {
+            const Lanes u = size * COSINE[j], v = size * COSINE[(j + NORMALS - NORMALS / 4) % NORMALS];
+            middle += sample(&f, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
+        }
     }
-    edge->middle = sum / 9;
-    return 1;
+    for (int k = 0; k < LANES && k < of; k++) {
+        const double own[UNKNOWNS] = {(double)f.x[k] + (double)e[0][k], (double)f.y[k] + (double)e[1][k], (double)e[2][k],
+                                      (double)e[3][k], (double)e[4][k]};
+        if (!found[k] || !is_ellipse(own)) {
+            found[k] = 0;
+            continue;
+        }
+        memcpy(edges[k].outline.e, own, sizeof own);
+        edges[k].light = (double)(light[normals / 2 - 1][k] + light[normals / 2][k]) / 2;
+        edges[k].step = (double)median[k];
+        edges[k].uneven = (double)(uneven[k] / median[k]);
+        edges[k].rms = (double)rms[k];
+        edges[k].slope = (double)(difference[k] / count[k]);
+        edges[k].middle = (double)middle[k] / 9;
+        edges[k].inverse[0] = (double)solved[1][0][k];
+        edges[k].inverse[1] = (double)solved[1][1][k];
+        edges[k].inverse[2] = (double)solved[2][1][k];
+    }
+    return found;
 }
 
 /* How unlike those of dots an edge is, from 0: uneven, off the ellipse, or faint. */
 static double doubt_of(const Edge *edge)
 {
-    const double limit = MAX_RMS[1][0] + MAX_RMS[1][1] * shorter_semi(edge->outline.e);
-    const double uneven = edge->uneven / MAX_UNEVEN[1], off = edge->rms / limit, faint = MIN_STEP / edge->step;
+    const double limit = (double)MAX_RMS[1][0] + (double)MAX_RMS[1][1] * shorter_semi(edge->outline.e);
+    const double uneven = edge->uneven / (double)MAX_UNEVEN[1], off = edge->rms / limit, faint = (double)MIN_STEP / edge->step;
     return uneven * uneven + off * off + faint * faint;
 }
 
@@ -1077,7 +1182,7 @@ static int make_coarser(Clears *clears, int64_t room)
 /* Whether an outline has the size and, but for a pixel or two, the place of a dot found. */
 static int is_clear(const Clears *clears, const double *e)
 {
-    if (!is_ellipse(e) || !clears->count)
+    if (!clears->count)
         return 0;
     const int64_t x = (int64_t)rint(e[0]), y = (int64_t)rint(e[1]);
     const double semi = mean_semi(e);
@@ -1092,31 +1197,67 @@ static int is_clear(const Clears *clears, const double *e)
     return 0;
 }
 
+/* The edges among `count` that a test passes, in front of the others. */
+static int64_t keep_passing(Flags (*test)(const Image *, Edge *, int64_t), const Image *image, Edge *edges, int64_t count)
+{
+    int64_t kept = 0;
+    for (int64_t i = 0; i < count; i += LANES) {
+        const Flags good = test(image, edges + i, count - i);
+        for (int64_t k = 0; k < LANES && i + k < count; k++)
+            if (good[k])
+                edges[kept++] = edges[i + k];
+    }
+    return kept;
+}
+
+static Flags first_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 0); }
+static Flags second_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 1); }
+
+/* Measures the edges near rough outlines of a level: in the finer level, if there is one, which gives more exact ellipses, and
+   where corners show. */
+static int measure(const Pyramid *p, int level, Edge *rough, int64_t count, Edges *edges, Clears *clears)
+{
+    const int finer = level > p->first ? level - 1 : level;
+    const double side = ldexp(1, level - finer), shift = (side - 1) / 2;
+    count = keep_passing(stand_out, p->level + level, rough, count);
+    count = keep_passing(first_pass, p->level + level, rough, count);
+    for (int64_t i = 0; i < count; i++) {
+        double *e = rough[i].outline.e;
+        for (int j = 0; j < UNKNOWNS; j++)
+            e[j] = side * e[j] + (j < 2 ? shift : 0);
+        rough[i].side = ldexp(1, finer);
+    }
+    count = keep_passing(second_pass, p->level + finer, rough, count);
+    for (int64_t i = 0; i < count; i++) {
+        const double *e = rough[i].outline.e;
+        if (rough[i].uneven < CLEAR_UNEVEN && rough[i].rms < CLEAR_RMS * side)
+            clears->all[clears->count++] = (Clear){(e[0] - shift) / side, (e[1] - shift) / side, mean_semi(e) / side, 0};
+        if (add_edge(edges, rough + i))
+            return NO_MEMORY;
+    }
+    return 0;
+}
+
 /* Even edges of all levels. */
 static int find_edges(const Pyramid *p, Edges *edges)
 {
+    enum { TOGETHER = 64 };
     Ellipses rough = {NULL, 0, 0};
     Clears clears = {NULL, 0, 0, NULL, 0};
+    Edge chosen[TOGETHER];
     int status = 0;
     for (int level = p->first; level < p->end && !status; level++) {
-        const Image *image = p->level + level;
-        status = find_components(image, &rough);
+        int64_t count = 0;
+        status = find_components(p->level + level, p->level + level + 1, &rough);
         status = status ? status : make_coarser(&clears, clears.count + rough.count);
         for (int64_t i = 0; i < rough.count && !status; i++) {
-            Edge edge = {.outline = rough.all[i], .side = ldexp(1, level)};
-            double *e = edge.outline.e;
-            if ((level > p->first && !(shorter_semi(e) > MIN_COARSE)) || is_clear(&clears, e) || !is_even_edge(image, &edge))
-                continue;
-            if (edge.uneven < CLEAR_UNEVEN && edge.rms < CLEAR_RMS)
-                clears.all[clears.count++] = (Clear){e[0], e[1], mean_semi(e), 0};
-            /* Corners show at the finer level, which gives more exact ellipses, too. */
-            if (level > p->first) {
-                const Ellipse finer = {{2 * e[0] + 0.5, 2 * e[1] + 0.5, 2 * e[2], 2 * e[3], 2 * e[4]}};
-                edge = (Edge){.outline = finer, .side = ldexp(1, level - 1)};
-                if (!is_even_edge(image - 1, &edge))
-                    continue;
+            const double *e = rough.all[i].e;
+            if (is_ellipse(e) && (level == p->first || shorter_semi(e) > MIN_COARSE) && !is_clear(&clears, e))
+                chosen[count++] = (Edge){.outline = rough.all[i]};
+            if (count == TOGETHER || i + 1 == rough.count) {
+                status = measure(p, level, chosen, count, edges, &clears);
+                count = 0;
             }
-            status = add_edge(edges, &edge);
         }
     }
     free(rough.all);
@@ -1180,7 +1321,7 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
     const double center = CENTER_PX * CENTER_PX, light = p->low + p->unit * edge->light;
     *blob = (Blob){
         .center = {side * e[0] + (side - 1) / 2, side * e[1] + (side - 1) / 2},
-        .semi = {side * larger(behind.semi[0], MIN_SEMI), side * larger(behind.semi[1], MIN_SEMI)},
+        .semi = {side * larger(behind.semi[0], (double)MIN_SEMI), side * larger(behind.semi[1], (double)MIN_SEMI)},
         .angle = atan2(2 * e[3], e[2] - e[4]) / 2,
         .covariance = {square * (edge->inverse[0] * variance + center), square * edge->inverse[1] * variance,
                        square * (edge->inverse[2] * variance + center)},

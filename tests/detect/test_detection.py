@@ -180,7 +180,7 @@ def test_a_hidden_key_ring_leaves_the_turn_open(pentagon):
     covered = replace(pentagon, control_points=pentagon.control_points[1:])
     found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA)
     assert not found.found
-    assert "ambiguous without the key ring" in found.reason
+    assert "ambiguous" in found.reason
     assert found.ids.size == found.pixels.size == found.ellipse_centers.size == found.covariance.size == 0
     assert found.pose is None
     assert found.homography is None
@@ -243,9 +243,9 @@ def test_several_copies_of_one_marker(pentagon):
     assert [each.found for each in found] == [True, True]
     places = sorted(each.pose.translation[0] for each in found)
     np.testing.assert_allclose(places, [-0.25, 0.25], atol=1e-3)
-    # One of them is not all there: the other is reported.
-    image[:, :60] = 225
-    image[:200, :120] = 225
+    # Of one of them two dots are not there: the other is reported.
+    image[:, :75] = 225
+    image[:260, :130] = 225
     single = detect(image, pentagon, PAPER_CAMERA)
     np.testing.assert_allclose(single.pose.translation[0], 0.25, atol=1e-3)
 
