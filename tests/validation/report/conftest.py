@@ -110,7 +110,6 @@ def synthetic_views(marker, setting, budget):
         "optics": dict(vars(DEFAULT_OPTICS)),
         "background": "plain",
         "hidden": 0,
-        "refine": "none",
         "print_sigma_mm": 0.1,
         "by_polar_angle": groups(poses.by_polar_angle()),
         "by_distance": groups(poses.by_distance()),
