@@ -11,6 +11,7 @@ from markergen.drawing.scene import Disk, Line, Point, Segment, Shape
 from markergen.errors import InputError
 
 POINTS_PER_MM = 72 / 25.4
+"""PDF's default user space has 72 units to the inch."""
 
 ARCS = 16
 """Bezier arcs per circle. The radial error falls with the sixth power of their angle: 2.7e-4 of the radius for 4 arcs

@@ -30,12 +30,15 @@ LONG = 48
 SAGITTA = 2e-3
 """Maximum distance in pixels of a chord from its curve; a grey level is 4e-3 of a pixel."""
 FEWEST_ARCS = 32
+"""Minimum number of chords of a circle; `SAGITTA` asks for more from a radius of 0.42 px on."""
 MITER = 4.0
 """Maximum miter length in line widths, as in SVG; beyond it a corner is beveled."""
 MOST_BYTES = 2e9
 """Maximum size of an image before compression, bytes."""
 MILLIMETERS_PER_INCH = 25.4
+"""Printers' resolutions are in dots per inch."""
 LEAST_DPI, MOST_DPI = 10, 10_000
+"""Limits of the resolution: pixels of 2.54 mm, in which no dot is round, and of 2.54 um, finer than printers."""
 
 
 def check_image(options: ExportOptions) -> None:

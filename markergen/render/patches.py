@@ -22,8 +22,11 @@ EDGE_ERROR_PX = 5e-4
 """Maximum distance of a subdivided straight edge from its distorted image, px."""
 
 _UPRIGHT = 1e-9
+"""z of a unit normal below which a patch stands upright, and shows no face to the front."""
 _MARGIN_PX = 2.0
+"""Width of the border around the image in px that is drawn as well, so that clipped edges are outside."""
 _BORDER_POINTS = 32
+"""Number of points per side of the image's border whose rays bound the view of a lens with distortion."""
 
 
 @dataclass(frozen=True, eq=False)

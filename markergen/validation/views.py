@@ -30,6 +30,7 @@ WRONG_PX = 5.0
 """Maximum distance in px of a dot from its true position; beyond it, the detection has a wrong label."""
 
 MOST_VIEWS = 1_000_000
+"""Maximum number of views; more are a slip."""
 
 FAILURES, WORST, TYPICAL = 6, 3, 3
 """Maximum number of pictures of each kind."""

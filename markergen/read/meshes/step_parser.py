@@ -29,6 +29,7 @@ SAGITTA = 1e-3
 """Maximum distance in mm of an arc from the lines between its points, as far as that number allows."""
 
 MOST_FACES = 200_000
+"""Maximum number of faces of all solids; a plate with an engraved back has thousands."""
 
 Json = dict[str, Any]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]

@@ -34,6 +34,7 @@ from markergen.read.outlines.formats import (
 Viewport = tuple[float, float]
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100
+"""Maximum number of elements, counted as often as they are used, and maximum depth of groups and uses."""
 LONGEST_CLASS = 1000
 """Maximum length of an element's class names in characters; Illustrator writes about ten."""
 SVG = "http://www.w3.org/2000/svg"
@@ -44,6 +45,7 @@ _W3C = "-//W3C//DTD SVG "
 SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
 GROUPS = ("g", "a", "switch")
 MOST_CLIPS = 16
+"""Maximum number of shapes in a clip path, which are intersected with each shape that it clips."""
 UNREAD = {"text": "text", "image": "image", "foreignObject": "foreign object"}
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
@@ -87,6 +89,7 @@ LARGEST_PATH = 300_000
 """Maximum length of all path data in characters, ample for the maximum number of corners of an outline."""
 
 MOST_CLOSES = 20
+"""Maximum number of closes after one move: each begins a new subpath, and one is what editors write."""
 
 PX = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6, "pt": 96 / 72, "pc": 16.0}
 """CSS units in user units (px)."""

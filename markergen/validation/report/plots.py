@@ -29,9 +29,11 @@ FIRST = (*BEST, "ippe", "sqpnp", "epnp")
 """Estimators whose line styles do not depend on which others are drawn."""
 _BOUND: dict[str, Any] = {"color": INK, "linestyle": (0, (2, 1.5)), "linewidth": 1.8, "zorder": 4}
 _MOST_ERRORS = 800
+"""Maximum number of single errors drawn in a plot, at equal strides: each is a mark in the page."""
 QUANTILE_95 = float(np.sqrt(-2 * np.log(0.05)))
 """Radius in standard deviations of the ellipse that contains 95 % of a bivariate Gaussian."""
 _MOST_IN_ELLIPSE = 1200
+"""Maximum number of measured errors drawn in an ellipse, at equal strides."""
 _AROUND = np.linspace(0, 2 * np.pi, 121)
 LOOKS: dict[str, dict[str, Any]] = {
     "image": {"facecolor": "#9dc3e6", "hatch": ""},

@@ -58,7 +58,9 @@ TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 """Column-major matrix of the root node: (x, y, z) becomes (x, z, -y)."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+"""Use of a buffer view in glTF: corners, and their indices."""
 FLOAT, UNSIGNED_INT = 5126, 5125
+"""Types of numbers in glTF, those of OpenGL."""
 
 
 @dataclass(frozen=True)
