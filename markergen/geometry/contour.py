@@ -212,9 +212,10 @@ def inner_polygon(contour: Contour, off: float) -> Array:
         count = abs(angle) / min(4 * asin(min(sqrt(share), 1.0)), COARSEST) if share > 0 else inf
         if not len(points) + count < MOST_CHORDS:
             raise InputError(
-                f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit", f"a radius of {radius:.3g}",
+                f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit",
+                f"a radius of {radius:.3g}",
                 "check the bulges",
-            )  # fmt: skip
+            )
         steps = 2 * ceil(count / 2)
         first = atan2(start[1] - cy, start[0] - cx)
         reach, places = (radius, range(1, steps)) if bulge > 0 else (radius / cos(angle / steps / 2), range(steps))

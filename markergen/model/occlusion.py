@@ -97,9 +97,7 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
     """
     n = len(points)
     dot_radius, wall_radius = (np.broadcast_to(radius, n) for radius in (dot_radius, wall_radius))
-    passages = passage(
-        points[:, None], dot_radius[:, None], points[None], wall_radius[None], eyes[:, None, None]
-    )  # fmt: skip
+    passages = passage(points[:, None], dot_radius[:, None], points[None], wall_radius[None], eyes[:, None, None])
     higher = points[None, :, 2] > points[:, None, 2]
     gaps = np.where(higher & (wall_radius > 0), passages.gap, np.inf)
     gaps[eyes[:, 2][:, None] <= points[:, 2]] = -np.inf

@@ -134,9 +134,11 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         for p, before in zip(changed.control_points, marker.control_points, strict=True)
     )
     record = {
-        "measured_x": rulers.x, "measured_y": rulers.y,
-        "nominal_x": lengths.get("x"), "nominal_y": lengths.get("y"),
-    }  # fmt: skip
+        "measured_x": rulers.x,
+        "measured_y": rulers.y,
+        "nominal_x": lengths.get("x"),
+        "nominal_y": lengths.get("y"),
+    }
     sentences = [
         f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y: "
         + ", ".join(f"{name} {format_length(measured[name])} of {format_length(lengths[name])}" for name in ratios)

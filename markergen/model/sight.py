@@ -278,11 +278,15 @@ def distance_table(
     body = []
     for row, more in zip(rows, cells, strict=True):
         least, _, most = row["dots"]
-        body.append([
-            f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
-            f"{least} to {most}" if least < most else str(least),
-            *(percent(count / row["poses"]) for count in row["serving"]), *more,
-        ])  # fmt: skip
+        body.append(
+            [
+                f"{row['from_m']:.2g}..{row['to_m']:.2g}",
+                percent(row["served"] / row["poses"]),
+                f"{least} to {most}" if least < most else str(least),
+                *(percent(count / row["poses"]) for count in row["serving"]),
+                *more,
+            ]
+        )
     return Table(
         "What each distance is served by",
         ["distance m", "served", "dots", *map(format_length, diameters), *titles],

@@ -199,9 +199,13 @@ def rig_budget(series: SyntheticViews[Rig], pose: int, dots: Indices, image: Arr
     """Error budget (1, 6, 6) of a rig at a pose from some dots (m,), whose centers have covariances (m, 2, 2), px^2."""
     rig, poses = series.marker, series.poses
     return pose_budget(
-        rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, image[None],
+        rig.xyz[dots],
+        poses.rotation[[pose]],
+        poses.translation[[pose]],
+        series.camera,
+        image[None],
         spatial_errors(rig, dots, np.eye(3), series.errors),
-    )  # fmt: skip
+    )
 
 
 def error_budget(

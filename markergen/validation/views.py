@@ -260,10 +260,11 @@ def pictures(series: SyntheticViews[Any], views: Mapping[str, Any]) -> Iterator[
             view, (where, caption) = series.take(sample["view"]), captions(sample)
             marks = [view.detection] if view.detection.found else []
             yield Picture(
-                f"{kind}-{sample['view']:04d}", f"{kind.capitalize()}: {where}",
+                f"{kind}-{sample['view']:04d}",
+                f"{kind.capitalize()}: {where}",
                 f"View {sample['view']}, {where}: {caption}.",
                 overlay(view.image, series.marker, series.camera, marks),
-            )  # fmt: skip
+            )
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:

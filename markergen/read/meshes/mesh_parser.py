@@ -505,11 +505,15 @@ class _Model:
         ranges = inside or [_Volume(0, len(corners) - 1, item.name, "")]
         return [
             MeshObject(
-                corners[part.first : part.last + 1], part.name, color, paints[part.first : part.last + 1], self.palette,
+                corners[part.first : part.last + 1],
+                part.name,
+                color,
+                paints[part.first : part.last + 1],
+                self.palette,
                 part.tool,
             )
             for part in ranges
-        ]  # fmt: skip
+        ]
 
 
 def _matrix_of(text: str | None) -> Array:

@@ -211,9 +211,10 @@ def _map(matrix: Array, points: Array) -> Array:
 def _steps(count: float) -> int:
     if not count <= MOST_POINTS:
         raise InputError(
-            f"curves that {MOST_POINTS} points can approximate to the tolerance", "a larger or more winding one",
+            f"curves that {MOST_POINTS} points can approximate to the tolerance",
+            "a larger or more winding one",
             "simplify the outline, or give its --boundary-unit",
-        )  # fmt: skip
+        )
     return max(ceil(count), 1)
 
 

@@ -378,9 +378,10 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
             for selector in selectors.split(",") if values else []:
                 if not _SELECTOR.fullmatch(selector.strip()):
                     raise file.unreadable(
-                        "style sheets for .class, #id or a kind of shape", brief(selector.strip()),
+                        "style sheets for .class, #id or a kind of shape",
+                        brief(selector.strip()),
                         "save it as plain SVG",
-                    )  # fmt: skip
+                    )
                 rules.setdefault(selector.strip(), {}).update(values)
     return rules
 
@@ -451,9 +452,10 @@ def parse_svg(file: OutlineFile) -> Element:
 
     def refuse(*_: object) -> NoReturn:
         raise file.unreadable(
-            "plain SVG without a document type of its own", "entity declarations or another document type",
+            "plain SVG without a document type of its own",
+            "entity declarations or another document type",
             "save it again as plain SVG",
-        )  # fmt: skip
+        )
 
     def doctype(_: str, system: str | None, public: str | None, internal: int) -> None:
         # The W3C's own document type adds nothing and is never fetched; Illustrator and matplotlib write it.
@@ -623,8 +625,11 @@ class _SvgReader:
         ) or not all(sizes):
             return (np.nan,) * 4
         size = max(float(match[1]) * PX[match[2].lower()] for match in sizes if match)
-        anchors = [float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
-                   for line in lines for key in ("x", "y")]  # fmt: skip
+        anchors = [
+            float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
+            for line in lines
+            for key in ("x", "y")
+        ]
         at = np.array(anchors).reshape(-1, 2)
         at = at[np.isfinite(at).all(axis=1)] if len(lines) > 1 else np.nan_to_num(at)
         if not len(at):

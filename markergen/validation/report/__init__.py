@@ -142,16 +142,18 @@ def rig_report(
         [f"{rig!r}"[4:-1].capitalize() + "."],
         [
             plot(
-                partial(draw_rig, rig, direction), f"rig-{side}",
+                partial(draw_rig, rig, direction),
+                f"rig-{side}",
                 f"The rig from its {side}: {', '.join(plate.name for plate in rig.plates)}.",
                 f"The rig as seen from its {side}, from far away. Axes are those of the rig frame.",
-                (4.4, 4.4), "paper",
+                (4.4, 4.4),
+                "paper",
             )
             for side, direction in sides(rig).items()
         ],
         [Table("Markers", ["marker", "dots", "diameter"], dots)],
         book=("rigs and their file", "rigs.md#rigjson"),
-    )  # fmt: skip
+    )
     section = Section(tables=measured)
     if results["runs"]:
         caption = "RMS rotation error in the trials by distance, with the bound of all plates in view."

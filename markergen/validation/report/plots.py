@@ -103,9 +103,12 @@ def errors_over(
     if groups:
         marks: dict[str, Any] = {"marker": "_"} if len(groups) == 1 else {}
         ax.plot(
-            [middle(group) for group in groups], [positive(bound[group]) for group in groups],
-            label=bound_name, **_BOUND, **marks,
-        )  # fmt: skip
+            [middle(group) for group in groups],
+            [positive(bound[group]) for group in groups],
+            label=bound_name,
+            **_BOUND,
+            **marks,
+        )
     log_axis(ax, "y")
     legend_below(ax)
     return ax

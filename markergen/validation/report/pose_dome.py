@@ -46,7 +46,7 @@ def dome_plots(
         Sources of the errors, in words.
     descriptions : sequence of str
         More about each pose.
-    """  # fmt: skip
+    """
     around = 2 * np.pi * np.arange(24) / 24
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1) / 2
     outlines, dots, faces = [], [], []

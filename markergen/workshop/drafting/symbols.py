@@ -156,8 +156,12 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
         cross = [Line(((x - over, y), (x + over, y)), THIN), Line(((x, y - over), (x, y + over)), THIN)]
         return [_circle(x, y, 0.85 * h), *cross]
     if symbol == "flatness":
-        corners = ((x - 1.3 * h, y - 0.7 * h), (x + 0.6 * h, y - 0.7 * h), (x + 1.3 * h, y + 0.7 * h),
-                   (x - 0.6 * h, y + 0.7 * h))  # fmt: skip
+        corners = (
+            (x - 1.3 * h, y - 0.7 * h),
+            (x + 0.6 * h, y - 0.7 * h),
+            (x + 1.3 * h, y + 0.7 * h),
+            (x - 0.6 * h, y + 0.7 * h),
+        )
         return [Line((*corners, corners[0]), THIN)]
     if symbol == "perpendicularity":
         foot = y - 0.8 * h

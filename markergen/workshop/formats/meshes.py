@@ -206,11 +206,14 @@ def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
         extruder = f'<metadata name="cura:extruder_nr">{MATERIALS.index(part.material)}</metadata>'
         objects.append(
             _3mf_object(
-                number, part.name, part.material, _vertices(part.mesh),
+                number,
+                part.name,
+                part.material,
+                _vertices(part.mesh),
                 _triangles(part.mesh, 0, part.material, part.material),
                 f"<metadatagroup>{extruder}</metadatagroup>",
             )
-        )  # fmt: skip
+        )
     components = "".join(f'<component objectid="{number}"/>' for number in range(2, whole))
     objects.append(
         f'<object id="{whole}" type="model" name={quoteattr(name)}><components>{components}</components></object>\n'

@@ -218,9 +218,12 @@ def _collisions(made: Meshed, visuals: Sequence[Shown]) -> Iterator[Collision]:
             width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
             whole = piece.part.is_disk
             yield Collision(
-                f"{part.name}/collision", "cylinder" if whole else "box",
-                (width / 2, height) if whole else (width, depth, height), middle, np.array(piece.rotation),
-            )  # fmt: skip
+                f"{part.name}/collision",
+                "cylinder" if whole else "box",
+                (width / 2, height) if whole else (width, depth, height),
+                middle,
+                np.array(piece.rotation),
+            )
 
 
 def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
