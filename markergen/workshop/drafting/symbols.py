@@ -43,11 +43,6 @@ def phrase_width(label: str, height: float) -> float:
     return sum(text_width(part, height) + (2.5 * PAD * height if exact else 0.0) for part, exact in _parts(label))
 
 
-def without_brackets(label: str) -> str:
-    """Words without the brackets around what is theoretically exact."""
-    return label.replace("[", "").replace("]", "")
-
-
 def _parts(label: str) -> list[tuple[str, bool]]:
     parts: list[tuple[str, bool]] = []
     for piece in label.split("["):
