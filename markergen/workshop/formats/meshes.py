@@ -203,6 +203,7 @@ def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
     whole = len(parts) + 2
     objects = []
     for number, part in enumerate(parts, start=2):
+        # Cura counts extruders from 0, PrusaSlicer from 1.
         extruder = f'<metadata name="cura:extruder_nr">{MATERIALS.index(part.material)}</metadata>'
         objects.append(
             _3mf_object(
