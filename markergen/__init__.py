@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from markergen.model.marker import Marker
     from markergen.model.rig import Rig
     from markergen.optimize.design import Design
-    from markergen.optimize.rig_design import RigDesign
     from markergen.validation.result import Validation
     from markergen.verification.result import Verification
 
@@ -55,7 +54,6 @@ __all__ = [
     "Plate",
     "Rescaled",
     "Rig",
-    "RigDesign",
     "Study",
     "Validation",
     "Verification",
@@ -77,7 +75,6 @@ _HOMES = {
     "model.rig": ("Rig",),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
-    "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
     "validation.result": ("Validation",),
     "comparison.result": ("Comparison",),
@@ -97,7 +94,7 @@ _HOMES = {
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
-_RENAMED = {"RigMarker": "Plate", "RigValidation": "Validation"}
+_RENAMED = {"RigDesign": "Design", "RigMarker": "Plate", "RigValidation": "Validation"}
 """Names of the release before, and what they are now; they go with the next."""
 
 # Silent unless the application configures logging.

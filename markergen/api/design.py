@@ -23,10 +23,10 @@ from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
-from markergen.optimize.pad_design import design_pad
-from markergen.optimize.ranges import needs_scales
+from markergen.optimize.dot_size import needs_scales
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, Watch, check_progress, given, read_as, signature_of
@@ -101,7 +101,7 @@ def design(
     log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
     spec, result = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
     if request.choices.sheet.colors.inverted:
-        result = replace(result, marker=light_marker(result.marker))
+        result = replace(result, body=light_marker(result.marker))
     for warning in result.warnings:
         log.warning("%s", warning)
     if request.ids:

@@ -18,7 +18,8 @@ from markergen.model.marker import Marker
 from markergen.model.rig_shapes import RigShape, rig_shape
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_tag
-from markergen.optimize.rig_design import RigDesign, design_rig
+from markergen.optimize.design import Design
+from markergen.optimize.rig import design_rig
 from markergen.options import Progress, check_progress, given, read_as, signature_of
 from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
@@ -39,7 +40,7 @@ def rig(
     progress: Progress | None = None,
     json: File | None = None,
     **options: Unpack[RigKeywords],
-) -> RigDesign:
+) -> Design:
     """Design a body with a marker on every face, for the pose from all dots in view.
 
     Each plate's layout minimizes the error of the joint pose T_camera_rig, given the dots of the others in view. Where
@@ -59,7 +60,7 @@ def rig(
 
     Returns
     -------
-    RigDesign
+    Design
         ``found.rig`` is the rig; printing the design shows what the command shows. Warnings are also logged.
 
     Raises
