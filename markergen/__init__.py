@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from markergen.api.calibrate import calibrate
     from markergen.api.compare import compare
-    from markergen.api.design import design
+    from markergen.api.design import design, rig
     from markergen.api.export import export
     from markergen.api.rescale import Rescaled, rescale
-    from markergen.api.rig import rig
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
     from markergen.api.verify import verify
@@ -82,10 +81,9 @@ _HOMES = {
     "calibration.calibration": ("Calibration",),
     "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),
-    "api.design": ("design",),
+    "api.design": ("design", "rig"),
     "api.export": ("export",),
     "api.rescale": ("Rescaled", "rescale"),
-    "api.rig": ("rig",),
     "api.study": ("Study", "study"),
     "api.validate": ("validate",),
     "api.verify": ("verify",),
