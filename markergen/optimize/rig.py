@@ -228,7 +228,8 @@ class RigSearch:
             return best
 
         # A layout that differs from the others may well be worse.
-        self.blocks = self.problem.descend(self.blocks, move, SWEEPS, "plates", progress, [*self.given], False)
+        only_better = self.is_joint and self.is_tagged
+        self.blocks = self.problem.descend(self.blocks, move, SWEEPS, "plates", progress, [*self.given], only_better)
 
     def safety(self, k: int, j: int) -> float:
         """Safety in px against taking plate k for plate j, see `foreign_safety`."""
