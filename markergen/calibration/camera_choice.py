@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
 from markergen.calibration.judging import LeftOut, NotJudged, Paired, Photographs, parameters_of, squared_length
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.model.camera import Camera, Distortion
-
-Index = NDArray[np.intp]
 
 CHANCE = 0.01
 """Probability by chance alone at which a camera parameter joins, or is held."""
@@ -67,7 +64,7 @@ class CameraChoice:
 
 
 def choose_camera(
-    network: Network, views: Views, photo: Index, weights: Array | None = None
+    network: Network, views: Views, photo: Indices, weights: Array | None = None
 ) -> CameraChoice | NotJudged:
     """Choose the parameters of an unknown camera that left-out photographs justify.
 

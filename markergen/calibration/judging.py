@@ -9,15 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.errors import InputError
 from markergen.model.camera import Camera
-
-Index = NDArray[np.intp]
 
 FOLDS, ALONE = 5, 10
 """Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""
@@ -58,8 +55,8 @@ class LeftOut:
 
     squares: Array
     chi2: Array
-    dots: Index
-    degrees_of_freedom: Index
+    dots: Indices
+    degrees_of_freedom: Indices
 
     @property
     def rms_each(self) -> Array:
@@ -138,7 +135,7 @@ class CrossValidation:
         dots were held at the design.
     """
 
-    photos: Index
+    photos: Indices
     measured: LeftOut
     nominal: LeftOut
     refitted: LeftOut | None
@@ -197,8 +194,8 @@ class Halves:
         Of the difference of the estimated camera parameters, per degree of freedom; None if the camera was held.
     """
 
-    photos: tuple[Index, Index]
-    dots: Index
+    photos: tuple[Indices, Indices]
+    dots: Indices
     difference: Array
     chi2: float
     degrees_of_freedom: int
@@ -243,10 +240,10 @@ class Photographs:
     network: Network
     views: Views
     weights: Array
-    photo: Index
+    photo: Indices
 
     @classmethod
-    def of(cls, adjustment: Adjustment, photo: Index) -> "Photographs":
+    def of(cls, adjustment: Adjustment, photo: Indices) -> "Photographs":
         """All photographs of an adjustment, from its camera unless the network says what is known of that."""
         return cls(adjustment.network, adjustment.views, adjustment.weights, photo).continued(adjustment.camera)
 
@@ -323,7 +320,7 @@ class Photographs:
         return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
 
 
-def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | NotJudged:
+def cross_validate(adjustment: Adjustment, photo: Indices) -> CrossValidation | NotJudged:
     """Predict left-out photographs, with the measured print and with the design.
 
     Every photograph is left out once, alone or with a fifth of all. Dots that fewer than two others show do not count.
@@ -345,7 +342,7 @@ def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | No
     return CrossValidation(photos, measured, nominal, refitted if len(network.freedom) else None, gain)
 
 
-def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
+def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged:
     """Measure the print twice, by two halves of the photographs, and compare.
 
     Photographs that are alike in tilt, roll and distance are paired, and one of each pair goes to each half. With the
@@ -417,7 +414,7 @@ class _Sums:
         self.squares, self.chi2 = np.full(photos, np.nan), np.full(photos, np.nan)
         self.dots, self.freedom = np.zeros(photos, dtype=np.intp), np.zeros(photos, dtype=np.intp)
 
-    def add(self, photo: Index, adjusted: Adjustment | None) -> None:
+    def add(self, photo: Indices, adjusted: Adjustment | None) -> None:
         """Add the views of some photographs, adjusted with dots and camera held."""
         if adjusted is None:
             return
@@ -436,7 +433,7 @@ class _Sums:
         return LeftOut(self.squares, self.chi2, self.dots, self.freedom)
 
 
-def _folds(photos: int) -> Iterator[Index]:
+def _folds(photos: int) -> Iterator[Indices]:
     """Numbers of the photographs that are left out together."""
     count = photos if photos <= ALONE else FOLDS
     order = np.random.default_rng(0).permutation(photos)
