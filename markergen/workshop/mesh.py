@@ -63,6 +63,7 @@ class Mesh:
     def volume(self) -> float:
         """Enclosed volume in mm^3."""
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        # Signed volumes of the tetrahedra from the origin.
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
@@ -131,6 +132,7 @@ def is_closed(triangles: Indices) -> bool:
     """Tell whether every edge is shared by two triangles of the same orientation."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     count = int(triangles.max(initial=0)) + 1
+    # One number for each directed edge; each must occur once, and its reverse as well.
     forward = np.sort(edges[:, 0] * count + edges[:, 1])
     backward = np.sort(edges[:, 1] * count + edges[:, 0])
     return bool(np.all(forward[1:] > forward[:-1])) and np.array_equal(forward, backward)
@@ -240,7 +242,9 @@ def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
     x, y = center_of(side)
     radius, angle = hypot(r - x, z - y), 4 * atan(bulge)
     is_ball = abs(x) < SAME
+    # Chords along the meridian and around the axis share the tolerance.
     off = _off(radius, tolerance) if is_ball else tolerance / 2
+    # A chord over the angle 2 h is off by r (1 - cos h).
     steps = max(1, ceil(abs(angle) / (2 * acos(max(1 - off / radius, 0.5)))))
     first = atan2(z - y, r - x)
     points = [(r, z, _count(r, tolerance))]
@@ -248,6 +252,8 @@ def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
         at = first + angle * k / steps
         wide = x + radius * cos(at)
         points.append(
+            # Where the surface slopes, a chord of a parallel is nearer to it than to its own circle, by the factor wide
+            # / radius.
             (wide, y + radius * sin(at), _chords(wide**2 / radius, off) if is_ball else _count(wide, tolerance))
         )
     return [*points, (u, w, _count(u, tolerance))]
@@ -307,6 +313,8 @@ def _stitches(low: int, high: int) -> Indices:
     triangles, i, j = [], 0, 0
     # Around a point on the axis, only the other ring has chords.
     while (i < low and low > 1) or (j < high and high > 1):
+        # Angles (i + 1) / low and j / high, times low high: the triangle whose new edge is closer to the meridian comes
+        # next.
         along_low, along_high = abs((i + 1) * high - j * low), abs((j + 1) * low - i * high)
         if high == 1 or j == high or (low > 1 and i < low and along_low <= along_high):
             triangles.append((i, (i + 1) % low, low + j % high))
