@@ -27,8 +27,7 @@ from markergen.validation import tables
 from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import middle
 from markergen.validation.report import measured
-from markergen.validation.report.plots import budget_over_tilt, compared, variance_shares
-from markergen.validation.report.pose_dome import dome_plots
+from markergen.validation.report.plots import budget_over_tilt, compared, dome_plots, variance_shares
 from markergen.validation.report.subject import (
     ERRORS,
     SOURCES,

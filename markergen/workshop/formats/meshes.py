@@ -9,8 +9,6 @@ thus restore the marker frame.
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from io import BytesIO
 from types import MappingProxyType
 from typing import Any
@@ -19,19 +17,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 import markergen
-from markergen.arrays import Array
 from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, OTHER
-from markergen.workshop.assembly import MadeBody
-from markergen.workshop.formats.solids import designed_of
-from markergen.workshop.mesh import Mesh, kept_apart, meshes_of
-
-MATERIALS = tuple(COLORS)
-"""Names of the materials, in the order in which the formats list them."""
-
-FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+from markergen.workshop.mesh import MATERIALS, Mesh, MeshedPart, kept_apart, meshed, stl_of
 
 MODEL = "3D/3dmodel.model"
 VOLUMES = "Metadata/Slic3r_PE_model.config"
@@ -63,49 +53,6 @@ FLOAT, UNSIGNED_INT = 5126, 5125
 """Types of numbers in glTF, those of OpenGL."""
 
 
-@dataclass(frozen=True)
-class MeshedPart:
-    """Part with its name, its material, and its surface in mm, marker frame."""
-
-    name: str
-    material: str
-    mesh: Mesh
-
-
-@dataclass(frozen=True)
-class Meshed:
-    """Marker or rig as designed, its name, its parts as meshes and as bodies, and sentences for the user."""
-
-    name: str
-    subject: Marker | Rig
-    parts: tuple[MeshedPart, ...]
-    made: MadeBody
-    notes: tuple[str, ...]
-
-
-def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
-    """Mesh the only marker of a mesh format, or a rig.
-
-    Raises
-    ------
-    InputError
-        If there is not exactly one marker, or it cannot be made as requested.
-    OutputError
-        If its parts make no closed meshes with that tolerance.
-    """
-    work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
-    closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
-    parts = _meshes(work.made, tolerance)
-    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
-
-
-# Several formats of one marker share its meshes.
-@lru_cache(maxsize=1)
-def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
-    meshes = zip(made.parts, meshes_of(made.parts, tolerance), strict=True)
-    return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
-
-
 def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as one STL in mm; if there are two materials, also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
     made = meshed(bodies, options, ".stl")
@@ -130,19 +77,6 @@ def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
     """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
     meshes = kept_apart([part.mesh for part in parts])
     return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm")
-
-
-def stl_of(corners: Array, name: str, unit: str) -> bytes:
-    """Write triangles (m, 3, 3) as one binary STL whose header has their name and unit."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-    facets = np.zeros(len(corners), FACET)
-    # Triangles with collinear corners close the surface and have no normal.
-    facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    facets["corners"] = corners
-    # A text STL begins with "solid", so a binary one must not.
-    header = f"{name}, markergen {markergen.__version__}, {unit}".encode("ascii").ljust(80)
-    return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
 
 
 def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:

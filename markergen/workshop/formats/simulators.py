@@ -23,8 +23,7 @@ from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS
 from markergen.workshop.assembly import volume_of
-from markergen.workshop.formats.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
-from markergen.workshop.mesh import Mesh
+from markergen.workshop.mesh import MATERIALS, Mesh, Meshed, MeshedPart, meshed, stl_of
 
 DENSITY = 1240.0
 """Density of polylactide, the usual filament, in kg/m^3."""
