@@ -317,7 +317,7 @@ class Detector:
             other = estimate["other"]
             second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
         names = {constants()[name]: title for name, title in STATES.items()}
-        facts = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
+        facts: dict[str, Any] = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
         own_plates = zip(row["plates"], row["places"], row["plate_turns"], strict=True)
         facts["misplaced"] = [
             (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
