@@ -181,12 +181,13 @@ def finds(share: float, keep: Path | None) -> dict[str, Rows]:
 
 
 def disks(share: float, keep: Path | None) -> dict[str, Rows]:
+    """Markers of small dots, so that many places for them reach beyond the image."""
     rows: Rows = {}
     for n in DISK_DOTS:
-        sought = scenes.random_marker(n, ringed=False, seed=7)
+        sought = scenes.random_marker(n, ringed=False, seed=7, diameter=0.012)
         for k in range(max(round(300 / len(DISK_DOTS) * share), 1)):
             rng, image = np.random.default_rng([7, n, k]), np.full((CAMERA.height, CAMERA.width), 225, np.uint8)
-            scenes.disks(image, rng, int(rng.integers(250, 1001)), (float(rng.uniform(3.5, 6.5)),) * 2)
+            scenes.disks(image, rng, int(rng.integers(250, 1001)), (float(rng.uniform(3.5, 7)),) * 2)
             image = scenes.camera_like(image, rng)
             hits = [result for result in detector_of(sought)(image) if result.ok]
             row = rows.setdefault(f"{n} dots", {"images": 0, "finds": 0})

@@ -33,6 +33,7 @@ from benchmarks import detection_scenes as scenes
 from benchmarks.detection_scenes import Image, Rows
 from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
+from markergen.detect.detection import body_poses
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import polygon_from
@@ -191,7 +192,9 @@ def poses_of(rig: mg.Rig, found: Any) -> tuple[Pose | None, Pose | None]:
     seen = next((each for each in found if each.ok), None)
     if seen is None:
         return None, None
-    parts = [(each.marker, each.pose) for each in seen.detection.parts if each.pose is not None]
+    parts = body_poses(seen.detection, rig, seen.camera, ErrorSources(PRINT_SIGMA))
+    if not parts:
+        return (seen.rotation, seen.translation), None
     number, pose = min(parts, key=lambda part: float(part[1].budget.rotation_deg["total"]))
     placed = rig.constellations[number].plate
     rotation = pose.rotation @ placed.rotation_matrix.T

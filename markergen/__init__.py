@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from markergen.api.calibrate import calibrate
     from markergen.api.compare import compare
-    from markergen.api.design import design
+    from markergen.api.design import design, rig
     from markergen.api.export import export
     from markergen.api.rescale import Rescaled, rescale
-    from markergen.api.rig import rig
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
     from markergen.api.verify import verify
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from markergen.model.marker import Marker
     from markergen.model.rig import Rig
     from markergen.optimize.design import Design
-    from markergen.optimize.rig_design import RigDesign
     from markergen.validation.result import Validation
     from markergen.verification.result import Verification
 
@@ -55,7 +53,6 @@ __all__ = [
     "Plate",
     "Rescaled",
     "Rig",
-    "RigDesign",
     "Study",
     "Validation",
     "Verification",
@@ -77,7 +74,6 @@ _HOMES = {
     "model.rig": ("Rig",),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
-    "optimize.rig_design": ("RigDesign",),
     "detect.detector": ("Detector", "Found"),
     "validation.result": ("Validation",),
     "comparison.result": ("Comparison",),
@@ -85,10 +81,9 @@ _HOMES = {
     "calibration.calibration": ("Calibration",),
     "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),
-    "api.design": ("design",),
+    "api.design": ("design", "rig"),
     "api.export": ("export",),
     "api.rescale": ("Rescaled", "rescale"),
-    "api.rig": ("rig",),
     "api.study": ("Study", "study"),
     "api.validate": ("validate",),
     "api.verify": ("verify",),
@@ -97,7 +92,7 @@ _HOMES = {
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
-_RENAMED = {"RigMarker": "Plate", "RigValidation": "Validation"}
+_RENAMED = {"RigDesign": "Design", "RigMarker": "Plate", "RigValidation": "Validation"}
 """Names of the release before, and what they are now; they go with the next."""
 
 # Silent unless the application configures logging.

@@ -30,6 +30,7 @@ IMPORTING_MS = 10_000
 """Longest wait in ms for another thread that imports OpenCV."""
 
 MOST_WORKERS = 256
+"""Maximum number of processes; each loads its own copy of the library, and a number beyond this is a slip."""
 
 
 def processor_count() -> int:

@@ -138,7 +138,7 @@ class Body:
             axes = self.rotations[self.plates]
             local = np.einsum("nji,nj->ni", axes, self.places - self.translations[self.plates])
             columns = scale_sigma * axes[:, :, :2] * local[:, None, :2]
-            measured = np.isfinite(self.measured).all(axis=(1, 2))
+            measured = np.array(np.isfinite(self.measured).all(axis=(1, 2)), dtype=bool)
             for dots, _ in self.joint:
                 measured[dots] = True
             columns[measured] = 0

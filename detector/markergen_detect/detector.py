@@ -193,7 +193,8 @@ class Detector:
                 raise DescriptionError(f"expected a covariance of {size} x {size} numbers, found {calibration.shape}")
         if not (1 <= copies <= MOST_COPIES and np.isfinite(smallest)):
             raise DescriptionError(f"expected 1 to {MOST_COPIES} copies, and a diameter in px")
-        self._models = pack(self.bodies, print_sigma, calibration, scale_sigma)
+        self._errors = print_sigma, calibration, scale_sigma
+        self._models = pack(self.bodies, *self._errors)
         self._options = {"smallest": smallest, "copies": copies, "blobs": MOST_BLOBS, "steps": MOST_STEPS}
         self._options["symmetric"] = symmetric
         for body in self.bodies:
@@ -208,6 +209,14 @@ class Detector:
             for tag in body.tags
             if tag.bits is None
         )
+
+    def __getstate__(self) -> "dict[str, Any]":
+        # Addresses mean nothing in another process.
+        return {name: value for name, value in vars(self).items() if name != "_models"}
+
+    def __setstate__(self, state: "dict[str, Any]") -> None:
+        vars(self).update(state)
+        self._models = pack(self.bodies, *self._errors)
 
     def __call__(
         self, image: "NDArray[Any]", near: "Sequence[Finding]" = (), deadline: "float | None" = None
@@ -308,12 +317,15 @@ class Detector:
             other = estimate["other"]
             second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
         names = {constants()[name]: title for name, title in STATES.items()}
-        facts = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
+        facts: dict[str, Any] = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
         own_plates = zip(row["plates"], row["places"], row["plate_turns"], strict=True)
         facts["misplaced"] = [
             (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
             for plate, place, turn in list(own_plates)[: int(row["misplaced"])]
         ]
+        facts["tags"] = [f"{tag.family}:{tag.id}" for tag in body.tags[:1]]
+        if row["tag"] >= 0:
+            facts["tags"].append(f"{model.families[int(row['tag_family'])]}:{int(row['tag'])}")
         if row["rival"] >= 0:
             facts["rival"] = model.bodies[int(row["rival"])]
         return Finding(
@@ -405,12 +417,19 @@ def reason(finding: Finding) -> str:
         "ambiguous": "labels are ambiguous: another labeling of the same dots is about as likely",
         "claimed": "another body fits the same dots about as well",
         "mirrored": "the mirrored layout fits: is the image mirrored?",
-        "other tag": "the tag at its place is another one",
+        "other tag": _other_tag(facts["tags"]),
         "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
         "contradicted": _misplaced(facts["misplaced"]),
     }
     cut = "; the search was cut before its end" if facts["cut"] and not finding.ok else ""
     return lines[finding.state] + cut
+
+
+def _other_tag(tags: "list[str]") -> str:
+    """What is wrong with a body's tag: its own, and the one that was read."""
+    if len(set(tags)) < 2:
+        return "found its dots and its tag, which do not lie as they should: the print may be a mirrored one"
+    return f"found a marker of this layout with the tag {tags[1]}, not {tags[0]}"
 
 
 def _misplaced(plates: "list[tuple[str, str, float]]") -> str:

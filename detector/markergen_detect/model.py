@@ -35,12 +35,15 @@ class Model:
         Numbers of its members' bodies among all that are looked for.
     struct : array (1,)
         `Model` of the core.
+    families : list of str
+        Names of the families of tags.
     kept : list of array
         What the structures point to.
     """
 
     bodies: "tuple[int, ...]"
     struct: "NDArray[np.void]"
+    families: "list[str]"
     kept: "list[NDArray[Any]]" = field(repr=False)
 
 
@@ -86,7 +89,7 @@ def pack(
         for name, count in (("layouts", "layout_count"), ("members", "member_count"), ("families", "family_count")):
             struct[name], struct[count] = pointer(packed[name]) or 0, len(packed[name])
         struct["light"] = light
-        models.append(Model(chosen, struct, [*kept, *packed.values()]))
+        models.append(Model(chosen, struct, families.names, [*kept, *packed.values()]))
     return models
 
 

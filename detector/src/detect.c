@@ -169,6 +169,14 @@ static int add_findings(Frame *frame, int64_t l, const Labeling *labeling, const
     return status;
 }
 
+static int has_tag(const Model *model, int64_t l)
+{
+    int there = 0;
+    for (int64_t k = 0; k < model->member_count; k++)
+        there |= model->members[k].layout == l && model->members[k].family >= 0;
+    return there;
+}
+
 /* Searches for a layout unless that is done. */
 static void seek(Frame *frame, int64_t l)
 {
@@ -196,7 +204,7 @@ static void seek(Frame *frame, int64_t l)
         quest->why.missing = best->missing;
     }
     /* Rough outlines have less to say: fitted, they may say more. */
-    quest->ended = !(best->evidence > SURE / 2);
+    quest->ended = !(best->evidence > (has_tag(frame->model, l) ? 0 : SURE / 2));
 }
 
 /* What the tag says of a labeling: 1 if it is the one of a member, who becomes the finding's, -1 if it is another, or not where
@@ -229,6 +237,7 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
         }
         finding->tag_state = TAG_READ;
         finding->tag = reading.id;
+        finding->tag_family = (int32_t)member->family;
         memcpy(finding->corners, reading.corners, sizeof finding->corners);
         if (reading.mirrored || reading.rotation) {
             finding->state = reading.mirrored ? MIRRORED : OTHER_TAG;
@@ -426,7 +435,9 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
     frame->work.chosen[0] = NOTHING;
     while (1) {
         const int64_t chosen = best_of(&quest->pool) - quest->pool.best;
-        const double least = refuted.state ? refuted.evidence - MARGIN : SURE + log((double)frame->model->layout_count);
+        /* A tag that is read tells as much as what is lacking here. */
+        const double sure = SURE + log((double)frame->model->layout_count);
+        const double least = refuted.state ? refuted.evidence - MARGIN : has_tag(frame->model, l) ? 0 : sure;
         if (!quest->pool.count || !(quest->pool.best[chosen].evidence > least)) {
             if (refuted.state)
                 *finding = refuted;
@@ -459,6 +470,10 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
         if (answer > 0) {
             finding->margin = INFINITY;
             return chosen;
+        }
+        if (!(quest->pool.best[chosen].evidence > sure)) {
+            drop(&quest->pool, chosen);
+            continue;
         }
         if (!(finding->margin < MARGIN))
             return chosen;
@@ -567,6 +582,7 @@ static int next_finding(Frame *frame)
     if (finding.state == FOUND && finding.tag >= 0 && !quest->found) {
         quest->why.state = OTHER_TAG;
         quest->why.tag = finding.tag;
+        quest->why.tag_family = finding.tag_family;
         quest->why.tag_state = TAG_READ;
     }
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;

@@ -332,6 +332,7 @@ enum { TURNS = 12, PLATES = 12, TAG_NONE = -1 };
 typedef struct {
     int32_t member, state, cut;
     int32_t tag_state;       /* of TagReading, TAG_NONE without a tag */
+    int32_t tag_family;      /* of the tag that was read */
     int64_t rival, tag;      /* number of a member; code of the tag that was read, -1 for none */
     double corners[4][2];    /* of that tag, px */
     int64_t turns;           /* of other labelings that are about as likely */

@@ -124,7 +124,7 @@ def test_corners_are_where_the_edges_are(inks, rng, cell, tolerance):
 def test_shadows_and_low_contrast(inks, rng):
     place = Place(5.0)
     image = place.view(inks[11], rng, noise=0.0).astype(float)
-    for dark in (0.3, 0.6):
+    for dark in (0.3, 0.45):
         shadow = image * (1 - dark * (np.arange(SHAPE[1]) > 170)) + rng.normal(0, 2, SHAPE)
         assert place.read(np.clip(shadow, 0, 255).astype(np.uint8), inks)["id"] == 11
     reading = place.read(place.view(inks[11], rng, light=110, dark=100, noise=1.0), inks)

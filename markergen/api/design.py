@@ -1,4 +1,5 @@
-"""``markergen.design``: from options to a marker and its files."""
+"""``markergen.design`` and ``markergen.rig``: from options to a marker or rig and its files."""
+# tests: tests/api/test_design.py tests/api/test_radius_fit.py tests/studio/test_look.py
 
 import logging
 from collections.abc import Callable, Mapping
@@ -9,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
-from markergen.api.radius_fit import largest_that_fits, radius_limits
-from markergen.drawing.sheet_layout import USUAL
+from markergen.defaults import PRINT_SIGMA
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.sheet_layout import USUAL, fits, largest_disk
 from markergen.errors import InputError
 from markergen.exporters import RECORD, ExportOptions
 from markergen.exporters.saving import check_exports, family_paths, save, save_family, with_record
@@ -19,21 +21,25 @@ from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker, light_marker
+from markergen.model.rig_shapes import RigShape, rig_shape
 from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
-from markergen.model.tag import parse_ids
+from markergen.model.tag import parse_ids, parse_tag
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
-from markergen.optimize.pad_design import design_pad
-from markergen.optimize.ranges import needs_scales
+from markergen.optimize.dot_size import choose_dots, clearance_of, largest_that_leaves_room, needs_scales
+from markergen.optimize.rig import design_rig
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, Watch, check_progress, given, read_as, signature_of
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.kinds import File
+from markergen.options.rig import RigKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
+from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.read.templates import read_template
 
@@ -41,6 +47,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
+
+Make = Callable[[int], Spec]
+"""Spec of a marker by its radius in mm."""
+
+MEASURES = ("edge", "height", "pitch", "plate", "angle")
+SHARED = ("n", "camera", "poses", "print_sigma", "dot", "clearance", "objective", "aggregate", "seed", "restarts")
+"""Options of a rig that are also those of a design, with the same meaning."""
 
 
 def design(
@@ -87,47 +100,109 @@ def design(
     """
     check_progress(progress)
     check_progress(watch, "a stage, a layout, and its value")
-    request = request_of(options)
-    paths = request.paths
+    return _fulfilled(request_of(options), json, progress, watch)
+
+
+design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
+
+
+def rig(
+    shape: str = "",
+    *,
+    progress: Progress | None = None,
+    json: File | None = None,
+    **options: Unpack[RigKeywords],
+) -> Design:
+    """Design a body with a marker on every face, for the pose from all dots in view.
+
+    Each plate's layout minimizes the error of the joint pose T_camera_rig, given the dots of the others in view. Where
+    the plates have no tags, their layouts differ so that no pose of the camera confuses them.
+
+    Parameters
+    ----------
+    shape : str
+        ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``, or a list of plates, ``plates.toml``, ``.json`` or ``.csv``;
+        see docs/rigs.md. Empty takes that of the template.
+    progress : callable, optional
+        Called with a stage, the amount done, and the total.
+    json : path, optional
+        File for what the command shows: plates, expected errors, warnings and files.
+    **options
+        As on the command line, ``markergen rig --help``, with underscores: ``edge="80mm"``.
+
+    Returns
+    -------
+    Design
+        ``design.rig`` is the rig; printing the design shows what the command shows. Warnings are also logged.
+
+    Raises
+    ------
+    InputError
+        If the shape or an option is unknown or invalid, the dots do not fit, no pose sees one of the plates, or a file
+        cannot be used.
+    OutputError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> design = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
+    >>> [(plate.name, str(plate.marker.tag)) for plate in design.rig.plates]
+    [('left', 'aruco:DICT_4X4_50:0'), ('right', 'aruco:DICT_4X4_50:1')]
+    """
+    check_progress(progress)
+    return _fulfilled(rig_request_of(shape, options), json, progress)
+
+
+rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
+
+
+def _fulfilled(request: "Request", json: File | None, progress: Progress | None, watch: Watch | None = None) -> Design:
+    """Design what is requested, and write it; files are checked before the search and written after it."""
+    paths, is_rig = request.paths, request.shape is not None
     targets = family_paths(paths, request.ids) if request.ids else paths
-    check_exports(paths, request.choices, request.spec)
+    check_exports(paths, request.choices, None if is_rig else request.spec, "rig" if is_rig else "marker")
     for path in request.traces:
         check_trace_path(path)
     for path in request.coverages:
         check_figure(path)
     results = list(read_as("files", json, "json") or ())
     check_files([*targets, *request.traces, *request.coverages, *results], request.inputs)
-    others = {path: marker for path in paths if (marker := _present(path))}
-    log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
-    spec, result = request.find(lambda spec: _find(spec, progress, bool(request.traces), watch))
-    if request.choices.sheet.colors.inverted:
-        result = replace(result, marker=light_marker(result.marker))
+    replaced = {path: marker for path in paths if (marker := _present(path))}
+    if request.shape:
+        log.info("designing a rig of %d plates", len(request.shape.faces))
+    else:
+        log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
+    result = request.find(progress, watch)
     for warning in result.warnings:
         log.warning("%s", warning)
     if request.ids:
-        result = replace(result, family=members(result.marker, spec_of(result.marker) or spec, request.ids))
+        result = replace(result, family=members(result.marker, spec_of(result.marker) or result.spec, request.ids))
     if results:
         result.certify(progress)
     if progress and (paths or request.traces or request.coverages or results):
         progress("writing", 0, 1)
-    written = []
+    written: list[Written] = []
     if paths:
         # All files are checked again, and none is written unless all can be made.
-        write = save_family if request.ids else save
+        files = (
+            save_family(result.family, paths, request.choices, request.inputs)
+            if request.ids
+            else save(result.body, paths, request.choices, request.inputs)
+        )
         written = [
-            file._replace(notes=(*file.notes, f"It replaces another marker: {others[file.path]!r}."))
-            if file.path in others and others[file.path].spec_hash != result.marker.spec_hash
+            file._replace(notes=(*file.notes, f"It replaces another marker: {replaced[file.path]!r}."))
+            if file.path in replaced and (is_rig or replaced[file.path].spec_hash != result.marker.spec_hash)
             else file
-            for file in write(result.markers, paths, request.choices, request.inputs)
+            for file in files
         ]
-    steps = {path: trace_bytes(result.trace, path.suffix, _label(spec)) for path in request.traces}
+    unit = _label(request.spec)
+    steps = {path: trace_bytes(result.trace, path.suffix, unit) for path in request.traces}
     steps |= {path: figure_bytes(lambda: _coverage(result), path) for path in request.coverages}
     result = replace(result, written=(*written, *map(Written, steps)))
     write_all(steps | {path: result.to_json() for path in results})
     return replace(result, written=(*result.written, *map(Written, results)))
-
-
-design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
 
 
 def _present(path: Path) -> Marker | None:
@@ -162,27 +237,34 @@ def _find(spec: Spec, progress: Progress | None, traced: bool, watch: Watch | No
 
 @dataclass(frozen=True)
 class Request:
-    """A request, checked before any search: specs by radius in mm if it is to fit, the ids of a family, and files."""
+    """A request, checked before any search.
 
-    make: Callable[[int], Spec]
-    limits: tuple[int, int] | None
-    ids: tuple[int, ...]
+    Attributes
+    ----------
+    spec : Spec
+        Of the smallest radius to try if it is to fit; of all plates of a rig.
+    find : callable
+        Makes the design, from `progress` and `watch`.
+    choices : ExportOptions
+    paths, traces, coverages : sequence of Path
+        Files to write.
+    inputs : list of Path
+        Files that are read, which no output may replace.
+    ids : tuple of int
+        Those of a family.
+    shape : RigShape or None
+        Plates of a rig; None for a marker.
+    """
+
+    spec: Spec
+    find: Callable[[Progress | None, Watch | None], Design]
     choices: ExportOptions
     paths: list[Path]
-    traces: tuple[Path, ...]
-    coverages: tuple[Path, ...]
     inputs: list[Path]
-
-    @property
-    def spec(self) -> Spec:
-        """The spec; of the smallest radius to try if it is to fit."""
-        return self.make(self.limits[0] if self.limits else 0)
-
-    def find(self, find: Callable[[Spec], Design]) -> tuple[Spec, Design]:
-        """Spec and its design by a function."""
-        if self.limits:
-            return largest_that_fits(self.make, self.limits, self.choices.sheet, find)
-        return self.spec, find(self.spec)
+    traces: tuple[Path, ...] = ()
+    coverages: tuple[Path, ...] = ()
+    ids: tuple[int, ...] = ()
+    shape: RigShape | None = None
 
 
 def request_of(options: Mapping[str, Any]) -> Request:
@@ -223,16 +305,140 @@ def request_of(options: Mapping[str, Any]) -> Request:
     ids = values.get("ids")
     if ids is not None and not spec.tag:
         raise InputError("a tag for the ids", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
+
+    def find(progress: Progress | None, watch: Watch | None) -> Design:
+        def designed(spec: Spec) -> Design:
+            return _find(spec, progress, bool(traces), watch)
+
+        result = largest_that_fits(make, limits, choices.sheet, designed) if limits else designed(spec)
+        return replace(result, body=light_marker(result.marker)) if choices.sheet.colors.inverted else result
+
     return Request(
-        make,
-        limits,
-        parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
+        spec,
+        find,
         choices,
         with_record(output) if output else [],
+        files_among(template, *_named_in(values)),
         traces or (),
         coverages or (),
-        files_among(template, *_named_in(values)),
+        parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
     )
+
+
+def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
+    """Check the options of a rig, and read the files that they name; raises InputError as `rig`."""
+    if not isinstance(shape, str):
+        raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
+    asked = given(options, RigKeywords)
+    template = asked.pop("template", None)
+    if template:
+        values = read_template(str(template))
+        if "shape" not in values:
+            remedy = f"use markergen design --template {template}, or name the shape as well"
+            raise InputError("a template of a rig", f"{template}, of one plate", remedy)
+        shape = shape or str(values["shape"])
+        template_values = {key: value for key, value in values.items() if key not in ("shape", "title")}
+        asked = given(template_values, RigKeywords) | asked
+    if not shape:
+        remedy = "write cube, or --template with a name of markergen templates"
+        raise InputError("a shape or a template", "neither", remedy)
+    measures: dict[str, Any] = {name: asked[name] for name in (*MEASURES, "without") if name in asked}
+    markers: dict[int, Marker] = {}
+    if shape.lower().endswith(SUFFIXES):
+        if measures:
+            raise InputError("the measures of plates in their list", f"--{next(iter(measures))}", "leave it out")
+        geometry, markers = read_plates(Path(shape))
+    else:
+        geometry = rig_shape(shape, **measures)
+    values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
+    values |= {name: asked[name] for name in SHARED if name in asked}
+    spec = spec_from_mapping(values, "the options")
+    tags = _tags(asked, len(geometry.faces))
+    spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
+    listed = shape if markers or geometry.text == "plates" else None
+    return Request(
+        spec,
+        lambda progress, _: design_rig(geometry, spec, tags, markers, progress),
+        choices_of(asked),
+        with_record(asked["output"], "rig") if asked.get("output") else [],
+        files_among(template, listed, asked.get("camera"), asked.get("poses")),
+        shape=geometry,
+    )
+
+
+def _tags(asked: dict[str, Any], count: int) -> list[str]:
+    """Tags of the plates, with consecutive ids."""
+    if "tag" not in asked:
+        if "tag_size" in asked:
+            raise InputError("a tag with a tag size", "--tag-size alone", "add --tag, or leave it out")
+        return []
+    first = parse_tag(asked["tag"], 1.0)
+    return [str(replace(first, id=first.id + k)) for k in range(count)]
+
+
+def radius_limits(make: Make, sheet: SheetOptions) -> tuple[int, int]:
+    """Radii in mm: one that fits whatever the layout, and the largest whose outline alone fits.
+
+    They differ only if quiet zones, which may extend into the margin, reach beyond it.
+
+    Raises
+    ------
+    InputError
+        If no page holds a marker with these dots, or as `choose_dots` does.
+    """
+    most = radius = largest_disk(sheet)
+    while radius and radius > (held := largest_disk(sheet, _beyond(make(radius)))):
+        radius = held
+    if not radius:
+        raise InputError(
+            "a paper that holds the marker with its quiet zones and rulers", str(sheet.paper), "use larger paper"
+        )
+    return radius, most
+
+
+def largest_that_fits(
+    make: Make, limits: tuple[int, int], sheet: SheetOptions, find: Callable[[Spec], Design]
+) -> Design:
+    """Design of the largest radius within the limits that one page holds, by bisection from the top.
+
+    Raises
+    ------
+    InputError
+        If holes beyond the disk do not fit on the page.
+    """
+    low, high = limits
+    best: Design | None = None
+    radius = high
+    while low < high:
+        result = find(make(radius))
+        if fits(result.marker, sheet):
+            low, best = radius, result
+        else:
+            high = radius - 1
+        radius = (low + high + 1) // 2
+    result = best or find(make(low))
+    if result.marker.dot_diameter and not fits(result.marker, sheet):
+        raise InputError(
+            f"a marker that a page of {sheet.paper} holds",
+            "holes beyond its disk",
+            "use larger paper, or move the holes",
+        )
+    return result
+
+
+def _beyond(spec: Spec) -> float:
+    """Maximum distance in mm of a quiet zone from the disk, which dots touch but for their clearance.
+
+    The fewest of `--n auto` would have the largest dots.
+    """
+    spec = replace(spec, n=4) if spec.n == AUTO else spec
+    if spec.dot == "auto":
+        diameter = largest_that_leaves_room(spec)
+        clearance = clearance_of(spec, diameter)
+    else:
+        size = choose_dots(spec, poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief))
+        diameter, clearance = size.diameter, size.clearance
+    return max(0.0, 1e3 * (diameter / 2 - clearance))
 
 
 def _named_in(values: Mapping[str, Any]) -> list[Any]:

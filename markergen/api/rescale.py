@@ -11,8 +11,7 @@ from markergen.files import Written, check_outputs, write_all
 from markergen.model.body import Body
 from markergen.model.body_json import body_to_json, load_marker_or_rig
 from markergen.model.marker import Marker
-from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_plates
-from markergen.model.rescale import rescale_marker as by_rulers
+from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_body
 from markergen.model.rig import Rig
 from markergen.options import read_as, settle, signature_of
 from markergen.options.declarations import RescaleKeywords
@@ -125,11 +124,11 @@ def rescale(
     if body.frame == "rig":
         if asked["measured_points"] is not None:
             raise InputError("rulers of a rig", "--measured-points", "measure its dots with markergen calibrate")
-        rescaled = Rescaled(*rescale_plates(body, rulers, _others(asked["also"] or (), rulers), asked["force"]))
+        rescaled = Rescaled(*rescale_body(body, rulers, asked["force"], _others(asked["also"] or (), rulers)))
     elif asked["also"]:
         raise InputError("rulers of one marker", "--also", "it is for the markers of a rig")
     elif asked["measured_points"] is None:
-        rescaled = Rescaled(*by_rulers(before, rulers, asked["force"]))
+        rescaled = Rescaled(*rescale_body(before, rulers, asked["force"]))
         if before.rulers is None:
             rescaled.notes += _exchanged(before, rulers, asked["force"])
     else:

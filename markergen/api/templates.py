@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from markergen.api import rig
+from markergen.api.design import rig_request_of
 from markergen.files import Written
 from markergen.model.rig_shapes import corners
 from markergen.model.spec import AUTO
@@ -96,8 +96,9 @@ def overview(json: object = None) -> Overview:
 def _template(name: str) -> Template:
     values = read_template(name)
     if "shape" in values:
-        request = rig.request_of("", {"template": name})
-        spec, plates, room = request.spec, len(request.made.faces), np.concatenate([*map(corners, request.made.faces)])
+        request = rig_request_of("", {"template": name})
+        faces = request.shape.faces if request.shape else ()
+        spec, plates, room = request.spec, len(faces), np.concatenate([*map(corners, faces)])
     else:
         spec, plates = spec_from_mapping(values, name), 1
         room = np.concatenate(spec.boundary.outlines())

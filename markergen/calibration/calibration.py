@@ -22,8 +22,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots
 from markergen.calibration.relation import Relation, relate
-from markergen.calibration.scale import ScaleErrors, doubt, ruler_contradictions, scaled, told_by_rulers, widened
-from markergen.calibration.scale import source as scale_source
+from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
 from markergen.defaults import PRINT_SIGMA
@@ -410,7 +409,7 @@ def calibrate_bodies(
     # A print that was calibrated before is measured anew.
     markers = [plate.marker for body in bodies for plate in body.plates]
     designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
-    ruled = told_by_rulers(designs, knowledge.lengths, knowledge.errors)
+    ruled = knowledge.errors.ruler_lengths(designs, knowledge.lengths)
     sightings, camera = find_dots(
         designs, photos, knowledge.camera, camera_covariance=knowledge.covariance, progress=progress, workers=workers
     )
@@ -437,11 +436,11 @@ def calibrate_bodies(
                 whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
                 cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
-        off = ruler_contradictions(designs, cleaned.adjustment, knowledge.errors, knowledge.print_sigma)
+        off = knowledge.errors.contradictions(designs, cleaned.adjustment, knowledge.print_sigma)
         if any(off):
-            knowledge = replace(knowledge, errors=widened(designs, off, knowledge.errors))
+            knowledge = replace(knowledge, errors=knowledge.errors.widened(designs, off))
             cleaned = _with_lengths(
-                cleaned, (*knowledge.lengths, *told_by_rulers(designs, knowledge.lengths, knowledge.errors))
+                cleaned, (*knowledge.lengths, *knowledge.errors.ruler_lengths(designs, knowledge.lengths))
             )
         if cleaned.adjustment.degrees_of_freedom > 0:
             cleaned = _held_loosely(cleaned, knowledge.print_sigma)
@@ -558,7 +557,7 @@ def _result(
         cleaned.used,
         cleaned.dropped[:, chosen],
         *_expected(designs, knowledge, adjustment),
-        scale_source(designs[first], adjustment.network, knowledge.errors, offsets[first]),
+        knowledge.errors.source(designs[first], adjustment.network, offsets[first]),
         tuple(note[:1].upper() + note[1:].rstrip(".") + "." for note in notes),
         cross,
         halves,
@@ -676,7 +675,7 @@ def _expected(
         working = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         # A wrong scale moves all dots together, so weights ignore it.
         moved = np.zeros((len(covariance), 2))
-        moved[:size] = scaled(designs[network.marker[0]], network, knowledge.errors, places, measured)
+        moved[:size] = knowledge.errors.displacements(designs[network.marker[0]], network, places, measured)
         errors.append(working.expected(covariance + moved @ moved.T))
     return errors[0], errors[1]
 

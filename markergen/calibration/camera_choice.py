@@ -4,26 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
-from markergen.calibration.judging import (
-    LEAST_JUDGED,
-    LeftOut,
-    NotJudged,
-    Paired,
-    adjusted_part,
-    continued,
-    determined,
-    parameters_of,
-    predictions,
-    squared_length,
-)
+from markergen.calibration.judging import LeftOut, NotJudged, Paired, Photographs, parameters_of, squared_length
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.model.camera import Camera, Distortion
-
-Index = NDArray[np.intp]
 
 CHANCE = 0.01
 """Probability by chance alone at which a camera parameter joins, or is held."""
@@ -78,7 +64,7 @@ class CameraChoice:
 
 
 def choose_camera(
-    network: Network, views: Views, photo: Index, weights: Array | None = None
+    network: Network, views: Views, photo: Indices, weights: Array | None = None
 ) -> CameraChoice | NotJudged:
     """Choose the parameters of an unknown camera that left-out photographs justify.
 
@@ -100,7 +86,7 @@ def choose_camera(
     # Dots that take no part, as if they were never seen: a network of fewer.
     weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
     network = replace(network, camera=_with_lens(network.camera))
-    trials = _CameraTrials(network, views, weights, photo)
+    trials = _CameraTrials(Photographs(network, views, weights, photo))
     tried: list[Trial] = []
     names: tuple[str, ...] = ()
     current, left = None, None
@@ -139,7 +125,7 @@ def choose_camera(
             names = tried[number].names
     for held in _HELD:
         fewer = tuple(name for name in names if name not in held)
-        if not set(held) <= set(names) or not _within_sigma(current, trials.network.camera, held):
+        if not set(held) <= set(names) or not _within_sigma(current, trials.camera, held):
             continue
         whole, left_out_trial = trials.tried(fewer)
         gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
@@ -167,36 +153,36 @@ _HELD = (("k2",), ("k1",), ("cx", "cy"))
 class _CameraTrials:
     """Left-out residuals with different camera parameters freed."""
 
-    network: Network
-    views: Views
-    weights: Array
-    photo: Index
+    photographs: Photographs
+
+    @property
+    def camera(self) -> Camera:
+        """Start for the camera."""
+        return self.photographs.network.camera
 
     def possible(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return those of the names that the camera's lens has."""
-        return tuple(name for name in names if name in self.network.camera.parameter_names)
+        return tuple(name for name in names if name in self.camera.parameter_names)
 
     def freedom(self, names: Sequence[str]) -> CameraFreedom:
         """Return what may move; fx alone moves fy in proportion."""
-        return CameraFreedom.of_names(self.network.camera, names, square="fy" not in names)
+        return CameraFreedom.of_names(self.camera, names, square="fy" not in names)
 
     def tried(self, names: Sequence[str]) -> tuple[Adjustment | None, LeftOut | None]:
         """Return the adjustment of all photographs, and the left-out residuals; None where they are too few."""
-        network = replace(self.network, freedom=self.freedom(names))
-        kept = determined(network, self.views, self.weights)
-        whole = adjusted_part(
-            network, self.views, self.weights, network.design, np.ones(len(self.views), dtype=bool), kept
-        )
-        if whole is None:
+        freed = replace(self.photographs, network=replace(self.photographs.network, freedom=self.freedom(names)))
+        adjusted = freed.adjusted(freed.network.design)
+        if adjusted is None:
             return None, None
-        network = continued(network, whole[0].camera)
-        views = self.views
-        if len(whole[0].views) == len(views):
-            views = replace(views, rotation=whole[0].views.rotation, translation=whole[0].views.translation)
-        places = network.design.copy()
-        places[kept] = whole[0].places
-        result = predictions(network, views, self.weights, self.photo, places, compared=False)[0]
-        return whole[0], result if np.isfinite(result.squares).sum() >= LEAST_JUDGED else None
+        whole, kept = adjusted
+        freed = freed.continued(whole.camera)
+        if len(whole.views) == len(freed.views):
+            moved = replace(freed.views, rotation=whole.views.rotation, translation=whole.views.translation)
+            freed = replace(freed, views=moved)
+        places = freed.network.design.copy()
+        places[kept] = whole.places
+        left_out = freed.left_out(places, compared=False)[0]
+        return whole, left_out if left_out.suffices else None
 
 
 def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -> bool:

@@ -9,15 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.errors import InputError
 from markergen.model.camera import Camera
-
-Index = NDArray[np.intp]
 
 FOLDS, ALONE = 5, 10
 """Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""
@@ -58,8 +55,8 @@ class LeftOut:
 
     squares: Array
     chi2: Array
-    dots: Index
-    degrees_of_freedom: Index
+    dots: Indices
+    degrees_of_freedom: Indices
 
     @property
     def rms_each(self) -> Array:
@@ -71,6 +68,11 @@ class LeftOut:
         """RMS over all dots of the length of the residual, px."""
         is_predicted = np.isfinite(self.squares)
         return float(np.sqrt(self.squares[is_predicted].sum() / max(self.dots[is_predicted].sum(), 1)))
+
+    @property
+    def suffices(self) -> bool:
+        """Whether so many photographs were predicted that they have an interval worth telling."""
+        return bool(np.isfinite(self.squares).sum() >= LEAST_JUDGED)
 
     @property
     def variance_factor(self) -> float:
@@ -133,7 +135,7 @@ class CrossValidation:
         dots were held at the design.
     """
 
-    photos: Index
+    photos: Indices
     measured: LeftOut
     nominal: LeftOut
     refitted: LeftOut | None
@@ -192,8 +194,8 @@ class Halves:
         Of the difference of the estimated camera parameters, per degree of freedom; None if the camera was held.
     """
 
-    photos: tuple[Index, Index]
-    dots: Index
+    photos: tuple[Indices, Indices]
+    dots: Indices
     difference: Array
     chi2: float
     degrees_of_freedom: int
@@ -223,7 +225,102 @@ class Halves:
         return f"two halves of the photographs agree within their claimed errors: {numbers}"
 
 
-def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | NotJudged:
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """Photographs of which some are left out, and the network that they determine.
+
+    Attributes
+    ----------
+    network, views, weights
+        As of `adjust`; weights (v, n).
+    photo : array (v,) of int
+        Photograph of each view.
+    """
+
+    network: Network
+    views: Views
+    weights: Array
+    photo: Indices
+
+    @classmethod
+    def of(cls, adjustment: Adjustment, photo: Indices) -> "Photographs":
+        """All photographs of an adjustment, from its camera unless the network says what is known of that."""
+        return cls(adjustment.network, adjustment.views, adjustment.weights, photo).continued(adjustment.camera)
+
+    def continued(self, camera: Camera) -> "Photographs":
+        """Start from the camera as adjusted, unless the network says what is known of it."""
+        is_known = self.network.freedom.precision.any()
+        return self if is_known else replace(self, network=replace(self.network, camera=camera))
+
+    def take(self, chosen: Mask) -> "Photographs":
+        """Return some of the views."""
+        return replace(self, views=self.views.take(chosen), weights=self.weights[chosen], photo=self.photo[chosen])
+
+    def determined(self) -> Mask:
+        """Mask (n,) of the dots that can be measured: seen in two views or more of their marker, with two others.
+
+        All of them if the dots are held.
+        """
+        network, taken = self.network, self.views.seen & (self.weights > 0)
+        kept = np.ones(len(network.design), dtype=bool)
+        while network.free:
+            usable = (taken & kept).sum(axis=1) >= LEAST_DOTS
+            now = kept & ((taken & usable[:, None]).sum(axis=0) >= 2)
+            for marker in np.unique(network.marker[now]):
+                is_on_marker = now & (network.marker == marker)
+                if is_on_marker.sum() < LEAST_DOTS:
+                    now &= ~is_on_marker
+            if np.array_equal(now, kept):
+                break
+            kept = now
+        return kept
+
+    def adjusted(self, places: Array, kept: Mask | None = None) -> tuple[Adjustment, Mask] | None:
+        """Adjust the network, and tell the dots that the photographs determine; None if they do not."""
+        if kept is None:
+            kept = self.determined()
+        if kept.sum() < LEAST_DOTS:
+            return None
+        reduced, views, weights = self.network.of_dots(kept), self.views.of_dots(kept), self.weights[:, kept]
+        usable = ((weights > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
+        adjusted = _adjusted(reduced, views.take(usable), weights[usable], places[kept])
+        return None if adjusted is None else (adjusted, kept)
+
+    def left_out(self, places: Array, compared: bool = True) -> tuple[LeftOut, LeftOut, LeftOut]:
+        """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera.
+
+        Parameters
+        ----------
+        places : array (n, 3), m
+            Start for the dots.
+        compared : bool
+            False leaves out the second and the third.
+        """
+        photos, index_of_photo = np.unique(self.photo, return_inverse=True)
+        sums = [_Sums(len(photos)) for _ in range(3)]
+        for left in _folds(len(photos)):
+            out = np.isin(index_of_photo, left)
+            fitted = self.take(~out).adjusted(places)
+            if fitted is None:
+                continue
+            part, kept = fitted
+            taken = self.views.seen & (self.weights > 0) & kept
+            index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
+            if not len(index):
+                continue
+            tested = self.views.take(index).of_dots(kept), self.weights[index][:, kept]
+            sums[0].add(index_of_photo[index], _predicted(part, part.places, part.camera, *tested))
+            if compared:
+                design = part.network.design
+                sums[1].add(index_of_photo[index], _predicted(part, design, part.camera, *tested))
+                if len(self.network.freedom):
+                    held = _adjusted(replace(part.network, free=False), part.views, part.weights)
+                    if held is not None:
+                        sums[2].add(index_of_photo[index], _predicted(part, design, held.camera, *tested))
+        return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
+
+
+def cross_validate(adjustment: Adjustment, photo: Indices) -> CrossValidation | NotJudged:
     """Predict left-out photographs, with the measured print and with the design.
 
     Every photograph is left out once, alone or with a fifth of all. Dots that fewer than two others show do not count.
@@ -235,17 +332,17 @@ def cross_validate(adjustment: Adjustment, photo: Index) -> CrossValidation | No
     photo : array (v,) of int
         Photograph of each view.
     """
-    network = continued(adjustment.network, adjustment.camera)
-    left_out = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places)
-    photos, (measured, nominal, refitted) = np.unique(photo), left_out
-    if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
+    photographs, photos = Photographs.of(adjustment, photo), np.unique(photo)
+    network = photographs.network
+    measured, nominal, refitted = photographs.left_out(adjustment.places)
+    if not measured.suffices:
         return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
     best = refitted if len(network.freedom) else nominal
     gain = Paired.of(best, measured) if network.free else None
     return CrossValidation(photos, measured, nominal, refitted if len(network.freedom) else None, gain)
 
 
-def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
+def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged:
     """Measure the print twice, by two halves of the photographs, and compare.
 
     Photographs that are alike in tilt, roll and distance are paired, and one of each pair goes to each half. With the
@@ -262,15 +359,15 @@ def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
     """
     from scipy.stats import chi2 as chi2_distribution
 
-    views, weights = adjustment.views, adjustment.weights
+    photographs, views = Photographs.of(adjustment, photo), adjustment.views
+    network = photographs.network
     photos, first_view, index_of_photo = np.unique(photo, return_index=True, return_inverse=True)
     if len(photos) < 2 * LEAST_IN_HALF:
         return NotJudged(f"two halves need {2 * LEAST_IN_HALF} photographs or more, found {len(photos)}")
     second = _second_half(views.take(first_view), np.random.default_rng(0))
-    sides = [~second[index_of_photo], second[index_of_photo]]
-    network = continued(adjustment.network, adjustment.camera)
-    kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
-    parts = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
+    sides = [photographs.take(~second[index_of_photo]), photographs.take(second[index_of_photo])]
+    kept = np.logical_and.reduce([side.determined() for side in sides])
+    parts = [side.adjusted(adjustment.places, kept) for side in sides]
     if parts[0] is None or parts[1] is None:
         return NotJudged("half of the photographs are too few to determine the dots")
     halves = [part[0] for part in parts if part is not None]
@@ -310,67 +407,6 @@ def compare_halves(adjustment: Adjustment, photo: Index) -> Halves | NotJudged:
     )
 
 
-def predictions(
-    network: Network, views: Views, weights: Array, photo: Index, places: Array, compared: bool = True
-) -> tuple[LeftOut, LeftOut, LeftOut]:
-    """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera, too.
-
-    Parameters
-    ----------
-    network, views, weights
-        As of `adjust`.
-    photo : array (v,) of int
-        Photograph of each view.
-    places : array (n, 3), m
-        Start for the dots.
-    compared : bool
-        False leaves out the second and the third.
-    """
-    photos, index_of_photo = np.unique(photo, return_inverse=True)
-    sums = [_Sums(len(photos)) for _ in range(3)]
-    for left in _folds(len(photos)):
-        out = np.isin(index_of_photo, left)
-        fitted = adjusted_part(network, views, weights, places, ~out)
-        if fitted is None:
-            continue
-        part, kept = fitted
-        taken = views.seen & (weights > 0) & kept
-        index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
-        if not len(index):
-            continue
-        tested = views.take(index).of_dots(kept), weights[index][:, kept]
-        sums[0].add(index_of_photo[index], _predicted(part, part.places, part.camera, *tested))
-        if compared:
-            design = part.network.design
-            sums[1].add(index_of_photo[index], _predicted(part, design, part.camera, *tested))
-            if len(network.freedom):
-                held = _adjusted(replace(part.network, free=False), part.views, part.weights)
-                if held is not None:
-                    sums[2].add(index_of_photo[index], _predicted(part, design, held.camera, *tested))
-    return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
-
-
-def determined(network: Network, views: Views, weights: Array) -> Mask:
-    """Mask (n,) of the dots that can be measured: seen in two views or more of their marker, with two others.
-
-    All of them if the dots are held.
-    """
-    taken = views.seen & (weights > 0)
-    if not network.free:
-        return np.ones(len(network.design), dtype=bool)
-    kept = np.ones(len(network.design), dtype=bool)
-    while True:
-        usable = (taken & kept).sum(axis=1) >= LEAST_DOTS
-        now = kept & ((taken & usable[:, None]).sum(axis=0) >= 2)
-        for marker in np.unique(network.marker[now]):
-            is_on_marker = now & (network.marker == marker)
-            if is_on_marker.sum() < LEAST_DOTS:
-                now &= ~is_on_marker
-        if np.array_equal(now, kept):
-            return kept
-        kept = now
-
-
 class _Sums:
     """Sums of left-out residuals by photograph."""
 
@@ -378,7 +414,7 @@ class _Sums:
         self.squares, self.chi2 = np.full(photos, np.nan), np.full(photos, np.nan)
         self.dots, self.freedom = np.zeros(photos, dtype=np.intp), np.zeros(photos, dtype=np.intp)
 
-    def add(self, photo: Index, adjusted: Adjustment | None) -> None:
+    def add(self, photo: Indices, adjusted: Adjustment | None) -> None:
         """Add the views of some photographs, adjusted with dots and camera held."""
         if adjusted is None:
             return
@@ -397,17 +433,12 @@ class _Sums:
         return LeftOut(self.squares, self.chi2, self.dots, self.freedom)
 
 
-def _folds(photos: int) -> Iterator[Index]:
+def _folds(photos: int) -> Iterator[Indices]:
     """Numbers of the photographs that are left out together."""
     count = photos if photos <= ALONE else FOLDS
     order = np.random.default_rng(0).permutation(photos)
     for fold in range(count):
         yield np.sort(order[fold::count])
-
-
-def continued(network: Network, camera: Camera) -> Network:
-    """Start from the camera as adjusted, unless the network says what is known of it."""
-    return network if network.freedom.precision.any() else replace(network, camera=camera)
 
 
 def _adjusted(network: Network, views: Views, weights: Array, places: Array | None = None) -> Adjustment | None:
@@ -417,21 +448,6 @@ def _adjusted(network: Network, views: Views, weights: Array, places: Array | No
     except (UndeterminedError, InputError, np.linalg.LinAlgError):
         return None
     return adjusted if adjusted.degrees_of_freedom > 0 and np.isfinite(adjusted.chi2) else None
-
-
-def adjusted_part(
-    network: Network, views: Views, weights: Array, places: Array, chosen: Mask, kept: Mask | None = None
-) -> tuple[Adjustment, Mask] | None:
-    """Adjust the network by some of the views, and tell the dots that they determine; None if they do not."""
-    views, weights = views.take(chosen), weights[chosen]
-    if kept is None:
-        kept = determined(network, views, weights)
-    if kept.sum() < LEAST_DOTS:
-        return None
-    reduced, views = network.of_dots(kept), views.of_dots(kept)
-    usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
-    adjusted = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
-    return None if adjusted is None else (adjusted, kept)
 
 
 def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, weights: Array) -> Adjustment | None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
@@ -33,9 +33,6 @@ from markergen.model.camera import NO_DISTORTION, Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
 from markergen.read.images import check_frame, find_images, grey_frame, read_image, size_in_file
-
-Index = NDArray[np.intp]
-
 
 SEARCH_SIGMA = 5e-4
 """Standard deviation in m of a printed dot while the print is unknown: no dot is to be taken for an outlier."""
@@ -81,8 +78,8 @@ class PhotographedDots:
     photos: tuple[str, ...]
     size: tuple[int, int]
     views: Views
-    photo: NDArray[np.intp]
-    marker: NDArray[np.intp]
+    photo: Indices
+    marker: Indices
     unused: dict[int, str] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -94,7 +91,7 @@ class _Seen:
 
     photo: int
     marker: int
-    index: NDArray[np.intp]
+    index: Indices
     centers: Array
     covariance: Array
     open: bool = False
@@ -455,7 +452,7 @@ class Relabeling:
 
     rotation: Array
     translation: Array
-    image: Index
+    image: Indices
 
     def pose(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
         """Return the pose with which the moved layout looks as the layout does with the given pose."""
@@ -511,7 +508,7 @@ class Guess:
         Logarithms of the squared radii that the dots have in the image, up to a common constant.
     """
 
-    index: Index
+    index: Indices
     centers: Array
     covariance: Array
     rotation: Array

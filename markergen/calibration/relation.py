@@ -18,7 +18,7 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import Assembly, Pose, Views
 from markergen.errors import InputError
-from markergen.maths.rotation import angle_between, skew
+from markergen.maths.rotation import angle_between, rigid_motion, skew
 from markergen.model.body import Body, Plate
 
 LOOSE = 3.0
@@ -172,11 +172,8 @@ def _as_designed(body: Body, poses: Pose, covariance: Array) -> tuple[Pose, Arra
     places = np.concatenate(
         [xyz @ rotation.T + translation for xyz, rotation, translation in zip(dots, *poses, strict=True)]
     )
-    middles = places.mean(axis=0), body.xyz.mean(axis=0)
-    left, _, right = np.linalg.svd((body.xyz - middles[1]).T @ (places - middles[0]))
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    translations = (translations - middles[0]) @ rotation.T + middles[1]
-    rotations = rotation @ rotations
+    rotation, translation = rigid_motion(places, body.xyz)
+    rotations, translations = rotation @ rotations, translations @ rotation.T + translation
     count = len(rotations)
     rotate_all = np.kron(np.eye(2 * count), rotation)
     covariance = rotate_all @ covariance @ rotate_all.T

@@ -4,7 +4,7 @@ Photographs tell the ratio of the scales along x and y, far better than rulers d
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,54 +50,83 @@ class ScaleErrors:
         """Of what photographs leave open, as a share; none if lengths or dots measured by hand fix it."""
         return 0.0 if network.scale_known(marker) else self.mean(design)
 
+    def ruler_lengths(self, designs: Sequence[Marker], lengths: Sequence[Length]) -> tuple[Length, ...]:
+        """Return distances along x and y by a print's rulers, where lengths between dots are given as well."""
+        lengths_by_rulers, first = list[Length](), 0
+        for design in designs:
+            dots = range(first, first + len(design))
+            first += len(design)
+            if not any(length_between.first in dots for length_between in lengths):
+                continue
+            for along, share in zip(design.xyz[:, :2].T, self.by_rulers(design), strict=True):
+                pair = int(np.argmin(along)), int(np.argmax(along))
+                length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
+                lengths_by_rulers += [Length(dots[pair[0]], dots[pair[1]], length, share * length)] if share else []
+        return tuple(lengths_by_rulers)
 
-def told_by_rulers(designs: Sequence[Marker], lengths: Sequence[Length], errors: ScaleErrors) -> tuple[Length, ...]:
-    """Return what a print's rulers tell of distances along x and y, where lengths between dots are given as well."""
-    lengths_by_rulers, first = list[Length](), 0
-    for design in designs:
-        dots = range(first, first + len(design))
-        first += len(design)
-        if not any(length_between.first in dots for length_between in lengths):
-            continue
-        for along, share in zip(design.xyz[:, :2].T, errors.by_rulers(design), strict=True):
-            pair = int(np.argmin(along)), int(np.argmax(along))
-            length = float(np.linalg.norm(design.xyz[pair[1]] - design.xyz[pair[0]]))
-            lengths_by_rulers += [Length(dots[pair[0]], dots[pair[1]], length, share * length)] if share else []
-    return tuple(lengths_by_rulers)
+    def contradictions(
+        self, designs: Sequence[Marker], adjustment: Adjustment, print_sigma: float
+    ) -> tuple[float, ...]:
+        """Return by which share x over y of each marker is larger than by its rulers; 0 within `DOUBTED` sigmas.
 
+        Photographs tell the ratio to far less than the errors of the rulers and of the dots of a print, `print_sigma`.
+        """
+        network, offsets = adjustment.network, []
+        for marker, design in enumerate(designs):
+            offsets.append(0.0)
+            shares, is_on_marker = self.by_rulers(design), network.marker == marker
+            if not (network.free and network.prior is None and all(shares) and is_on_marker.sum() > 1):
+                continue
+            of_marker = network.design[is_on_marker], adjustment.places[is_on_marker]
+            away, there = (places - places.mean(axis=0) for places in of_marker)
+            spread = np.linalg.norm(away[:, :2], axis=0)
+            if spread.min() < 0.01 * spread.max():
+                continue
+            columns = np.linalg.lstsq(away[:, :2], there, rcond=None)[0]
+            off = float(np.divide(*np.linalg.norm(columns, axis=1))) - 1
+            if abs(off) > DOUBTED * np.hypot(np.hypot(*shares), print_sigma * np.hypot(*(1 / spread))):
+                offsets[-1] = off
+        return tuple(offsets)
 
-def ruler_contradictions(
-    designs: Sequence[Marker], adjustment: Adjustment, errors: ScaleErrors, print_sigma: float
-) -> tuple[float, ...]:
-    """Return for each marker by how much x over y is larger than by its rulers, as a share; 0 within `DOUBTED` sigmas.
+    def widened(self, designs: Sequence[Marker], off: Sequence[float]) -> "ScaleErrors":
+        """Return errors with which rulers agree with the photographs: theirs times the root of the worst chi2."""
+        pairs = zip(designs, off, strict=True)
+        factors = [abs(offset) / np.hypot(*self.by_rulers(design)) for design, offset in pairs if offset]
+        return replace(self, ruler=self.ruler * max(factors, default=1.0))
 
-    Photographs tell the ratio to far less than the errors of the rulers and of the dots of a print, `print_sigma`.
-    """
-    network, offsets = adjustment.network, []
-    for marker, design in enumerate(designs):
-        offsets.append(0.0)
-        shares, is_on_marker = errors.by_rulers(design), network.marker == marker
-        if not (network.free and network.prior is None and all(shares) and is_on_marker.sum() > 1):
-            continue
-        away, there = (
-            places[is_on_marker] - places[is_on_marker].mean(axis=0) for places in (network.design, adjustment.places)
+    def displacements(self, design: Marker, network: Network, places: Array, measured: bool) -> Array:
+        """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both."""
+        columns, first = np.zeros((len(places), 3, 2)), int(network.marker[0])
+        if measured:
+            columns[:, :, 0] = self.left(design, network, first) * (places - places.mean(axis=0))
+        elif network.free and network.prior is None:
+            columns[:, 0, 0], columns[:, 1, 1] = (np.array(self.along(design)) * places[:, :2]).T
+        return columns.reshape(-1, 2)
+
+    def source(self, design: Marker, network: Network, off: float) -> str:
+        """Say where the first marker's scale comes from and how well it is known; `off` as of `contradictions`."""
+        if not network.free:
+            return "The scale is that of the design."
+        left, ruled = self.mean(design), any(self.by_rulers(design))
+        why = f" only, since {doubt(off)}" if off else ""
+        if network.lengths:
+            share = sum((ruler.length / ruler.sigma) ** 2 for ruler in network.lengths) ** -0.5
+            sentence = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
+            sentence += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %{why}"
+            return (
+                f"{sentence}."
+                if share < left
+                else f"{sentence}: no better than a print is expected to be, {100 * left:.2g} %."
+            )
+        if network.scale_known(int(network.marker[0])):
+            return "The scale is that of the dots measured by hand."
+        if ruled or design.print_scale != (1.0, 1.0):
+            return f"The scale is that of the rulers given to markergen rescale, known to {100 * left:.2g} %{why}."
+        return (
+            f"The scale is that of the design, expected to be right to {100 * self.unmeasured:.2g} % along x and y "
+            f"each, to {100 * left:.2g} % in their mean, and distances are no better: measure the rulers (markergen "
+            "rescale), or the distance between two dots (--measured)."
         )
-        spread = np.linalg.norm(away[:, :2], axis=0)
-        if spread.min() < 0.01 * spread.max():
-            continue
-        columns = np.linalg.lstsq(away[:, :2], there, rcond=None)[0]
-        off = float(np.divide(*np.linalg.norm(columns, axis=1))) - 1
-        if abs(off) > DOUBTED * np.hypot(np.hypot(*shares), print_sigma * np.hypot(*(1 / spread))):
-            offsets[-1] = off
-    return tuple(offsets)
-
-
-def widened(designs: Sequence[Marker], off: Sequence[float], errors: ScaleErrors) -> ScaleErrors:
-    """Return errors with which rulers agree with the photographs: theirs times the root of chi2, the worst of all."""
-    factors = [
-        abs(offset) / np.hypot(*errors.by_rulers(design)) for design, offset in zip(designs, off, strict=True) if offset
-    ]
-    return ScaleErrors(errors.unmeasured, errors.ruler * max(factors, default=1.0))
 
 
 def doubt(off: float) -> str:
@@ -108,40 +137,4 @@ def doubt(off: float) -> str:
         f"the rulers contradict the photographs, by which the print is {100 * abs(off):.2g} % "
         f"{'longer' if off > 0 else 'shorter'} along x, compared with y, than by them: measure the rulers again, and "
         "see which is which"
-    )
-
-
-def scaled(design: Marker, network: Network, errors: ScaleErrors, places: Array, measured: bool) -> Array:
-    """Displacements (3 n, 2) of the first marker's dots by one sigma of the scale along x and y, or of both."""
-    columns, first = np.zeros((len(places), 3, 2)), int(network.marker[0])
-    if measured:
-        columns[:, :, 0] = errors.left(design, network, first) * (places - places.mean(axis=0))
-    elif network.free and network.prior is None:
-        columns[:, 0, 0], columns[:, 1, 1] = (np.array(errors.along(design)) * places[:, :2]).T
-    return columns.reshape(-1, 2)
-
-
-def source(design: Marker, network: Network, errors: ScaleErrors, off: float) -> str:
-    """Say where the first marker's scale comes from and how well it is known; `off` as of `ruler_contradictions`."""
-    if not network.free:
-        return "The scale is that of the design."
-    left, ruled = errors.mean(design), any(errors.by_rulers(design))
-    why = f" only, since {doubt(off)}" if off else ""
-    if network.lengths:
-        share = sum((ruler.length / ruler.sigma) ** 2 for ruler in network.lengths) ** -0.5
-        sentence = f"The scale is that of the measured length{'s' * (len(network.lengths) > 1 + 2 * ruled)}"
-        sentence += f"{' and the rulers' * ruled}, known to {100 * share:.2g} %{why}"
-        return (
-            f"{sentence}."
-            if share < left
-            else f"{sentence}: no better than a print is expected to be, {100 * left:.2g} %."
-        )
-    if network.scale_known(int(network.marker[0])):
-        return "The scale is that of the dots measured by hand."
-    if ruled or design.print_scale != (1.0, 1.0):
-        return f"The scale is that of the rulers that markergen rescale was told, known to {100 * left:.2g} %{why}."
-    return (
-        f"The scale is that of the design, expected to be right to {100 * errors.unmeasured:.2g} % along x and y each, "
-        f"to {100 * left:.2g} % in their mean, and distances are no better: measure the rulers (markergen rescale), or "
-        "the distance between two dots (--measured)."
     )

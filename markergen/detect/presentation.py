@@ -23,6 +23,15 @@ _FOUND, _GUESSED = (0, 110, 255), (255, 200, 0)
 """Orange and cyan in cv2's order (blue, green, red): dots that were found, and predicted places of the others."""
 _AXES = {"x": (60, 60, 230), "y": (60, 160, 40), "z": (220, 110, 30)}
 
+_UNREAD = {
+    "small": ", its tag too small to be read",
+    "outside": ", its tag outside the image",
+    "faint": ", its tag too faint to be read",
+    "covered": ", its tag covered",
+    "unclear": ", its tag unclear",
+}
+"""Words for the states of a tag that was not read."""
+
 _BITS = 4
 """Fractional bits of coordinates for drawing with cv2."""
 _OUTLINE = 2 * np.pi * np.arange(64) / 64
@@ -207,7 +216,7 @@ def in_words(detection: Detection, markers: Sequence[Target], names: Sequence[st
     name, target = names[detection.marker], markers[detection.marker]
     if not detection.found:
         return f"{name} not found: {reason(detection, names)}"
-    line = f"{name}, {len(detection.ids)} of {len(target)} dots"
+    line = f"{name}, {len(detection.ids)} of {len(target)} dots{_UNREAD.get(detection.tag_state, '')}"
     if target.frame == "rig":
         line += f" on {len(set(target.owner[detection.ids].tolist()))} of {len(target.plates)} markers"
     if detection.pose is None:

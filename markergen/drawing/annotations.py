@@ -87,9 +87,10 @@ def scale_column(factor: Point) -> Column:
     """Column with the drawing's scale, and the printer error that it compensates for, if any."""
     if factor == (1.0, 1.0):
         return "scale", "scale", ("1 : 1, print at 100 %",), "regular"
-    printer, drawn = (", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True)) for pair in (
-        [1 / value for value in factor], factor
-    ))  # fmt: skip
+    printer, drawn = (
+        ", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True))
+        for pair in ([1 / value for value in factor], factor)
+    )
     return "scale", f"compensated for a printer that makes {printer} of 1", (f"drawn {drawn}; print at 100 %",), "bold"
 
 

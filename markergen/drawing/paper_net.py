@@ -112,6 +112,7 @@ def _plate_corners(body: Body, k: int) -> Array:
     points = np.array(contours[0].points)
     x, y = points.T
     area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+    # Shoelace formula: twice the area, positive if counterclockwise.
     return points if area > 0 else points[::-1]
 
 
@@ -265,6 +266,7 @@ def _matched(start: Sequence[float], end: Sequence[float], to_start: Array, to_e
     """Rigid motion of the plane that takes one segment to another of the same length."""
     source, target = complex(*np.subtract(end, start)), complex(*(to_end - to_start))
     ratio = target / source
+    # The quotient of two complex numbers has the angle between them.
     rotation = np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]) / abs(ratio)
     # Quarter turns exactly, so that faces of a cube stay upright.
     rotation = np.where(np.abs(rotation - np.round(rotation)) < 1e-9, np.round(rotation), rotation)
@@ -278,6 +280,7 @@ def _flaps(
     taken, flaps = list(regions), list[Flap]()
     for k, face_edges in enumerate(edges):
         for i, edge in enumerate(face_edges):
+            # Each pair once: at its lower face and edge.
             if edge.meets is None or (k, i) in folds or edge.meets < (k, i):
                 continue
             for face, number, behind in ((k, i, edge.meets[0]), (*edge.meets, k)):

@@ -103,6 +103,7 @@ def _face(face: str) -> tuple[dict[str, _Glyph], float, float]:
             for code in range(0x20, 0x100)
             if code in names
         }
+    # An H has flat ends; the font's own capHeight is optional.
     return table, max(y for _, points in table["H"].segments for _, y in points), em
 
 

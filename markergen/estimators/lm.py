@@ -15,6 +15,9 @@ from markergen.model.camera import Camera
 STEP = 1e-10
 """Convergence threshold: a step rotates by less than this, in rad, and translates by less than this fraction of |t|."""
 ITERATIONS = 100
+"""Maximum number of steps: in the paper's poses, at noise of 0.2 px, 5 steps make the RMS error of the rotation 0.6 %
+larger than 100 do, 20 steps 7e-5 of it, and 50 steps 5e-6.
+"""
 DAMPING = Damping(start=1e-3, least=1e-10, slack=1e-12)
 """Damping never falls to 0, as J'J may be singular; 1e-12 of the sum of squares is about 1e-13 px in a coordinate."""
 

@@ -11,6 +11,7 @@ from markergen.drawing.scene import Disk, Line, Point, Segment, Shape
 from markergen.errors import InputError
 
 POINTS_PER_MM = 72 / 25.4
+"""PDF's default user space has 72 units to the inch."""
 
 ARCS = 16
 """Bezier arcs per circle. The radial error falls with the sixth power of their angle: 2.7e-4 of the radius for 4 arcs
@@ -35,6 +36,7 @@ def bare_canvas(*arguments: Any, **options: Any) -> Any:
 
     class BareCanvas(Canvas):  # type: ignore[misc]  # reportlab has no types
         def _make_preamble(self) -> None:
+            # reportlab's own preamble selects a font, which the page would refer to although it has no text.
             self._preamble = "1 0 0 1 0 0 cm"
 
     # Preferences about trays and duplex printing require PDF 1.7, layers 1.5.
@@ -117,6 +119,7 @@ def _path(segments: tuple[Segment, ...]) -> str:
         points = in_mm
         if command == "Q":
             (cx, cy), (ex, ey) = in_mm
+            # Degree elevation: a cubic's handles are two thirds of the way to the quadratic's control point.
             first = here[0] + 2 / 3 * (cx - here[0]), here[1] + 2 / 3 * (cy - here[1])
             points = first, (ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey)), (ex, ey)
         tokens += [_number(side * POINTS_PER_MM) for point in points for side in point]

@@ -30,12 +30,15 @@ LONG = 48
 SAGITTA = 2e-3
 """Maximum distance in pixels of a chord from its curve; a grey level is 4e-3 of a pixel."""
 FEWEST_ARCS = 32
+"""Minimum number of chords of a circle; `SAGITTA` asks for more from a radius of 0.42 px on."""
 MITER = 4.0
 """Maximum miter length in line widths, as in SVG; beyond it a corner is beveled."""
 MOST_BYTES = 2e9
 """Maximum size of an image before compression, bytes."""
 MILLIMETERS_PER_INCH = 25.4
+"""Printers' resolutions are in dots per inch."""
 LEAST_DPI, MOST_DPI = 10, 10_000
+"""Limits of the resolution: pixels of 2.54 mm, in which no dot is round, and of 2.54 um, finer than printers."""
 
 
 def check_image(options: ExportOptions) -> None:
@@ -162,6 +165,7 @@ def _circle(radius: float, per_mm: float) -> Array:
 def _stroke(line: Line) -> list[Array]:
     """Outlines (k, 2) of a stroke with mitered corners; one for an open line, two for a closed one."""
     points = np.array(line.points)
+    # Repeated points have no normal.
     points = points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))]
     closed = line.closed
     steps = np.diff(points, axis=0)
@@ -175,6 +179,7 @@ def _stroke(line: Line) -> list[Array]:
     sharp = miter < 2 / MITER**2
     offset = (before + after) / np.where(sharp, 1.0, miter)[:, None]
     # A beveled corner has two points per side; the others are repeated, which adds no area.
+    # (before + after) / miter reaches the crossing of both offset lines, of length 1 / cos of half the turn.
     shifts = np.stack([np.where(sharp[:, None], before, offset), np.where(sharp[:, None], after, offset)], axis=1)
     left, right = ((points[:, None] + side * line.width / 2 * shifts).reshape(-1, 2) for side in (1, -1))
     return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
@@ -207,6 +212,7 @@ def _flattened(outline: FilledPath, per_mm: float) -> Array:
 def _chords(controls: Array, per_mm: float) -> Array:
     """Chords (m, 4) of Bezier curves (k, 3 or 4, 2), for each as many as the most curved one needs."""
     degree = controls.shape[1] - 1
+    # The second derivative of a Bezier curve is degree (degree - 1) times a mean of its second differences.
     bend = np.diff(controls, n=2, axis=1)
     # A chord deviates by at most M / (8 count^2) from a curve whose second derivative is at most M.
     most = degree * (degree - 1) * float(np.hypot(bend[..., 0], bend[..., 1]).max())
@@ -247,6 +253,7 @@ def _paint(strip: Pixels, top: int, runs: Runs, color: tuple[int, ...]) -> None:
     begin = (runs.row[first:last] - top) * width + runs.column[first:last]
     length, share = runs.length[first:last], runs.share[first:last]
     pixels, ink = strip.reshape(-1, depth), np.array(color, dtype=np.uint8)
+    # A run inside a shape has a share of 1 up to the rounding of its cumulative sum.
     whole = (length >= LONG) & (share > 1 - 1e-6)
     for start, count in zip(begin[whole].tolist(), length[whole].tolist(), strict=True):
         pixels[start : start + count] = ink

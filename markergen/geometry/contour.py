@@ -97,6 +97,8 @@ def rings_and_circles(contours: Iterable[Contour]) -> tuple[list[Array], Array]:
 def center_of(side: Side) -> Point:
     """Center of an arc side: to the left of its chord for a left turn of less than half a turn."""
     (x, y), (u, v), bulge = side
+    # The chord c is 2 r sin(a/2) of an arc a; with bulge b = tan(a/4), cot(a/2) = (1 - b^2) / (2 b), and the center is
+    # c/2 cot(a/2) off the chord.
     away = (1 - bulge**2) / (4 * bulge)
     return (x + u) / 2 - (v - y) * away, (y + v) / 2 + (u - x) * away
 
@@ -104,6 +106,7 @@ def center_of(side: Side) -> Point:
 def radius_of(side: Side) -> float:
     """Radius of a side; infinite for a straight line."""
     (x, y), (u, v), bulge = side
+    # sin(a/2) = 2 b / (1 + b^2) for a bulge b = tan(a/4).
     return hypot(u - x, v - y) * (1 + bulge**2) / (4 * abs(bulge)) if bulge else inf
 
 
@@ -111,6 +114,7 @@ def tangent(side: Side, end: bool) -> Point:
     """Unit tangent of a side at its end or its start."""
     (x, y), (u, v), bulge = side
     length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
+    # Chord and tangent differ by half of the arc's angle, which is 4 atan(bulge).
     angle = 2 * atan(bulge) * (1 if end else -1)
     dx, dy = (u - x) / length, (v - y) / length
     return dx * cos(angle) - dy * sin(angle), dx * sin(angle) + dy * cos(angle)
@@ -134,6 +138,7 @@ def area(contour: Contour) -> float:
         total += (x * v - u * y) / 2
         if bulge:
             angle = 4 * atan(bulge)
+            # r^2 (a - sin a) / 2 with r = c / (2 sin(a/2)); the sign of the angle decides the side.
             total += chord * (angle - sin(angle)) / (8 * sin(angle / 2) ** 2)
     return total
 
@@ -209,12 +214,15 @@ def inner_polygon(contour: Contour, off: float) -> Array:
         (cx, cy), radius, angle = center_of(side), radius_of(side), 4 * atan(bulge)
         # 1 - cos h = 2 sin^2 (h / 2), which avoids cancellation for large radii.
         share = off / (2 * radius) if bulge > 0 else off / (2 * (radius + off))
+        # Chords inside a left turn are off by r (1 - cos h), tangents outside of a right turn by r (1 / cos h - 1), h
+        # half a step.
         count = abs(angle) / min(4 * asin(min(sqrt(share), 1.0)), COARSEST) if share > 0 else inf
         if not len(points) + count < MOST_CHORDS:
             raise InputError(
-                f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit", f"a radius of {radius:.3g}",
+                f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit",
+                f"a radius of {radius:.3g}",
                 "check the bulges",
-            )  # fmt: skip
+            )
         steps = 2 * ceil(count / 2)
         first = atan2(start[1] - cy, start[0] - cx)
         reach, places = (radius, range(1, steps)) if bulge > 0 else (radius / cos(angle / steps / 2), range(steps))
@@ -233,6 +241,7 @@ def offset(contour: Contour, distance: float) -> Contour:
     moved = []
     for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
         (x, y), (ax, ay), (bx, by) = after[0], tangent(before, end=True), tangent(after, end=False)
+        # The miter of normals m and n at distance d is d (m + n) / (1 + m . n).
         share = distance / (1 + ax * bx + ay * by)
         moved.append((x - share * (ay + by), y + share * (ax + bx)))
     return Contour(tuple(moved), contour.bulges)
@@ -240,6 +249,7 @@ def offset(contour: Contour, distance: float) -> Contour:
 
 def backward(contour: Contour) -> Contour:
     """Reversed contour, starting at its last corner."""
+    # 0.0 - b, as -b would make a straight side's bulge -0.0, which shows in files.
     bulges = (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
     return Contour(contour.points[::-1], bulges, contour.about)
 

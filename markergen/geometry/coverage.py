@@ -167,6 +167,8 @@ def _changes(start: Array, end: Array, size: Indices) -> tuple[Indices, Array]:
     column, row = x.astype(int), np.floor(y).astype(int)
     inside = (row >= 0) & (row < size[1])
     cell = (row * (size[0] + 2) + column)[inside]
+    # A piece covers its own pixel from its mean x to the right border, and all pixels beyond; the next cell adds the
+    # rest.
     inner = (climb * (column + 1 - x))[inside]
     return np.concatenate([cell, cell + 1]), np.concatenate([inner, climb[inside] - inner])
 
@@ -186,6 +188,7 @@ def _pieces(start: Array, end: Array, size: Indices) -> tuple[Array, Array]:
         shares.append((line - start[edge, axis]) / step[edge, axis])
     edge, share = np.concatenate(edges), np.concatenate(shares)
     # Sorted along each edge, edge by edge.
+    # Stable, since a corner of pixels gives two cuts with the same share.
     order = np.argsort(edge + np.clip(share, 0, 1 - 1e-9), kind="stable")
     edge, share = edge[order], share[order]
     cuts = start[edge] + share[:, None] * step[edge]

@@ -557,6 +557,7 @@ def _kept(index: Index, place: Array, holds: Callable[[Index, Array], Mask]) -> 
     kept = holds(of, (low + high) / 2)
     low, high, of = low[kept], high[kept], of[kept]
     fresh = np.ones(len(of), dtype=bool)
+    # Parts were cut from one sorted list, so adjacent ones share their end to the last bit.
     fresh[1:] = (of[1:] != of[:-1]) | (low[1:] > high[:-1])
     starts = np.flatnonzero(fresh)
     lasts = np.append(starts[1:], len(of))[: len(starts)] - 1
@@ -574,6 +575,7 @@ def _cuts(lines: Segments, arcs: Arcs) -> tuple[Index, Array, Index, Array]:
     count = len(lines)
     low = np.concatenate([np.minimum(lines.start, lines.end), arcs.center - arcs.radius[:, None]])
     high = np.concatenate([np.maximum(lines.start, lines.end), arcs.center + arcs.radius[:, None]])
+    # Boxes of curves that only touch must meet as well.
     hair = 1e-9 * max(float(np.abs(low).max(initial=0)), float(np.abs(high).max(initial=0)))
     boxes = shapely.box(*(low - hair).T, *(high + hair).T)
     i, j = shapely.STRtree(boxes).query(boxes)
@@ -595,6 +597,7 @@ def _line_line(lines: Segments, i: Index, j: Index) -> tuple[Index, Array]:
     first, second = lines.step[i], lines.step[j]
     between = lines.start[j] - lines.start[i]
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    # Division by infinity gives 0 instead of a warning; `met` leaves these pairs out.
     safe = np.where(cross != 0, cross, np.inf)
     place = (between[:, 0] * second[:, 1] - between[:, 1] * second[:, 0]) / safe
     there = (between[:, 0] * first[:, 1] - between[:, 1] * first[:, 0]) / safe
@@ -627,6 +630,7 @@ def _arc_arc(arcs: Arcs, i: Index, j: Index) -> tuple[Index, Array]:
     between, radius_i, radius_j = arcs.center[j] - arcs.center[i], arcs.radius[i], arcs.radius[j]
     distance = np.linalg.norm(between, axis=-1)
     safe = np.where(distance > 0, distance, np.inf)
+    # Distance of the radical line from the first center.
     along = (distance**2 + radius_i**2 - radius_j**2) / (2 * safe)
     reaches = (distance > 0) & (np.abs(along) <= radius_i * (1 + 1e-9))
     across = np.sqrt(np.maximum(radius_i**2 - along**2, 0.0))

@@ -143,6 +143,7 @@ def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Arr
     index = np.flatnonzero(radius <= after[-1] + lens.reach(limit, coefficients))
     u, v, radius = u[index], v[index], radius[index]
     tolerance = (TOLERANCE * (1 + radius)) ** 2
+    # As good as the table for a radial model; the tangential terms are left to the steps.
     guess = np.tan(np.interp(radius, after, angles)) / np.where(radius > 0, radius, 1)
     x, y = guess * u, guess * v
     # The point accepted so far, the step from it to (x, y), and its squared residual.
@@ -151,6 +152,7 @@ def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Arr
         if not index.size:
             break
         square = x * x + y * y
+        # nan is no improvement, so that a step out of the domain is halved like one that is too long.
         square[square >= limit**2] = np.nan
         xd, yd, intermediate = lens.place(x, y, square, coefficients)
         dx, dy = u - xd, v - yd

@@ -130,6 +130,7 @@ def estimate_homography(object_points: Array, image_points: Array) -> Array:
     if not np.isfinite(normal).all():
         # LAPACK raises an error; what is nan in the similarities makes the result nan as well.
         normal = np.nan_to_num(normal, nan=0.0, posinf=0.0, neginf=0.0)
+    # eigh reads the lower triangle alone, which is what `normal_matrix` fills.
     h = np.linalg.eigh(normal)[1][..., :, 0].reshape(*normal.shape[:-2], 3, 3)
     h = np.linalg.inv(_similarity(image_center, image_scale)) @ h @ _similarity(object_center, object_scale)
     return h / h[..., 2:, 2:]
@@ -152,6 +153,7 @@ def _spectrum(object_points: Array, image_points: Array, softness: float) -> tup
     values, vectors = np.linalg.eigh(normal_matrix(object_points, image_points))
     largest = values[..., 8]
     # An eigenvalue below this is rounding noise of the largest one, and the layout is degenerate.
+    # The value stays finite until `degenerate` makes it infinite, and the gradient never divides by 0.
     usable = np.maximum(values[..., 1:], 9 * np.finfo(float).eps * largest[..., None])
     degenerate = values[..., 1] < usable[..., 0]
     least = usable[..., 0]

@@ -54,6 +54,7 @@ def directions(affine: Array, count: int = DIRECTIONS) -> Directions:
     between, with k proportional to Q^(-1/4) v and v in uniform steps, half as many steps suffice.
     """
     shape = _root(_root(affine @ affine.swapaxes(-1, -2)))
+    # Midpoints: for a periodic integrand as accurate as any rule with as many nodes.
     angle = np.pi * (np.arange(count) + 0.5) / count
     cosine, sine = np.cos(angle), np.sin(angle)
     # The adjugate replaces the inverse, since k is normalized anyway.
@@ -207,6 +208,7 @@ def _radial(z: Array) -> tuple[Array, Array]:
     f = (z^4 + z^3 + z^2 + c z + d)^(-3/8) / sqrt(2 pi). The first three terms match the asymptotic series; c and d
     minimize the largest error over z > 0. The Bessel function itself takes twenty times as long as all else here.
     """
+    # A quartic to the power of -3/8 has the limits of the function: 1/2 at 0, to 1.6 %, and (2 pi z^3)^-1/2 far out.
     quartic = (((z + 1) * z + 1) * z + 1.9317) * z + 0.5250
     root = np.sqrt(np.sqrt(np.sqrt(quartic)))
     level = 1 / (np.sqrt(2 * np.pi) * root**3)

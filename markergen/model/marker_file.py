@@ -31,6 +31,7 @@ from markergen.model.tag import FAMILIES, Tag
 
 FORMAT = "markergen-marker"
 VERSIONS = (1, 2)
+"""Versions that are read; a file is written in the lowest that has all its keys."""
 
 MOST_CONTROL_POINTS, MOST_PLATES = 1000, 100
 """A marker has a dozen points; a file beyond these limits is not a marker."""

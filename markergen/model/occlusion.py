@@ -66,6 +66,7 @@ def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, 
     length = np.linalg.norm(way, axis=-1)
     unit = way / np.maximum(length, np.finfo(float).tiny)[..., None]
     along = np.sum(offset * unit, axis=-1)
+    # Cross product: distance of the pillar's axis from the vertical plane of the line.
     beside = np.abs(offset[..., 0] * unit[..., 1] - offset[..., 1] * unit[..., 0])
     climb = eyes[..., 2] - dots[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -97,9 +98,7 @@ def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array
     """
     n = len(points)
     dot_radius, wall_radius = (np.broadcast_to(radius, n) for radius in (dot_radius, wall_radius))
-    passages = passage(
-        points[:, None], dot_radius[:, None], points[None], wall_radius[None], eyes[:, None, None]
-    )  # fmt: skip
+    passages = passage(points[:, None], dot_radius[:, None], points[None], wall_radius[None], eyes[:, None, None])
     higher = points[None, :, 2] > points[:, None, 2]
     gaps = np.where(higher & (wall_radius > 0), passages.gap, np.inf)
     gaps[eyes[:, 2][:, None] <= points[:, 2]] = -np.inf
@@ -180,6 +179,8 @@ def _shadow(body: Body, j: int, k: int, eye: Array, height: float = 0.0) -> Regi
     rotation = side[:, None] * (screen.rotation_matrix.T @ caster.rotation_matrix)[:, :2]
     translation = side * (screen.to_marker(caster.translation_vector) - [0, 0, height])
     eye = side * (eye - [0, 0, height])
+    # A plate is cut where it comes to the screen's plane, below which it casts nothing, and to the eye's height, where
+    # the shadow becomes infinite.
     low, high = _TOUCHING * max(body.radius, 1.0), (1 - 1e-6) * eye[2]
     plate = body.plate_regions[j]
     corners = np.concatenate(plate.rings)
@@ -196,6 +197,8 @@ def _shadow(body: Body, j: int, k: int, eye: Array, height: float = 0.0) -> Regi
 
     def cast(points: Array) -> Array:
         at = points @ rotation.T + translation
+        # Similar triangles: the ray from the eye at height h through a point at height z meets the plane h / (h - z)
+        # times as far.
         return np.asarray(eye[:2] + (at[:, :2] - eye[:2]) * (eye[2] / (eye[2] - at[:, 2]))[:, None])
 
     return plate.mapped(cast) if plate else None

@@ -243,11 +243,14 @@ def check_plate(
         # A dot on the rim is as far out as possible.
         reach = boundary.radius / 4 if dot is None else dot / 2
         rim = (boundary.radius - reach, 0.0, reach)
-        _refuse(substrate.holes, [
-            *hole_clashes(substrate.holes, {}),
-            *cut_open(substrate.holes, plate_face(substrate, boundary, [rim])),
-            *sunk(substrate),
-        ])  # fmt: skip
+        _refuse(
+            substrate.holes,
+            [
+                *hole_clashes(substrate.holes, {}),
+                *cut_open(substrate.holes, plate_face(substrate, boundary, [rim])),
+                *sunk(substrate),
+            ],
+        )
 
 
 def check_edge(substrate: Substrate, boundary: Boundary) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees, isfinite
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -53,22 +54,45 @@ class Rulers:
     nominal_y: float | None = None
 
 
-def rescale_marker(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
-    """Rescale a marker for a print whose rulers are off, and return it with sentences about the result.
+def rescale_body(
+    body: Body, rulers: Rulers, force: bool = False, others: Mapping[str, Rulers] = MappingProxyType({})
+) -> tuple[Body, tuple[str, ...]]:
+    """Rescale a marker, or the markers of a rig, for a print whose rulers are off; with sentences about the result.
 
     Every control point moves to (x sx, y sy), s being measured over nominal lengths; a single measured ruler gives
-    both. They are relative to the design: a second rescaling replaces the first.
+    both. They are relative to the design: a second rescaling replaces the first. The plates of a rig stay where they
+    are, each rescaled about its own origin: their markers were printed at another size, not the body.
+
+    Parameters
+    ----------
+    others : mapping
+        Rulers of single markers, by name, instead of those of all.
 
     Raises
     ------
     InputError
         If a length is not above 0, differs from its nominal by `MOST_OFF` or more without `force`, or by a factor of
         2, or no nominal length is given and none is that near; if nothing was measured; if dots have been measured one
-        by one; or if the nominal length is not the one that the marker states for its ruler. Also as `check_supported`
-        does.
+        by one; if the nominal length is not the one that the marker states for its ruler; or if a name is none of the
+        rig's. Also as `check_supported` does.
     """
-    changed, sentences = _rescaled(marker, rulers, force)
-    return changed, (*sentences, *_reach([changed]))
+    names = [plate.name for plate in body.plates]
+    unknown = [name for name in others if name not in names]
+    if unknown:
+        raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
+    rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in body.plates}
+    names_of = dict[tuple[str, ...], list[str]]()
+    for name, (_, sentences) in rescaled.items():
+        names_of.setdefault(sentences, []).append(name)
+    remarks = [
+        " ".join(lines) if len(names_of) == 1 else f"{', '.join(which)}: {' '.join(lines)}"
+        for lines, which in names_of.items()
+    ]
+    if body.frame == "marker":
+        remarks = [*next(iter(names_of))]
+    changed = tuple(replace(plate, marker=rescaled[plate.name][0]) for plate in body.plates)
+    reach = _reach([plate.marker for plate in changed])
+    return body.with_plates(changed, body.relation_covariance), (*remarks, *reach)
 
 
 def exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> tuple[float, float] | None:
@@ -134,9 +158,11 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         for p, before in zip(changed.control_points, marker.control_points, strict=True)
     )
     record = {
-        "measured_x": rulers.x, "measured_y": rulers.y,
-        "nominal_x": lengths.get("x"), "nominal_y": lengths.get("y"),
-    }  # fmt: skip
+        "measured_x": rulers.x,
+        "measured_y": rulers.y,
+        "nominal_x": lengths.get("x"),
+        "nominal_y": lengths.get("y"),
+    }
     sentences = [
         f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y: "
         + ", ".join(f"{name} {format_length(measured[name])} of {format_length(lengths[name])}" for name in ratios)
@@ -170,40 +196,6 @@ def _reach(markers: Sequence[Marker]) -> list[str]:
         return []
     reach = max(float(np.linalg.norm(offsets, axis=-1).max()) for offsets in moved)
     return [f"Dots are up to {_short(reach)} from where they were designed."]
-
-
-def rescale_plates(
-    body: Body, rulers: Rulers, others: Mapping[str, Rulers], force: bool = False
-) -> tuple[Body, tuple[str, ...]]:
-    """Rescale the markers of a body for a print whose rulers are off, each about its own origin; see `rescale_marker`.
-
-    The plates stay where they are: their markers were printed at another size, not the body.
-
-    Parameters
-    ----------
-    others : mapping
-        Rulers of single markers, by name, instead of those of all.
-
-    Raises
-    ------
-    InputError
-        As `rescale_marker` does, or if a name is none of the rig's.
-    """
-    names = [plate.name for plate in body.plates]
-    unknown = [name for name in others if name not in names]
-    if unknown:
-        raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
-    rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in body.plates}
-    names_of = dict[tuple[str, ...], list[str]]()
-    for name, (_, sentences) in rescaled.items():
-        names_of.setdefault(sentences, []).append(name)
-    remarks = [
-        " ".join(lines) if len(names_of) == 1 else f"{', '.join(which)}: {' '.join(lines)}"
-        for lines, which in names_of.items()
-    ]
-    changed = tuple(replace(plate, marker=rescaled[plate.name][0]) for plate in body.plates)
-    reach = _reach([plate.marker for plate in changed])
-    return body.with_plates(changed, body.relation_covariance), (*remarks, *reach)
 
 
 def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:
@@ -320,7 +312,7 @@ def scale_sigmas(marker: Marker, unmeasured: float, ruler_sigma: float) -> tuple
     unmeasured : float
         That of an axis whose ruler was not measured.
     ruler_sigma : float, m
-        That of the length of a ruler, which `rescale_marker` took.
+        That of the length of a ruler, which `rescale_body` took.
     """
     print_record = marker.provenance.get("print")
     record = print_record.get("rulers") if isinstance(print_record, Mapping) else None
@@ -344,7 +336,7 @@ def _scaled(nominal: Marker, scale: tuple[float, float]) -> Marker:
 def _nominal(name: str, measured: float, requested: float | None, stated: float | None, force: bool) -> float:
     """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length shows.
 
-    Raises as `rescale_marker` does.
+    Raises as `rescale_body` does.
     """
     nominal = requested if requested is not None else stated
     if nominal is not None and not (isfinite(nominal) and nominal > 0):

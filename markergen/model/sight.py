@@ -86,11 +86,13 @@ def disks_in_view(
         x, y = x - x.mean(axis=-1, keepdims=True), y - y.mean(axis=-1, keepdims=True)
         half, skew = np.mean(x**2 + y**2, axis=-1), np.hypot(np.mean(x**2 - y**2, axis=-1), 2 * np.mean(x * y, axis=-1))
         short = 2 * np.sqrt(np.maximum(half - skew, 0.0))
+        # Pixel centers are integers: the sensor begins half a pixel before the first.
         low = pixels >= MARGIN_PX - 0.5
         high = pixels <= np.array([camera.width, camera.height]) - 0.5 - MARGIN_PX
         whole = np.all(low & high, axis=(-2, -1)) & (mean >= least_px)
     ahead = np.all(seen.reshape(len(poses), len(points), RIM, 3)[..., 2] > 0, axis=-1)
     places = to_camera(points, poses.rotation, poses.translation)
+    # The third column of R is the marker's normal in the camera frame; places points from the camera to the dot.
     facing = -np.sum(places * poses.rotation[:, None, :, 2], axis=-1) / np.linalg.norm(places, axis=-1)
     clear = (facing > LEAST_FACING) & ((facing >= TRIED_FACING) | (short >= NARROWEST_PX))
     return np.asarray(whole & ahead & clear)
@@ -278,11 +280,15 @@ def distance_table(
     body = []
     for row, more in zip(rows, cells, strict=True):
         least, _, most = row["dots"]
-        body.append([
-            f"{row['from_m']:.2g}..{row['to_m']:.2g}", percent(row["served"] / row["poses"]),
-            f"{least} to {most}" if least < most else str(least),
-            *(percent(count / row["poses"]) for count in row["serving"]), *more,
-        ])  # fmt: skip
+        body.append(
+            [
+                f"{row['from_m']:.2g}..{row['to_m']:.2g}",
+                percent(row["served"] / row["poses"]),
+                f"{least} to {most}" if least < most else str(least),
+                *(percent(count / row["poses"]) for count in row["serving"]),
+                *more,
+            ]
+        )
     return Table(
         "What each distance is served by",
         ["distance m", "served", "dots", *map(format_length, diameters), *titles],

@@ -23,6 +23,7 @@ EDGE = 0.002
 """Default width in m of the plate around a disk or a rectangle."""
 
 MOST_HOLES = 200
+"""Maximum number of holes of a plate: they are compared with each other, and listed in the drawing one by one."""
 
 SCREWS = {
     "M1.6": 1.8, "M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M3.5": 3.9, "M4": 4.5, "M5": 5.5, "M6": 6.6, "M8": 9.0,

@@ -1,5 +1,5 @@
 """Interface of objectives: values per pose with a pullback, aggregated over the poses."""
-# tests: tests/optimize/test_ranges.py
+# tests: tests/optimize/test_constellations.py
 
 import os
 from abc import ABC, abstractmethod

@@ -1,16 +1,16 @@
-"""Design of a marker from a spec."""
+"""Design of a marker from a spec, and the result of designing a marker, a pad or a rig."""
 
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
@@ -20,7 +20,9 @@ from markergen.model.goal import NGON, parse_goal
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import check_holes, near_holes
-from markergen.model.sight import coverage
+from markergen.model.poses import PoseDistribution
+from markergen.model.rig import Rig
+from markergen.model.sight import Coverage, coverage
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
@@ -29,7 +31,7 @@ from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
-from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, pixels_across, size_given
+from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, needs_scales, pixels_across, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.problem import (
     TOLERANCE,
@@ -43,7 +45,6 @@ from markergen.optimize.problem import (
     room_of,
     rough_of,
 )
-from markergen.optimize.ranges import needs_scales
 from markergen.optimize.relief import ReliefRoom, check_relief, relief_breach, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
@@ -70,17 +71,44 @@ WORSE = 0.1
 
 
 @dataclass(frozen=True, repr=False)
-class Design(Result):
-    """A designed marker with its criteria and warnings; printing it gives the command's output.
+class Account:
+    """What there is to say of a body of several constellations, of which few figures of a single one hold.
 
     Attributes
     ----------
-    marker : Marker
+    summary : str
+    table : Table
+        Expected errors.
+    warnings : tuple of str
+    unbounded : str
+        Why there is no lower bound, in words.
+    results : mapping
+        Values of the JSON text in place of those of a marker; empty for a marker.
+    """
+
+    summary: str
+    table: Table
+    warnings: tuple[str, ...]
+    unbounded: str
+    results: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, repr=False)
+class Design(Result):
+    """A designed marker or rig with expected errors and warnings; printing it gives the command's output.
+
+    Attributes
+    ----------
+    body : Marker or Rig
+        Also as ``marker`` or ``rig``.
     setting : Setting
+        Camera, and the poses that count: those that see the marker, or for dots of several sizes four of one; of a rig
+        all.
     dots : DotSize
     criteria : dict
         Criteria of the design (``design``) and of the layouts it is compared with (``ngon``, ``square``, ``random``,
-        and for a relief the best flat layout, ``flat``), for the noise given by ``setting.noise_words``.
+        and for a relief the best flat layout, ``flat``), for the noise given by ``setting.noise_words``; empty for a
+        rig.
     spec : Spec
     labels : LabelSafety or None
         Label safety of the dots; None for bare points, unless the layout alone has to identify them.
@@ -94,6 +122,17 @@ class Design(Result):
         Markers of the same layout that differ by their tags, if ids were given.
     written : tuple of Written
         Files written, if any.
+    covered : Coverage or None
+        What each pose sees of a rig, or of dots of several sizes.
+    joint, single : array (2, P) or None
+        Expected error of a rig's joint pose, and of that of the best single plate, in each pose: rotation in degrees,
+        and translation of the rig's origin in m; inf where no plate shows four dots.
+    told_apart : str
+        How the plates of a rig are told apart, in words.
+    safety : float
+        Smallest RMS displacement in px of a plate's dots with which another plate fits as well; inf with tags.
+    account : Account or None
+        What there is to say of a rig, or of dots of several sizes.
 
     Examples
     --------
@@ -103,9 +142,16 @@ class Design(Result):
     4 control points in a disk of radius 100 mm, seen from 400 poses (paper)
     >>> design.criteria["design"]["pose_m"] <= design.criteria["ngon"]["pose_m"] * 1.001
     True
+
+    >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
+    >>> design = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
+    >>> design.rig
+    Rig(2 markers, 8 control points within 112 mm of its origin)
+    >>> design.told_apart
+    'the plates are told apart by their tags, aruco:DICT_4X4_50:0 to 1'
     """
 
-    marker: Marker
+    body: Marker | Rig
     setting: Setting
     dots: DotSize
     criteria: dict[str, Criteria]
@@ -116,8 +162,39 @@ class Design(Result):
     trace: tuple[Step, ...] = ()
     family: tuple[Marker, ...] = ()
     written: tuple[Written, ...] = field(default=(), compare=False)
+    covered: Coverage | None = field(default=None, compare=False)
+    joint: Array | None = field(default=None, compare=False)
+    single: Array | None = field(default=None, compare=False)
+    told_apart: str = ""
+    safety: float = np.inf
+    account: Account | None = field(default=None, compare=False)
     _certificates: list[Certificate] = field(default_factory=list, compare=False)
     """The certificate, once it is known; shared by copies."""
+
+    @property
+    def marker(self) -> Marker:
+        """The marker; raises AttributeError for a rig, whose plates have one each."""
+        if isinstance(self.body, Marker):
+            return self.body
+        raise AttributeError("this design is a rig: see its attribute rig, and the markers of rig.plates")
+
+    @property
+    def rig(self) -> Rig:
+        """The rig; raises AttributeError for a marker."""
+        if isinstance(self.body, Rig):
+            return self.body
+        raise AttributeError("this design is no rig: see its attribute marker")
+
+    @property
+    def poses(self) -> PoseDistribution:
+        """Poses that count, T_camera_marker or T_camera_rig."""
+        return self.setting.poses
+
+    @property
+    def in_view(self) -> Indices:
+        """Numbers (2, P) of plates of which dots are seen, and of dots, of a rig or of dots of several sizes."""
+        assert self.covered is not None
+        return np.stack([self.covered.plates, self.covered.count])
 
     @property
     def markers(self) -> tuple[Marker, ...]:
@@ -125,7 +202,9 @@ class Design(Result):
         return self.family or (self.marker,)
 
     def parts(self) -> list[str | Table]:
-        """See `Result.parts`: summary, table of criteria with comparison layouts, time and memory."""
+        """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
+        if self.account:
+            return [self.account.summary, self.account.table, f"found in {self.seconds:.1f} s"]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
@@ -139,6 +218,8 @@ class Design(Result):
 
     def certify(self, progress: Progress | None = None) -> Certificate:
         """Compute `certificate`, which may take as long as the search."""
+        if self.account:
+            return Certificate(len(self.body), self.value, reason=self.account.unbounded)
         if not self._certificates:
             region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance, self.spec.gap)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
@@ -150,8 +231,13 @@ class Design(Result):
 
     def to_json(self) -> bytes:
         """Return value, lower bound (null if none is known), dots, criteria, warnings and files as JSON text."""
+        results = self.account.results if self.account else {}
+        files = {"warnings": self.warnings, "files": files_as_json(self.written)}
+        return json_bytes(plain({**(results or self._results()), **files}))
+
+    def _results(self) -> dict[str, Any]:
         stored, bound = self.marker.provenance, self.certificate
-        results = {
+        return {
             "objective": stored["spec"]["objective"],
             "value": self.value,
             "unit": OBJECTIVES[parse_goal(self.spec.objective).lead].unit,
@@ -161,28 +247,27 @@ class Design(Result):
             "poses": stored["poses"],
             "noise": self.setting.noise_words,
             "criteria": self.criteria,
-            "warnings": self.warnings,
-            "files": files_as_json(self.written),
         }
-        return json_bytes(plain(results))
 
     def __str__(self) -> str:
         return "\n".join([*(f"warning: {warning}" for warning in self.warnings), super().__str__()])
 
     def __repr__(self) -> str:
-        return f"Design({self.marker!r}, {self.summary.splitlines()[1]})"
+        return f"Design({self.body!r}, {self.summary.splitlines()[1]})"
 
     def to_frame(self) -> "DataFrame":
         """Criteria as a pandas data frame with one row per layout."""
         return data_frame([{"layout": name, **row} for name, row in self.criteria.items()])
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the marker to scale; see `Marker.plot`."""
+        """Draw a marker to scale; see `Marker.plot`."""
         return self.marker.plot(ax)
 
     @property
     def summary(self) -> str:
         """Summary of the design and its setting, in a few lines."""
+        if self.account:
+            return self.account.summary
         spec, poses = self.marker.provenance["spec"], self.setting.poses
         against = f" for {self.setting.noise_words}" if self.setting.noise else ""
         dropped = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
@@ -209,8 +294,8 @@ class Design(Result):
 
     @cached_property
     def outlook(self) -> str:
-        """Predicted error from all sources, and what more dots would bring; empty for a relief or bare points."""
-        if self.spec.relief or not self.dots.diameter:
+        """Predicted error from all sources, and what more dots would bring, of a flat marker with dots of one size."""
+        if self.account or self.spec.relief or not self.dots.diameter:
             return ""
         sources = sources_of(self.spec)
         sources = sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
@@ -251,7 +336,9 @@ class Design(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings that the user should read before using the marker."""
+        """Warnings that the user should read before using the marker or rig."""
+        if self.account:
+            return self.account.warnings
         warnings = []
         if self.marker.provenance["spec"]["coordinates"] == "hartley":
             warnings.append(

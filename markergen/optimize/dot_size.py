@@ -16,7 +16,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
-from markergen.model.poses import PoseDistribution
+from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.spec import USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
@@ -48,6 +48,12 @@ nearly all poses; a blur of 0.7 px is three quarters of that gap on either side.
 CLEARANCE = 0.1
 """Default clearance as a fraction of the diameter."""
 
+WIDE = 4.0
+"""Ratio of the farthest to the nearest pose from which on dots may have several sizes."""
+
+ALL_BUT = 0.005
+"""Share of the poses that need not be served, or see the marker whole."""
+
 MEASURABLE = 1e-4
 """Diameters in m are whole multiples of it: tenths of a millimeter can be measured on the sheet."""
 
@@ -75,6 +81,15 @@ class DotSize:
 def clearance_of(spec: Spec, diameter: float) -> float:
     """Clearance in m according to the spec for dots of the given diameter."""
     return CLEARANCE * diameter if spec.clearance is None else spec.clearance
+
+
+def needs_scales(spec: Spec, poses: PoseDistribution) -> bool:
+    """Whether the poses differ widely in distance and do not all see the marker whole, and dots may have any size."""
+    special = spec.relief or spec.target or spec.tag or spec.asymmetric or spec.survive or isinstance(spec.dot, float)
+    if special or poses.distance.max() <= WIDE * poses.distance.min():
+        return False
+    seen = visibility(silhouette(spec.boundary), poses.rotation, poses.translation, spec.camera)
+    return bool(np.mean(seen != SEEN) > ALL_BUT)
 
 
 def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> DotSize:

@@ -1,4 +1,4 @@
-"""Layouts without a key ring, whose dots are identified by position alone, with a given label safety.
+"""Layouts identified by position alone: their dots without a key ring, or plates of a rig without tags.
 
 Minimizes the objective subject to a minimum label safety in px (see `markergen.bounds.confusion`) by cutting
 planes: rivals of a layout that are too near become constraints, each a labeling at a pose; the layout is polished under
@@ -9,14 +9,20 @@ the rival's poses, so these need not be differentiated,
 
 A symmetric layout, D = 0, is the tip of a cone, from which no derivative leads away: starts are perturbations of the
 unconstrained optimum, and random layouts.
-"""
 
+Plates are distinguished by layouts that no affine map takes to each other, which has no derivative of use: such layouts
+are found by random variation.
+"""
+# tests: tests/optimize/test_keyless.py tests/optimize/test_rig.py
+
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.bounds.confusion.affine import affine_distance, partial_distance, self_distance
 from markergen.bounds.confusion.perspective import (
     LabelSafety,
     find_rivals,
@@ -29,7 +35,7 @@ from markergen.bounds.confusion.rival_fits import Rivals, SeenLayout, seen_layou
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.objectives import Objective
-from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, slsqp
+from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, polish, slsqp
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
@@ -72,6 +78,16 @@ SLACK = 1e-3
 
 SOFTNESS = 0.003
 """Softness for objectives with kinks (see `markergen.optimize.polish`)."""
+
+
+FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
+"""Numbers of layouts tried at first and in each generation, of those that are varied, and of generations."""
+
+LARGEST, SMALLEST = 0.4, 0.003
+"""Steps of the first and the last generation, in radii of the boundary."""
+
+PARTLY = 2.0
+"""How much a distance counts that leaves out a dot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,3 +411,70 @@ def _without_repeats(rivals: Rivals) -> Rivals:
     keys = np.concatenate([rivals.labeling, rivals.pose[:, None]], axis=1)[::-1]
     _, last = np.unique(keys, axis=0, return_index=True)
     return rivals.take(np.sort(len(rivals) - 1 - last))
+
+
+def distinct_layout(
+    objective: Objective,
+    rough: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    others: list[Array],
+    distance: float,
+    rng: np.random.Generator,
+) -> Array:
+    """Find a layout (n, 2) that minimizes an objective, at least a distance from others and from itself relabeled.
+
+    Random variations of the start and of the best ones found, with steps that become smaller; then a polish, if that
+    keeps the distances.
+
+    Parameters
+    ----------
+    rough : Objective
+        The same criterion for fewer poses.
+    others : list of array (m, 2)
+    distance : float
+        Smallest `affine_distance` in m, and `PARTLY` times the smallest `partial_distance`.
+
+        If no layout has it, the one that lacks least is returned.
+    """
+    scale, n = region.boundary.radius, len(start)
+
+    def apart(layouts: Array) -> Array:
+        every = [affine_distance(layouts, rival) for rival in others] + [self_distance(layouts)]
+        every += [PARTLY * partial_distance(layouts, rival) for rival in others]
+        return np.min(every, axis=0)
+
+    steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
+    mirrored = np.where(rng.random(FIRST)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
+    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
+    pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
+    # The ring at each of the dots.
+    pool = np.concatenate([pool, [np.roll(start, places, axis=0) for places in range(1, n)]])
+    best, rank = _ranked(pool, region, rough, apart, distance)
+    sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
+    for size in sizes:
+        parents = best[np.arange(CHILDREN) % len(best)]
+        # Half of the children move one dot only.
+        moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
+        children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
+        fresh, fresh_rank = _ranked(children, region, rough, apart, distance)
+        both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
+        order = np.lexsort(ranks.T[::-1])[:PARENTS]
+        best, rank = both[order], ranks[order]
+    layout = best[0]
+    polished, _ = polish(objective, region, layout)
+    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(layout[None])[0])
+    return polished if kept else layout
+
+
+def _ranked(
+    layouts: Array, region: FeasibleRegion, rough: Objective, apart: Callable[[Array], Array], distance: float
+) -> tuple[Array, Array]:
+    """Feasible layouts among some, the best `PARENTS`, with their ranks (k, 2): lack of distance, then the value."""
+    layouts = region.project(layouts)
+    layouts = layouts[region.holds(layouts)]
+    lack = np.maximum(distance - apart(layouts), 0.0)
+    nearest = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
+    rank = np.stack([lack[nearest], rough(layouts[nearest])], axis=-1)
+    order = np.lexsort(rank.T[::-1])[:PARENTS]
+    return layouts[nearest[order]], rank[order]

@@ -1,10 +1,10 @@
-"""Kinds of option values: how each is annotated, read from Python and typed on a command line."""
+"""Kinds of option values: how each is annotated, read from Python, typed on a command line and stated in a file."""
 # tests: tests/options/test_declared.py
 
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -19,7 +19,7 @@ Reader = Callable[[Any, str], Any]
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of an option's value; what a file has for it is in `markergen.read.spec_file`.
+    """Kind of an option's value.
 
     Attributes
     ----------
@@ -34,6 +34,8 @@ class Kind:
         Parser of text on the command line that typer cannot read itself; raises `InputError`.
     repeatable : bool
         Accepts several values.
+    schema : mapping
+        JSON Schema of the value in a spec file, where lengths are meters or text with a unit; empty if it has none.
     """
 
     name: str
@@ -42,19 +44,38 @@ class Kind:
     typed: Any = str
     parse: Callable[[str], Any] | None = None
     repeatable: bool = False
+    schema: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
 
 KINDS: dict[str, Kind] = {}
 """Kinds by name."""
 
 
-def _kind(name: str, accepted: str, read: Reader, typed: Any = str, parse: Callable[[str], Any] | None = None) -> Any:
+_TEXT: dict[str, Any] = {"type": "string"}
+_TEXTS: dict[str, Any] = {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]}
+_LENGTH: dict[str, Any] = {"type": ["number", "string"]}
+_SHAPE: dict[str, Any] = {"anyOf": [_TEXT, {"$ref": "#/$defs/Boundary"}]}
+
+
+def _rows_of(item: dict[str, Any]) -> dict[str, Any]:
+    """Schema of text or rows of items."""
+    return {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": item}}]}
+
+
+def _kind(
+    name: str,
+    accepted: str,
+    read: Reader,
+    typed: Any = str,
+    parse: Callable[[str], Any] | None = None,
+    schema: Mapping[str, Any] | None = None,
+) -> Any:
     """Annotation of a new kind."""
-    KINDS[name] = Kind(name, accepted, read, typed, parse)
+    KINDS[name] = Kind(name, accepted, read, typed, parse, schema=schema or {})
     return Annotated[object, KINDS[name]]
 
 
-def _several(name: str, accepted: str, of: Kind, expected: str) -> Any:
+def _several(name: str, accepted: str, of: Kind, expected: str, schema: Mapping[str, Any] | None = None) -> Any:
     """Annotation of a new kind that accepts one or several values of another kind."""
 
     def read_all(value: Any, name: str) -> tuple[Any, ...]:
@@ -64,7 +85,8 @@ def _several(name: str, accepted: str, of: Kind, expected: str) -> Any:
         except InputError:
             raise _wrong(expected) from None
 
-    KINDS[name] = replace(of, name=name, accepted=accepted, read=read_all, typed=list[of.typed], repeatable=True)  # type: ignore[name-defined]
+    several = replace(of, name=name, accepted=accepted, read=read_all, typed=list[of.typed], repeatable=True)  # type: ignore[name-defined]
+    KINDS[name] = replace(several, schema=schema or {})
     return Annotated[object, KINDS[name]]
 
 
@@ -135,7 +157,7 @@ def _length_or(word: str) -> Any:
     def parse(text: str) -> float | str:
         return text if text == word else parse_length(text)
 
-    return _kind(f"length or {word}", "float | str", read, float, parse)
+    return _kind(f"length or {word}", "float | str", read, float, parse, _LENGTH)
 
 
 def _file(value: Any, _: str) -> Path:
@@ -178,8 +200,10 @@ def _thing(expected: str) -> Reader:
     return read
 
 
-for builtin, reader in ((int, _int), (float, _float), (bool, _bool), (str, _str)):
-    _kind(builtin.__name__, builtin.__name__, reader, builtin)
+for builtin, reader, type_name in (
+    (int, _int, "integer"), (float, _float, "number"), (bool, _bool, "boolean"), (str, _str, "string")
+):  # fmt: skip
+    _kind(builtin.__name__, builtin.__name__, reader, builtin, schema={"type": type_name})
 
 _OUTLINE = "an outline: a text such as rect:0.2x0.1, a path, or a boundary"
 
@@ -210,25 +234,42 @@ if TYPE_CHECKING:
     Layout = str | PathLike[str] | Sequence[Sequence[float | str]] | NDArray[Any]
 else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind.
-    Length = _kind("length", "float | str", _length, float, parse_length)
+    Length = _kind("length", "float | str", _length, float, parse_length, _LENGTH)
     LengthOrAuto, LengthOrFit = _length_or("auto"), _length_or("fit")
-    IntOrAuto = _kind("int or auto", "int | str", _int_or_auto, str, _typed_int_or_auto)
+    _AUTO = {"anyOf": [{"type": "integer"}, {"const": "auto"}]}
+    IntOrAuto = _kind("int or auto", "int | str", _int_or_auto, str, _typed_int_or_auto, _AUTO)
     File = _kind("file", "str | Path", _file, Path)
     Files = _several("files", "str | Path | list[str | Path]", KINDS["file"], "a path, or a list of paths")
-    Texts = _several("texts", "str | list[str]", KINDS["str"], "a text, or a list of texts")
-    Shape = _kind("shape", "str | Path | Boundary | dict", _thing(_OUTLINE))
+    Texts = _several(
+        "texts",
+        "str | list[str]",
+        KINDS["str"],
+        "a text, or a list of texts",
+        {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},
+    )
+    Shape = _kind("shape", "str | Path | Boundary | dict", _thing(_OUTLINE), schema=_SHAPE)
     Shapes = _several(
-        "shapes", "str | Path | Boundary | dict | list[...]", KINDS["shape"], _OUTLINE + ", or a list of them"
+        "shapes",
+        "str | Path | Boundary | dict | list[...]",
+        KINDS["shape"],
+        _OUTLINE + ", or a list of them",
+        {"type": "array", "items": _SHAPE},
     )
     _MARKER = "a marker, a path, or a dictionary"
     MarkerLike = _kind("marker", "Marker | str | Path | dict", _thing(_MARKER))
     TargetLike = _kind("marker or rig", "Marker | Rig | str | Path | dict", _thing(_MARKER))
-    CameraLike = _kind("camera", "Camera | str | Path | dict", _thing("a camera, a path, or a dictionary"))
+    CameraLike = _kind(
+        "camera",
+        "Camera | str | Path | dict",
+        _thing("a camera, a path, or a dictionary"),
+        schema={"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
+    )
     Poses = _kind(
         "poses",
         "str | Path | PoseDistribution",
         _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
+        schema=_TEXT,
     )
-    Covariance = _kind("covariance", "str | Path | array", _covariance, Path)
+    Covariance = _kind("covariance", "str | Path | array", _covariance, Path, schema=_rows_of({"type": "number"}))
     Settings = _kind("settings", "str | dict", _settings)
-    Layout = _kind("layout", "str | Path | array", _layout)
+    Layout = _kind("layout", "str | Path | array", _layout, schema=_rows_of(_LENGTH))

@@ -21,6 +21,7 @@ BOOK = "https://github.com/markergen/markergen/blob/main/docs/"
 """Address of the documentation, to which pages link; the same as in pyproject.toml."""
 
 _JPEG_QUALITY = 90
+"""Quality of the views of a report, which are to be looked at, not measured."""
 _SMALL_PNG = 60_000
 """Maximum size in bytes of a picture kept as PNG; noise makes most views larger, and a report has a dozen of them."""
 _RING = 72

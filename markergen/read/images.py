@@ -50,6 +50,7 @@ _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
 _HEIC = re.compile(rb".{4}ftyp(he|mif1|msf1)", re.DOTALL)
 _NO_HEIC = "set the phone to JPEG, or convert {}"
 _ORIENTATION = 0x0112
+"""EXIF's tag of how the image is turned, 1 to 8, as in `_UNDO`."""
 _PILLOW = threading.Lock()
 
 _UNDO: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {

@@ -31,6 +31,7 @@ from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.kinds import KINDS
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
@@ -225,7 +226,7 @@ PLATE = declared(PlateKeywords)
 DRAWING = ("boundary_unit", "layer", "origin")
 """Options for reading a drawing, which a spec does not keep."""
 
-KINDS: dict[str, Any] = {
+_FILED: dict[str, Any] = {
     "int": Whole,
     "int or auto": Whole,
     "float": Finite,
@@ -245,7 +246,7 @@ KINDS: dict[str, Any] = {
 """Type of each kind of option, once the files that it names have been read."""
 
 _DECLARED: dict[str, Any] = {
-    STORED.get(name, name): (KINDS[option.kind], ABSENT)
+    STORED.get(name, name): (_FILED[option.kind], ABSENT)
     for name, option in declared(DesignKeywords).items()
     if name not in (*OUTSIDE_FILES, *PLATE)
 } | {
@@ -403,30 +404,6 @@ def _camera(table: CameraTable) -> Camera:
     return Camera(**values, distortion=Distortion(table.distortion.model, tuple(table.distortion.coefficients)))
 
 
-_TEXT: dict[str, Any] = {"type": "string"}
-_LENGTH: dict[str, Any] = {"type": ["number", "string"]}
-_SHAPE: dict[str, Any] = {"anyOf": [_TEXT, {"$ref": "#/$defs/Boundary"}]}
-_JSON_TYPES: dict[str, dict[str, Any]] = {
-    "int": {"type": "integer"},
-    "float": {"type": "number"},
-    "bool": {"type": "boolean"},
-    "str": _TEXT,
-    "length": _LENGTH,
-    "length or auto": _LENGTH,
-    "int or auto": {"anyOf": [{"type": "integer"}, {"const": "auto"}]},
-    "covariance": {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}]},
-    "length or fit": _LENGTH,
-    "shape": _SHAPE,
-    "shapes": {"type": "array", "items": _SHAPE},
-    "texts": {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},
-    "camera": {"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
-    "poses": _TEXT,
-    "settings": {"anyOf": [_TEXT, ImageNoiseTable.model_json_schema()]},
-    "layout": {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": _LENGTH}}]},
-}
-"""JSON Schema of the values in a file, by kind of option; lengths are meters, or text with a unit."""
-
-
 def spec_schema() -> dict[str, Any]:
     """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
     options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_FILES}
@@ -464,7 +441,10 @@ def spec_schema() -> dict[str, Any]:
 def _described(option: Option) -> dict[str, Any]:
     text = f"{option.help} Default: {option.shown}." if option.shown else option.help
     default = {} if option.default is None else {"default": option.default}
-    return {**_JSON_TYPES[option.kind], "description": text, **default}
+    schema = KINDS[option.kind].schema
+    if option.kind == "settings":
+        schema = {"anyOf": [{"type": "string"}, ImageNoiseTable.model_json_schema()]}
+    return {**schema, "description": text, **default}
 
 
 def _lengths_as_text(schema: Any) -> Any:

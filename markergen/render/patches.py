@@ -22,8 +22,11 @@ EDGE_ERROR_PX = 5e-4
 """Maximum distance of a subdivided straight edge from its distorted image, px."""
 
 _UPRIGHT = 1e-9
+"""z of a unit normal below which a patch stands upright, and shows no face to the front."""
 _MARGIN_PX = 2.0
+"""Width of the border around the image in px that is drawn as well, so that clipped edges are outside."""
 _BORDER_POINTS = 32
+"""Number of points per side of the image's border whose rays bound the view of a lens with distortion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +163,7 @@ def _view_planes(camera: Camera) -> Array:
         corners = np.concatenate([middle + share * (border - middle) for share in np.linspace(0.05, 1, 20)])
     rays = camera.from_pixels(corners)
     rays = rays[np.isfinite(rays).all(axis=-1)]
+    # convexHull takes no doubles; only the indices of its corners are used.
     hull = cv2.convexHull(rays.astype(np.float32), returnPoints=False)[:, 0]
     rays = np.concatenate([rays[hull], np.ones((len(hull), 1))], axis=-1)
     normals = np.cross(rays, np.roll(rays, -1, axis=0))
@@ -175,6 +179,7 @@ def _through_lens(outlines: list[Array], camera: Camera) -> list[Array]:
     if camera.ideal is not camera:
         step = start[closing(outlines)[1]] - start
         end_pixels = camera.to_pixels(start + step)
+        # Three probes, since a bend with a turning point in the middle has no deviation there.
         bend = np.zeros(len(start))
         for share in (0.25, 0.5, 0.75):
             straight = pixels + share * (end_pixels - pixels)
@@ -185,6 +190,7 @@ def _through_lens(outlines: list[Array], camera: Camera) -> list[Array]:
         share = (np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)) / count[edge]
         pixels = camera.to_pixels(start[edge] + share[:, None] * step[edge])
         lengths = np.array([part.sum() for part in np.split(count, np.cumsum(lengths)[:-1])])
+    # Rays beyond what the lens model maps have no pixel.
     return [part[np.isfinite(part).all(axis=-1)] for part in np.split(pixels, np.cumsum(lengths)[:-1])]
 
 
@@ -209,6 +215,7 @@ def _nesting(outlines: list[Array], sizes: Array, normal: Array) -> NDArray[np.i
     depth = np.zeros(len(outlines), dtype=np.intp)
     if len(outlines) == 1:
         return depth
+    # Projected along the largest component of the normal, no outline collapses to a line.
     flat = [outline[:, np.arange(3) != np.argmax(np.abs(normal))] for outline in outlines]
     first, vertices = closing(outlines)[0], np.concatenate(flat)
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
@@ -223,6 +230,7 @@ def _inner_point(outline: Array) -> Array:
     """Return a point (2,) just inside the midpoint of the longest edge, clear of outlines that touch this one."""
     step = np.roll(outline, -1, axis=0) - outline
     k = int(np.argmax(np.sum(step**2, axis=-1)))
+    # To the left of a counterclockwise edge, a millionth of its length.
     inward = np.array([-step[k, 1], step[k, 0]]) * 1e-6
     arms = outline - outline[0]
     left = np.sum(arms[:-1, 0] * arms[1:, 1] - arms[:-1, 1] * arms[1:, 0])

@@ -102,6 +102,7 @@ BACKGROUNDS: Registry[Callable[[Camera, np.random.Generator], Grey]] = Registry(
 """Backgrounds by name: functions of camera and random generator that draw grey levels (height, width), 0 to 255."""
 
 _CLUTTER = 150
+"""Number of shapes; they cover 25 to 33 % of an image."""
 _PICTURES = (
     "astronaut",
     "brick",
@@ -117,7 +118,9 @@ _PICTURES = (
     "text",
 )
 _LARGEST_SHARE = 0.9
+"""Maximum share of the image that may be covered; random shapes take ever longer to reach more."""
 _SUBPIXEL_BITS = 4
+"""Fractional bits of the coordinates that OpenCV draws at: sixteenths of a pixel."""
 
 
 @BACKGROUNDS.register("clutter")

@@ -27,8 +27,10 @@ Grey = NDArray[np.float32]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 INK, SUBSTRATE = 0.0, 1.0
+"""Reflectance of ink and ground, as shares of the range from the optics' dark to light."""
 
 _RIM_VERTICES = 720
+"""Number of vertices of a round plate's rim, whose polygon lacks 1.3e-5 of its area."""
 
 _OVER = np.diag([1.0, -1.0, -1.0])
 """Rotation of a plate's back to the front."""
@@ -280,6 +282,7 @@ def _largest_radius(marker: Marker, camera: Camera, rotation: Array, translation
     nearest = centers[:, 2] - marker.dot_diameter
     if nearest.min() <= 0:
         return diagonal
+    # The image of a small sphere at distance d and depth z is an ellipse with long semi-axis f r d / z^2.
     stretch = np.linalg.norm(centers, axis=-1) / nearest**2
     return min(float(camera.focal.max() * marker.dot_diameter / 2 * stretch.max()), diagonal)
 
@@ -288,6 +291,7 @@ def _plate(boundary: Boundary, margin: float) -> tuple[Array, ...]:
     """Closed polygons (m, 2) of the boundary's region with a margin around it."""
     if not boundary.is_round:
         return (boundary.region.offset(margin, segments=64) if margin else boundary.region).rings
+    # Depth grows toward the inside, so that its gradient points inward.
     rim = boundary.rim(_RIM_VERTICES)
     return (rim - margin * boundary.depth_gradient(rim),)
 
@@ -301,6 +305,8 @@ def _farthest_first(marker: Marker, floor: float, eye: Array | None) -> list[int
     if eye is None or not np.any(marker.xyz[:, 2] > floor):
         return list(range(len(marker)))
     radius = np.array([_pillar_radius(marker, point) for point in marker.control_points])
+    # Of two cylinders the one with the smaller power of the eye's foot is in front: their radical line separates them,
+    # and the eye is on its side.
     power = np.sum((marker.xyz[:, :2] - eye[:2]) ** 2, axis=-1) - radius**2
     # Dots on the plate hide nothing, so they come first.
     power[marker.xyz[:, 2] <= floor] = np.inf
@@ -326,6 +332,7 @@ def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None
     steps = np.linspace(-1, 1, count)
     near_arc = toward + half * steps
     far = toward + np.pi + (np.pi - half) * steps
+    # From above the far half of the top circle is seen behind the near one; from below, the near half alone bounds it.
     upper = far if eye[2] > point.z else near_arc[::-1]
     angle = np.concatenate([near_arc, upper])
     height = np.repeat([floor, point.z], len(steps))

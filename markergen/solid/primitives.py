@@ -24,6 +24,7 @@ COLORS = {"light": (1.0, 1.0, 1.0), "dark": (0.05, 0.05, 0.05)}
 """Red, green and blue of a material, 0 to 1, sRGB."""
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Rotation of a part that is where it was made; tuples, since parts are keys of caches."""
 
 SAME = 1e-6
 """Lengths in mm that differ by less are equal."""

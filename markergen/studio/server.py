@@ -28,8 +28,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from markergen.api.design import design
-from markergen.api.rig import rig
+from markergen.api.design import design, rig
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.guard import KINDS, read
 from markergen.model.body_json import rig_to_json, to_json

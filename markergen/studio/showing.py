@@ -165,13 +165,16 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "glb": base64.b64encode(glb.data).decode(),
         "poses": {
-            "x": x.tolist(), "y": y.tolist(), "z": z.tolist(),
-            "tilt": poses.polar_angle_deg.tolist(), "azimuth": np.rad2deg(np.arctan2(y, x)).tolist(),
+            "x": x.tolist(),
+            "y": y.tolist(),
+            "z": z.tolist(),
+            "tilt": poses.polar_angle_deg.tolist(),
+            "azimuth": np.rad2deg(np.arctan2(y, x)).tolist(),
             "distance": poses.distance.tolist(),
             **errors,
         },
         "expected": sentence,
-    }  # fmt: skip
+    }
 
 
 def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tuple[dict[str, Any], str]:

@@ -131,6 +131,7 @@ def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation
     window = window_of(patches, camera, rotation, translation, optics)
     sigma = optics.grey_noise(expected_levels(patches, camera, rotation, translation, optics, window))
     shift = STEP_PX * np.linalg.norm(translation) / camera.focal.mean()
+    # A rotation moves the farthest outline by as much as a translation does.
     steps = np.diag(np.repeat([shift / reach, shift], 3))
     moved = [apply_pose_step(rotation[None], translation[None], sign * steps) for sign in (1, -1)]
     gradient = np.empty((6, *sigma.shape), dtype=np.float32)
@@ -140,6 +141,7 @@ def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation
             for turned, moved_to in moved
         )
         gradient[k] = (ahead - behind) / (2 * steps[k, k])
+    # Fisher information of independent Gaussian grey levels: the sum of g g' / sigma^2 over all pixels.
     weighted = (gradient / sigma).reshape(6, -1)
     return np.asarray(weighted @ weighted.T)
 
@@ -198,9 +200,13 @@ def rig_budget(series: SyntheticViews[Rig], pose: int, dots: Indices, image: Arr
     """Error budget (1, 6, 6) of a rig at a pose from some dots (m,), whose centers have covariances (m, 2, 2), px^2."""
     rig, poses = series.marker, series.poses
     return pose_budget(
-        rig.xyz[dots], poses.rotation[[pose]], poses.translation[[pose]], series.camera, image[None],
+        rig.xyz[dots],
+        poses.rotation[[pose]],
+        poses.translation[[pose]],
+        series.camera,
+        image[None],
         spatial_errors(rig, dots, np.eye(3), series.errors),
-    )  # fmt: skip
+    )
 
 
 def error_budget(
@@ -228,6 +234,7 @@ def error_budget(
         }
 
     variance = np.trace(counted_covariance(series, bare_px)[counted], axis1=-2, axis2=-1)
+    # Dots that a pose does not see have the stand-in variance, and no part in the mean.
     variance = variance[variance < UNSEEN_PX2]
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,

@@ -45,9 +45,11 @@ FLIPPING = 1e-4
 DISTINCT = 0.1
 """Minimum angle between a pose and its mirrored one in standard deviations; nearer ones are one minimum."""
 MOST_DRAWS, LEAST_DRAWS = 500, 25
+"""Number of estimates drawn at a pose; of 500, the RMS of a Gaussian error is uncertain by 3 %, of 25 by 14 %."""
 DOTS, DRAWS = 500_000, 2_000_000
 """Maximum number of images of dots that are sampled, and of draws at all poses together."""
 BLOCK = 4096
+"""Number of estimates made at once, which bounds the memory."""
 _STREAM = 1
 """Distinguishes the random numbers of a pose from those of its trials."""
 

@@ -14,6 +14,7 @@ FLIP_SEPARATION = 6.0
 EFFICIENCY_LIMIT_DEG = 2.5
 """Rotation bound above which the first-order bound does not hold, and an efficiency would be meaningless."""
 POSE_PARAMETERS = 6
+"""Degrees of freedom of a pose, the mean NEES if its covariance is right."""
 STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
 """Keys of `statistics` other than the count, in column order."""
 
@@ -118,6 +119,7 @@ def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | Non
 
 
 CONFIDENCE = 0.99
+"""Probability that an interval holds what it is for; one right covariance in a hundred is outside."""
 
 
 def mean_nees_interval(count: int) -> tuple[float, float]:

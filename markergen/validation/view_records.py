@@ -37,6 +37,7 @@ DETECTOR = "detect"
 """Name of the pose that the detection itself reports, from weighted image points, with its covariance."""
 
 NOMINAL_COVERAGE = 0.95
+"""Probability of the region around a pose whose share of true poses is measured."""
 
 CONDITIONS: dict[str, Callable[[SyntheticViews[Any]], SyntheticViews[Any]]] = {
     "blur 2 px": lambda series: replace(series, optics=replace(series.optics, blur_px=2.0)),

@@ -29,6 +29,7 @@ WRONG_PX = 5.0
 """Maximum distance in px of a dot from its true position; beyond it, the detection has a wrong label."""
 
 MOST_VIEWS = 1_000_000
+"""Maximum number of views; more are a slip."""
 
 FAILURES, WORST, TYPICAL = 6, 3, 3
 """Maximum number of pictures of each kind."""
@@ -251,10 +252,11 @@ def pictures(series: SyntheticViews[Any], views: Mapping[str, Any]) -> Iterator[
             view, (where, caption) = series.take(sample["view"]), captions(sample)
             marks = [view.detection] if view.detection.found else []
             yield Picture(
-                f"{kind}-{sample['view']:04d}", f"{kind.capitalize()}: {where}",
+                f"{kind}-{sample['view']:04d}",
+                f"{kind.capitalize()}: {where}",
                 f"View {sample['view']}, {where}: {caption}.",
                 overlay(view.image, series.marker, series.camera, marks),
-            )  # fmt: skip
+            )
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:

@@ -25,6 +25,7 @@ from markergen.verification.findings import (
     extras,
     frame_findings,
     judge,
+    judge_copies,
 )
 from markergen.verification.flat import flat_findings, informative
 from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
@@ -50,8 +51,6 @@ from markergen.verification.solids import (
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
 from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
-
-MOST_COPIES = 500
 
 OF_PLATES = (
     ".pdf",
@@ -295,7 +294,8 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         count += len(dots)
         room = recess_clearance(page.surface, dots, expected) if page.surface is not None else 0.0
         cored = bool(room and dots.rings.any())
-        here = copies(recesses(expected, room, cored) if room else expected, ids, dots, tolerance, reading, page)
+        sought = recesses(expected, room, cored) if room else expected
+        here = _copies(sought, ids, dots, tolerance, reading, page)
         if page.surface is not None and page.surface.loose:
             notes.append(DARK)
         if page.surface is not None and not room and is_light_alone(page.surface, dots):
@@ -348,25 +348,12 @@ def _made(verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet 
     return replace(verdict, findings=(*verdict.findings, *made_findings))
 
 
-def copies(
+def _copies(
     expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, reading: Reading, page: Page
 ) -> list[Verdict]:
-    """Verdicts on all copies of the marker; at least one."""
-    verdicts: list[Verdict] = []
-    left = np.arange(len(dots))
-    while len(verdicts) < MOST_COPIES:
-        verdict = judge(
-            expected, ids, dots.take(left), tolerance,
-            ordered=reading.ordered, upright=page.upright, pixels=reading.pixels,
-        )  # fmt: skip
-        if not len(verdict.used):
-            break
-        verdict = replace(verdict, used=left[verdict.used])
-        verdicts.append(verdict)
-        left = np.setdiff1d(left, verdict.used)
-        if 2 * len(left) < len(expected) or len(left) < 3:
-            break
-    return verdicts or [verdict]
+    return judge_copies(
+        expected, ids, dots, tolerance, ordered=reading.ordered, upright=page.upright, pixels=reading.pixels
+    )
 
 
 def with_tag(
@@ -469,7 +456,7 @@ def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> di
         ids = [point.id for point in plate.marker.control_points]
         for number, page in enumerate(reading.pages):
             dots = dots_on_page(page, expected)
-            verdicts = copies(expected, ids, dots, tolerance, reading, page)
+            verdicts = _copies(expected, ids, dots, tolerance, reading, page)
             if plate.marker.tag is not None and reading.tagged:
                 verdicts = with_tag(verdicts, plate.marker.tag, (1.0, 1.0), page, tolerance)
             places += [

@@ -3,7 +3,7 @@
 # tests: tests/verification/test_check.py
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +18,9 @@ Off = Callable[[Array, Array, Mask, bool], Array]
 
 MOST_SUBSETS = 300
 """Maximum number of pairs or triples of dots tried as a basis for consensus."""
+
+MOST_COPIES = 500
+"""Maximum number of copies of a marker that are looked for on a page: each takes a search among all dots left."""
 
 MIRRORED = "print or cut it without mirroring: looked at from the printed side it must read normally"
 AGAIN = "export it again, and do not edit its dots"
@@ -134,6 +137,25 @@ def judge(
         distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, translation), labels.indices[here],
         tuple(names),
     )  # fmt: skip
+
+
+def judge_copies(
+    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, *,
+    ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
+) -> list[Verdict]:  # fmt: skip
+    """Verdicts on all copies of the marker among dots, see `judge`; one at least."""
+    verdicts: list[Verdict] = []
+    left = np.arange(len(dots))
+    while len(verdicts) < MOST_COPIES:
+        verdict = judge(expected, ids, dots.take(left), tolerance, ordered=ordered, upright=upright, pixels=pixels)
+        if not len(verdict.used):
+            break
+        verdict = replace(verdict, used=left[verdict.used])
+        verdicts.append(verdict)
+        left = np.setdiff1d(left, verdict.used)
+        if 2 * len(left) < len(expected) or len(left) < 3:
+            break
+    return verdicts or [verdict]
 
 
 def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: float) -> list[Finding]:

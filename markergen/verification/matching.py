@@ -29,6 +29,7 @@ MOST_GUESSES, CHECKED, KEPT = 20_000, 12, 60
 """Number of candidate motions, of dots that each is tried on at first, and of candidates then tried on all dots."""
 
 BASE_PAIRS = 8
+"""Number of pairs of dots that motions are guessed by. Each is in two at most, so three missing ones leave one."""
 
 
 @dataclass(frozen=True, eq=False)

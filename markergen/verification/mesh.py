@@ -21,7 +21,8 @@ from markergen.errors import InputError, brief
 from markergen.guard import MOST_TRIANGLES, Content, check_size, in_child, start_child
 from markergen.guard import read as read_content
 from markergen.model.body import Body
-from markergen.read.meshes import MOST_SIDES, SMALLEST_SIDE, MeshObject
+from markergen.read.meshes import MeshObject
+from markergen.read.meshes.step_parser import MOST_SIDES, SMALLEST_SIDE
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import (

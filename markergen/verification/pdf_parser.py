@@ -24,8 +24,11 @@ from markergen.verification.reading import FLATTEST, circles_of, round_shape
 Numbers = NDArray[np.int64]
 
 MM_PER_POINT = 25.4 / 72
+"""The unit of a PDF is 1/72 inch."""
 
 MOST_PAGES, MOST_SEGMENTS, MOST_LINES, DEEPEST = 500, 1_000_000, 20_000, 20
+"""Maximum numbers of pages and of segments of all paths in a file, of lines on a page among which registration marks
+are sought, and of forms within forms: limits of work on untrusted files."""
 
 MOST_ROUND = 50_000
 """Maximum number of outlines that are tried as circles."""
@@ -221,6 +224,7 @@ class _Parser:
 
 
 FILLED, STROKED, CLOSED = 1, 2, 4
+"""Bits of the kind of a path."""
 
 
 @dataclass

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 
 WHITE = 255.0
+"""Grey level of bare paper."""
 
 CORNER = 0.015
 """Distance of the places at which the bare paper is looked at from the page's sides, as a share of them."""

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import box
+from markergen.maths.rotation import rigid_motion
 from markergen.model.body import Body, Plate
 from markergen.model.marker import Marker
-from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, extras, judge
+from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, extras, judge_copies
 from markergen.verification.made import faces_of, is_light_alone
 from markergen.verification.matching import DotSet, expected_dots
 from markergen.verification.reading import Page, Reading
@@ -45,10 +46,6 @@ ROUGHLY = 4.0
 
 NEAR = 2.0
 """Maximum distance in mm of a part or pocket of a dot from its place, beyond which it belongs to something else."""
-
-
-MOST_COPIES = 100
-"""Maximum number of times that a marker's layout is looked for in one view."""
 
 LAYER = 0.05
 """Minimum distance in mm between two planes with dots."""
@@ -256,6 +253,12 @@ class FileMotion:
     rotation: Array
     translation: Array
 
+    @classmethod
+    def by(cls, plate: Plate, placed: PlateInFile) -> "FileMotion":
+        """Motion that one plate shows."""
+        rotation = placed.rotation @ plate.rotation_matrix.T
+        return cls(rotation, placed.translation - rotation @ (1e3 * plate.translation_vector))
+
     def of(self, plate: Plate) -> tuple[Array, Array]:
         """Pose that a marker has in the file if its place in the rig is right."""
         place = self.rotation @ (1e3 * plate.translation_vector) + self.translation
@@ -381,17 +384,9 @@ def _placements(plate: Plate, views: Sequence[Surface], tolerance: float) -> lis
     for view in views:
         seen = _visible(view, dots_of_surface(view, wanted))
         for dots in _layers(seen) if flat else [seen]:
-            left = np.arange(len(dots))
-            for _ in range(MOST_COPIES):
-                verdict = judge(
-                    replace(wanted, heights=None), ids, replace(dots.take(left), heights=None), tolerance, ordered=False
-                )
-                if verdict.motion is None or not len(verdict.used):
-                    break
-                placements.append(_in_file(wanted, ids, view, dots, replace(verdict, used=left[verdict.used])))
-                left = np.setdiff1d(left, placements[-1].verdict.used)
-                if len(left) < 3:
-                    break
+            level = replace(wanted, heights=None), ids, replace(dots, heights=None)
+            verdicts = judge_copies(*level, tolerance, ordered=False)
+            placements += [_in_file(wanted, ids, view, dots, verdict) for verdict in verdicts if len(verdict.used)]
     return placements
 
 
@@ -439,13 +434,10 @@ def _motion(
     plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float
 ) -> FileMotion | None:
     """Motion from the rig to the file that most markers agree with, by least squares of their dots; None for none."""
-    from scipy.spatial.transform import Rotation
-
     best: tuple[float, list[tuple[int, PlateInFile]]] | None = None
     for k, candidates in enumerate(placements):
         for placed in candidates:
-            rotation = placed.rotation @ plates[k].rotation_matrix.T
-            guess = FileMotion(rotation, placed.translation - rotation @ (1e3 * plates[k].translation_vector))
+            guess = FileMotion.by(plates[k], placed)
             agreed, off = [], 0.0
             for j, others in enumerate(placements):
                 away = [(_apart(candidate, *guess.of(plates[j])), candidate) for candidate in others]
@@ -460,15 +452,11 @@ def _motion(
     if best is None:
         return None
     agreed = best[1]
-    if np.linalg.det(agreed[0][1].rotation) < 0:
-        placed = agreed[0][1]
-        rotation = placed.rotation @ plates[agreed[0][0]].rotation_matrix.T
-        return FileMotion(rotation, placed.translation - rotation @ (1e3 * plates[agreed[0][0]].translation_vector))
+    first, placed = agreed[0]
+    if np.linalg.det(placed.rotation) < 0:
+        return FileMotion.by(plates[first], placed)
     source = np.concatenate([1e3 * plates[j].to_body(placed.wanted / 1e3) for j, placed in agreed])
-    target = np.concatenate([placed.points for _, placed in agreed])
-    middle, goal = source.mean(axis=0), target.mean(axis=0)
-    rotation = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
-    return FileMotion(rotation, goal - rotation @ middle)
+    return FileMotion(*rigid_motion(source, np.concatenate([placed.points for _, placed in agreed])))
 
 
 def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:

@@ -42,6 +42,7 @@ GREY = 0
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 600_000_000
+"""Maximum number of pixels: A0 at 600 dpi has 558 million."""
 
 COARSE = 14
 """Pixels across the smallest dot in the reduced image that is searched for dots."""
@@ -59,6 +60,7 @@ CORE, RIM = 0.93, 1.3
 """Shares of a dot's radius: inside the first is ink or a ring's hole, outside the second is not part of the dot."""
 
 MOST_BLOBS = 2000
+"""Maximum number of blobs, each of which is measured in the full image."""
 
 SEARCHED, LEAST_BLOB = 4_000_000, 8
 """Pixels of the reduced image that is searched for blobs of any size, and their minimum size in its pixels."""
@@ -83,6 +85,7 @@ BAND = 8_000_000
 """Number of pixels processed at once."""
 
 MOST_SHAPES = 20_000
+"""Maximum number of shapes that are compared with characters."""
 
 MIRROR = np.array([1, 1, 1, 1, -1, 1, -1])
 """Signs by which a mirror multiplies the invariants."""

@@ -10,6 +10,7 @@ import numpy as np
 from markergen.arrays import Array
 
 MOST_LISTED = 8
+"""Maximum number of findings of a kind, or of dots in one, that are listed; the rest is counted or left out."""
 
 FIT_TO_PAGE = "print or save it at 100 %, without fitting it to the page"
 

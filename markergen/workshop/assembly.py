@@ -159,6 +159,8 @@ def volume_of(block: Sequence[BlockFace]) -> float:
     total = 0.0
     for face in block:
         (x, y), (u, v) = np.array(face.corners).T, np.roll(face.corners, -1, axis=0).T
+        # Each face is the base of a pyramid to the origin: height times area / 3, and the shoelace sum is twice the
+        # area.
         total += float(face.ring()[0] @ face.normal) * float(np.sum(x * v - u * y)) / 6
     return total
 
@@ -181,6 +183,7 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
     edges = [(int(a), int(b)) for loop in loops for a, b in zip(loop, np.roll(loop, -1), strict=True)]
     if len(set(edges)) < len(edges):
         return None
+    # What is not shared by two faces bounds a bare one, whose edges run the other way.
     following = {b: a for a, b in edges if (b, a) not in set(edges)}
     if len(following) < sum((b, a) not in set(edges) for a, b in edges):
         return None
@@ -194,6 +197,7 @@ def _bare(loops: Sequence[NDArray[np.intp]], vertices: Array) -> list[list[int]]
             loop.append(at)
             at = following.pop(at)
         points = vertices[loop] - vertices[loop].mean(axis=0)
+        # The smallest singular value is the root of the sum of squared distances from the plane that fits best.
         if len(loop) < 3 or np.linalg.svd(points)[1][2] > JOINED:
             return None
         bare.append(loop)
@@ -206,6 +210,7 @@ def _face(name: str, ring: Array, plate: Plate | None = None) -> BlockFace:
         rotation, translation = plate.rotation_matrix, 1e3 * plate.translation_vector
     else:
         translation = ring.mean(axis=0)
+        # Newell's sum: twice the vector area, of any plane polygon.
         normal = np.sum(np.cross(ring - translation, np.roll(ring, -1, axis=0) - translation), axis=0)
         along = ring[1] - ring[0]
         z, x = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
@@ -289,6 +294,7 @@ def _lowered(block: Sequence[BlockFace], heights: Sequence[float]) -> tuple[Bloc
         corners = []
         for corner in old.ring():
             at = np.array([abs(float(_depths(other_face, corner))) < JOINED for other_face in block])
+            # Three planes or more through a corner; more than three meet there up to rounding.
             corner = np.linalg.lstsq(normals[at], np.array(levels)[at])[0]
             corners.append(tuple(((corner - face.translation) @ np.array(face.rotation))[:2].tolist()))
         lowered.append(replace(face, corners=tuple(corners)))
@@ -356,6 +362,8 @@ def _overlap(plates: Sequence[BodyPart]) -> str:
     hulls = [_hull(plate.pieces[0]) for plate in plates]
     middles = np.array([points.mean(axis=0) for points, _, _ in hulls])
     sizes = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points, _, _ in hulls])
+    # Separating axes: two convex bodies are apart if they are so along a normal of a face of either, or along a
+    # direction perpendicular to an edge of each.
     for a, b in combinations(range(len(plates)), 2):
         if np.linalg.norm(middles[a] - middles[b]) >= sizes[a] + sizes[b]:
             continue

@@ -12,10 +12,13 @@ STEPS = (3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500)
 """Upper limits in mm of the ranges of nominal sizes, inclusive (ISO 286-1, table 1)."""
 
 H6 = (6, 8, 9, 11, 13, 16, 19, 22, 25, 29, 32, 36, 40)
+"""Width in um of the tolerance grade 6, for each range (ISO 286-1, table 1); a hole H begins at the nominal size."""
 H7 = (10, 12, 15, 18, 21, 25, 30, 35, 40, 46, 52, 57, 63)
+"""Of grade 7."""
 H8 = (14, 18, 22, 27, 33, 39, 46, 54, 63, 72, 81, 89, 97)
+"""Of grade 8."""
 H13 = (140, 180, 220, 270, 330, 390, 460, 540, 630, 720, 810, 890, 970)
-"""Width in um of the tolerance grades 6, 7, 8 and 13, for each range."""
+"""Of grade 13."""
 
 F8 = tuple(zip((6, 10, 13, 16, 20, 25, 30, 36, 43, 50, 56, 62, 68),
                (20, 28, 35, 43, 53, 64, 76, 90, 106, 122, 137, 151, 165), strict=True))  # fmt: skip

@@ -97,11 +97,13 @@ def _rims(body: Primitive, sign: int, marked: bool) -> Iterator[Rim]:
         above = offset(body.outer, body.chamfer) if body.chamfer else body.outer
         for top, bottom in ((above, body.outer), *((hole, hole) for hole in body.holes)):
             yield Rim(body.top, top, sign, bottom, sign > 0)
+            # A chamfer makes the upper cap smaller, not the lower one.
             yield Rim(body.bottom, bottom, -sign, bottom, sign > 0, marked)
         return
     for (r, z), (u, w), bulge in body.profile.sides:
         if not bulge and abs(z - w) < SAME:
             # The profile has its inside to the left: a side toward the axis is a cap with its outside above.
+            # A ring is the disk of the larger radius less that of the smaller one; a radius of 0 has no rim.
             for radius, side in ((r, sign), (u, -sign)):
                 if radius >= SAME:
                     rim = circle(radius, body.x, body.y)

@@ -1,4 +1,4 @@
-"""Closed meshes of parts within a tolerance of their surface, made from their bodies without a CAD kernel.
+"""Closed meshes of parts within a tolerance of their surface, made from their bodies without a CAD kernel; STL of them.
 
 Walls of prisms and bodies of revolution get the fewest chords that keep to the tolerance, and level faces between them
 are triangulated as polygons. The points of all parts lie on a common grid.
@@ -13,12 +13,23 @@ from math import acos, atan, atan2, ceil, cos, hypot, log2, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
+import markergen
 from markergen.arrays import Array
 from markergen.errors import OutputError
+from markergen.exporters import ExportOptions
 from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
 from markergen.geometry.region import Region
-from markergen.solid.primitives import SAME, BodyPart, Part, Prism, Revolved
+from markergen.model.marker import Marker
+from markergen.model.rig import Rig
+from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved
+from markergen.workshop.assembly import MadeBody
+from markergen.workshop.formats.solids import designed_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
+
+MATERIALS = tuple(COLORS)
+"""Names of the materials, in the order in which the formats list them."""
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A triangle of a binary STL: 50 bytes, little-endian, the attribute unused."""
 
 Indices = NDArray[np.int64]
 
@@ -63,6 +74,7 @@ class Mesh:
     def volume(self) -> float:
         """Enclosed volume in mm^3."""
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        # Signed volumes of the tetrahedra from the origin.
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
@@ -131,6 +143,7 @@ def is_closed(triangles: Indices) -> bool:
     """Tell whether every edge is shared by two triangles of the same orientation."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     count = int(triangles.max(initial=0)) + 1
+    # One number for each directed edge; each must occur once, and its reverse as well.
     forward = np.sort(edges[:, 0] * count + edges[:, 1])
     backward = np.sort(edges[:, 1] * count + edges[:, 0])
     return bool(np.all(forward[1:] > forward[:-1])) and np.array_equal(forward, backward)
@@ -240,7 +253,9 @@ def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
     x, y = center_of(side)
     radius, angle = hypot(r - x, z - y), 4 * atan(bulge)
     is_ball = abs(x) < SAME
+    # Chords along the meridian and around the axis share the tolerance.
     off = _off(radius, tolerance) if is_ball else tolerance / 2
+    # A chord over the angle 2 h is off by r (1 - cos h).
     steps = max(1, ceil(abs(angle) / (2 * acos(max(1 - off / radius, 0.5)))))
     first = atan2(z - y, r - x)
     points = [(r, z, _count(r, tolerance))]
@@ -248,6 +263,8 @@ def _meridian(side: Side, tolerance: float) -> list[tuple[float, float, int]]:
         at = first + angle * k / steps
         wide = x + radius * cos(at)
         points.append(
+            # Where the surface slopes, a chord of a parallel is nearer to it than to its own circle, by the factor wide
+            # / radius.
             (wide, y + radius * sin(at), _chords(wide**2 / radius, off) if is_ball else _count(wide, tolerance))
         )
     return [*points, (u, w, _count(u, tolerance))]
@@ -307,6 +324,8 @@ def _stitches(low: int, high: int) -> Indices:
     triangles, i, j = [], 0, 0
     # Around a point on the axis, only the other ring has chords.
     while (i < low and low > 1) or (j < high and high > 1):
+        # Angles (i + 1) / low and j / high, times low high: the triangle whose new edge is closer to the meridian comes
+        # next.
         along_low, along_high = abs((i + 1) * high - j * low), abs((j + 1) * low - i * high)
         if high == 1 or j == high or (low > 1 and i < low and along_low <= along_high):
             triangles.append((i, (i + 1) % low, low + j % high))
@@ -326,3 +345,59 @@ def _filled(face: PlanarFace, tolerance: float) -> Array:
     corners, _ = region.triangles()
     flat = np.concatenate([corners, np.full((*corners.shape[:2], 1), face.z)], axis=2)
     return flat[:, ::-1] if face.up else flat
+
+
+@dataclass(frozen=True)
+class MeshedPart:
+    """Part with its name, its material, and its surface in mm, marker frame."""
+
+    name: str
+    material: str
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class Meshed:
+    """Marker or rig as designed, its name, its parts as meshes and as bodies, and sentences for the user."""
+
+    name: str
+    subject: Marker | Rig
+    parts: tuple[MeshedPart, ...]
+    made: MadeBody
+    notes: tuple[str, ...]
+
+
+def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
+    """Mesh the only marker of a mesh format, or a rig.
+
+    Raises
+    ------
+    InputError
+        If there is not exactly one marker, or it cannot be made as requested.
+    OutputError
+        If its parts make no closed meshes with that tolerance.
+    """
+    work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
+    closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
+    parts = _meshes(work.made, tolerance)
+    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
+
+
+# Several formats of one marker share its meshes.
+@lru_cache(maxsize=1)
+def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
+    meshes = zip(made.parts, meshes_of(made.parts, tolerance), strict=True)
+    return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
+
+
+def stl_of(corners: Array, name: str, unit: str) -> bytes:
+    """Write triangles (m, 3, 3) as one binary STL whose header has their name and unit."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    facets = np.zeros(len(corners), FACET)
+    # Triangles with collinear corners close the surface and have no normal.
+    facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    facets["corners"] = corners
+    # A text STL begins with "solid", so a binary one must not.
+    header = f"{name}, markergen {markergen.__version__}, {unit}".encode("ascii").ljust(80)
+    return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()

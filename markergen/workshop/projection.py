@@ -41,6 +41,7 @@ def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[ViewFace, ...]:
                 through = _end(body, -side) > deepest - SAME
                 view = _top_view(body, "" if through else floor, side, hollow=True)
                 views.append((_end(body, side), inlay + 1, view))
+    # Painted from below; at one height plates first, then what is cut into them, then inlays.
     views.sort(key=lambda entry: (round(entry[0], 6), entry[1]))
     faces = tuple(face for _, _, face in views)
     return tuple(map(_mirrored, faces)) if side == BACK else faces
@@ -181,6 +182,7 @@ def _chords(outer: Contour, holes: Sequence[Contour], y: float) -> list[tuple[fl
     region = Region.polygon(flattened(outer, OFF), [flattened(hole, OFF) for hole in holes], mend=True)
     left, _, right, _ = region.box
     runs = [sorted((run[0, 0], run[-1, 0])) for run in region.runs([(left - 1, y), (right + 1, y)])]
+    # A line along an edge gives runs without length.
     return sorted((float(start), float(end)) for start, end in runs if end - start > SAME)
 
 
@@ -197,6 +199,7 @@ def _revolved_slice(body: Revolved, y: float) -> Region:
             return np.stack([np.sqrt(np.maximum(points[:, 0] ** 2 - away**2, 0)), points[:, 1]], axis=-1)
 
         profile = profile & Region.rectangle(away, low - 1, widest + 1, high + 1)
+        # Straight sides become hyperbolas, so they are divided.
         profile = profile.mapped(moved, step=max((widest - away) / 40, 10 * OFF))
     return _joined(_both_sides(profile, body.x))
 

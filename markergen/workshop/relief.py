@@ -78,6 +78,7 @@ class Pillar:
             profile = Contour(((0.0, 0.0), (self.base, 0.0), (self.radius, z), (0.0, z)))
             return Revolved(x, y, profile)
         side = (self.base - self.tangent * sin(self.draft), self.tangent * cos(self.draft))
+        # The fillet turns right, from the plate into the wall, by 90 degrees less the draft.
         bulge = -tan((pi / 2 - self.draft) / 4)
         points = ((0.0, 0.0), (self.reach, 0.0), side, (self.radius, z), (0.0, z))
         return Revolved(x, y, Contour(points, (0.0, bulge, 0.0, 0.0, 0.0)))
@@ -95,6 +96,7 @@ class Pillar:
         angles = np.linspace(0.0, pi / 2 - self.draft, CONES)
         radii = self.reach - self.foot * np.sin(angles)
         heights = self.foot * (1 - np.cos(angles))
+        # Chords of the fillet cut into its hollow, so that the cones cover it.
         slopes = -np.diff(radii) / np.diff(heights)
         return np.append(heights[1:], wall[0]), np.append(radii[1:], wall[1]), np.append(slopes, wall[2])
 
@@ -221,6 +223,7 @@ def _feet(
     for pillar, (room, _) in zip(pillars, _room(pillars, tool, plate, others), strict=True):
         # The fillet must end below the pillar's top.
         tangent = min(room, 0.8 * pillar.dot.z / cos(pillar.draft))
+        # `tangent` of the pillar, solved for its foot.
         most = tangent * tan((pi / 2 + pillar.draft) / 2)
         feet.append(asked if asked <= most else _floor(most))
     return feet
@@ -245,6 +248,7 @@ def _check_sight(
     remedy = "design it again with --relief, or choose poses with less tilt"
     if not pillar_hiding_most(dots, bare, poses):
         low, high = 0.0, drafted[0].draft
+        # Eight halvings of at most 45 degrees give 0.2, and the message has tenths.
         for _ in range(8):
             middle = (low + high) / 2
             hides = pillar_hiding_most(dots, [replace(bare_pillar, draft=middle) for bare_pillar in bare], poses)
@@ -319,8 +323,10 @@ def balls_hide(dots: Sequence[SolidDot], poses: PoseDistribution) -> int:
     for eye in eyes_of(poses) * 1e3:
         way = places - eye
         far = np.linalg.norm(way, axis=-1)
+        # A ball is seen as a cone of half-angle asin(r / d).
         half = np.arcsin(np.clip(radii / far, 0.0, 1.0))
         unit = way / far[:, None]
+        # From the chord, since arccos of a dot product loses half the digits at small angles.
         angle = 2 * np.arcsin(np.clip(np.linalg.norm(unit[:, None] - unit[None], axis=-1) / 2, 0.0, 1.0))
         overlap = angle < half[:, None] + half[None]
         np.fill_diagonal(overlap, False)

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import pytest
 from sentences import sentence
 
-from markergen.api.design import design
-from markergen.api.radius_fit import largest_that_fits, radius_limits
+from markergen.api.design import design, largest_that_fits, radius_limits
 from markergen.cli import main
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import fits, pages_for
@@ -57,11 +56,11 @@ def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limit
 
     def find(spec):
         tried[round(1e3 * spec.boundary.radius)] = marker = make_ngon(spec.n, spec.boundary.radius, dot)
-        return SimpleNamespace(marker=marker)
+        return SimpleNamespace(marker=marker, spec=spec)
 
     assert radius_limits(make, sheet) == limits
-    spec, found = largest_that_fits(make, limits, sheet, find)
-    radius = round(1e3 * spec.boundary.radius)
+    found = largest_that_fits(make, limits, sheet, find)
+    radius = round(1e3 * found.spec.boundary.radius)
     assert found.marker is tried[radius]
     assert len(pages_for([found.marker], sheet)) == 1
     assert not fits(make_ngon(5, (radius + 1) / 1e3, dot), sheet)
@@ -93,12 +92,13 @@ def test_holes_of_a_plate_larger_than_the_disk_must_fit_too(make_ngon):
     plate = Substrate(outline=parse_boundary("rect:200mmx20mm"), holes=parse_mount("2xM3@180mm/0"))
 
     def find(spec):
-        return SimpleNamespace(marker=replace(make_ngon(4, spec.boundary.radius, 0.008), substrate=plate))
+        marker = replace(make_ngon(4, spec.boundary.radius, 0.008), substrate=plate)
+        return SimpleNamespace(marker=marker, spec=spec)
 
     def make(radius):
         return Spec(boundary=Circle(radius / 1e3))
 
-    assert largest_that_fits(make, (60, 60), SheetOptions("A4"), find)[0] == make(60)
+    assert largest_that_fits(make, (60, 60), SheetOptions("A4"), find).spec == make(60)
     with pytest.raises(InputError, match="A5-portrait holds, found holes"):
         largest_that_fits(make, (60, 60), SheetOptions("A5-portrait"), find)
 

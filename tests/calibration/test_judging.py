@@ -10,7 +10,7 @@ from sentences import sentence
 from benchmarks.calibration_sets import hand_held, in_gauge, layout, nees, photographed, simulate
 from markergen.calibration.adjustment import adjust
 from markergen.calibration.flexing import flexing
-from markergen.calibration.judging import NotJudged, compare_halves, cross_validate, determined
+from markergen.calibration.judging import NotJudged, Photographs, compare_halves, cross_validate
 from markergen.calibration.network import CameraFreedom, Views
 from markergen.calibration.weaknesses import findings
 from markergen.maths.rotation import exponential
@@ -89,7 +89,8 @@ def test_dots_seen_once_are_not_counted():
     made = simulate(8, 6, np.random.default_rng(4))
     seen = made.views.seen.copy()
     seen[1:, 7], seen[2:, 6] = False, False
-    kept = determined(made.network(), replace(made.views, seen=seen), np.ones(seen.shape))
+    views, photo = replace(made.views, seen=seen), np.arange(len(seen))
+    kept = Photographs(made.network(), views, np.ones(seen.shape), photo).determined()
     assert kept.tolist() == [True] * 7 + [False]
     views = replace(made.views, seen=seen)
     whole = adjust(made.network(), replace(made.views, seen=np.where(np.arange(8) == 7, True, seen)))

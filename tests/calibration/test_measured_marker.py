@@ -17,7 +17,7 @@ from markergen.maths.rotation import logarithm
 from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, build_marker
-from markergen.model.rescale import MeasuredDot, Rulers, photographed, remeasure, rescale_marker
+from markergen.model.rescale import MeasuredDot, Rulers, photographed, remeasure, rescale_body
 from markergen.render import Optics, render_view
 from markergen.validation.print_error import displaced, displacement
 
@@ -150,7 +150,7 @@ def test_what_measures_it_another_way_says_no(measured):
     with pytest.raises(InputError, match="by photographs"):
         remeasure(measured, dots)
     with pytest.raises(InputError, match="one by one"):
-        rescale_marker(measured, Rulers(0.2, None))
+        rescale_body(measured, Rulers(0.2, None))
 
 
 def test_a_camera_of_its_own_keeps_the_image_part(measured):

@@ -13,7 +13,7 @@ from markergen.calibration.calibration import Known
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
-from markergen.model.rescale import Rulers, by_rulers, rescale_marker, scale_sigmas
+from markergen.model.rescale import Rulers, by_rulers, rescale_body, scale_sigmas
 
 RULER, WIDE = 2e-4, 0.2
 """Standard deviation of a length and the length of the rulers, m."""
@@ -46,7 +46,7 @@ def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
 
 
 def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
-    printed, _ = rescale_marker(design, Rulers(1.001 * WIDE, 0.999 * WIDE))
+    printed, _ = rescale_body(design, Rulers(1.001 * WIDE, 0.999 * WIDE))
     assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.001)
     found = calibrated([printed], 8, known(), false=0)
     assert share(found.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
@@ -56,7 +56,7 @@ def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
 
 
 def test_a_ruler_that_was_not_measured_tells_nothing(design):
-    printed, _ = rescale_marker(design, Rulers(WIDE, None))
+    printed, _ = rescale_body(design, Rulers(WIDE, None))
     assert printed.print_scale == (1.0, 1.0)
     assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.002)
     assert scale_sigmas(design, 0.002, RULER) == (0.002, 0.002)
@@ -69,7 +69,7 @@ def test_a_measured_length_and_the_rulers_count_by_their_precision(calibrated, d
     own = RULER / length(design).length
     assert share(alone.markers[0]) == pytest.approx(own, rel=0.05)
     assert sentence("scale doubted") not in alone.scale_source
-    printed, _ = rescale_marker(design, Rulers(WIDE, WIDE))
+    printed, _ = rescale_body(design, Rulers(WIDE, WIDE))
     found, moved = (calibrated([printed], 8, known(length(design, each)), false=0) for each in (1.0, 1.002))
     assert "and the rulers" in found.scale_source
     both, off = found.markers[0], moved.markers[0]
@@ -97,7 +97,7 @@ def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_s
     # The print is 0.3 % longer along x than along y.
     doubts = {}
     for read in (1.003, 1.0, 1.012, 0.992):
-        printed, _ = rescale_marker(design, Rulers(WIDE * read, WIDE))
+        printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
         found = calibrated([printed], 8, known(), false=0, made=[design])
         said = found.scale_source
         doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", said)
@@ -117,7 +117,7 @@ def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_s
 def test_doubted_rulers_count_less_beside_a_measured_length(calibrated, design):
     shares, sizes = [], []
     for read in (1.0, 1.03):
-        printed, _ = rescale_marker(design, Rulers(WIDE * read, WIDE))
+        printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
         found = calibrated([printed], 8, known(length(design)), false=0, made=[design])
         shares.append(share(found.markers[0]))
         sizes.append(np.linalg.norm(found.markers[0].xyz - found.markers[0].xyz.mean(axis=0)))
@@ -129,7 +129,7 @@ def test_doubted_rulers_count_less_beside_a_measured_length(calibrated, design):
 
 
 def test_the_rulers_of_another_marker_are_doubted_in_a_note(calibrated, design):
-    printed, _ = rescale_marker(design, Rulers(WIDE, 1.03 * WIDE))
+    printed, _ = rescale_body(design, Rulers(WIDE, 1.03 * WIDE))
     found = calibrated([design, printed], 8, known(), false=0, made=[design, design])
     assert "contradict" not in found.scale_source
     assert "print is 3.3 % longer along x" in str(found.notes)

@@ -167,15 +167,34 @@ def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys,
     assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
 
 
+def test_an_option_of_the_release_before_changes_nothing(here, capsys):
+    assert main(["detect", "good", *ALL, "--json", "-"]) == 0
+    plain = capsys.readouterr()
+    assert main(["detect", "good", *ALL, "--json", "-", "--refine", "photometric"]) == 0
+    refined = capsys.readouterr()
+    assert refined.out == plain.out
+    assert refined.err == "--refine has no effect any more, and goes with the next release\n" + plain.err
+
+
+def test_verdict_and_state_of_the_tag_are_in_the_results(here, capsys):
+    assert (
+        main(["detect", "good", *ALL, "--json", "-", "--deadline", "60", "--smallest", "3", "--symmetric", "any"]) == 0
+    )
+    (found,) = json.loads(capsys.readouterr().out)[0]["markers"]
+    assert found["verdict"]["consistent"]
+    assert found["tag_state"] == "none"
+    assert found["turns_deg"] == []
+
+
 def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch, capsys):
     from markergen.detect import batch
 
     honest = batch.look_at
 
-    def interrupted(detector, path):
+    def interrupted(detector, path, deadline):
         if path.name == "250.png":
             raise KeyboardInterrupt
-        return honest(detector, path)
+        return honest(detector, path, deadline)
 
     monkeypatch.setattr(batch, "look_at", interrupted)
     found = tmp_path / "found.json"

@@ -28,7 +28,7 @@ def test_views_report_and_pictures(here, capsys, tmp_path):
     (pictures / "mine.png").write_bytes(b"not of any run")
     assert main([*SHORT, "--views", "5", "--report", str(report), "--pictures", str(pictures)]) == 0
     said = capsys.readouterr().out
-    for words in ("Error budget", "Synthetic views", "5 of 5 detected", "print limits"):
+    for words in ("Error budget", "Synthetic views", "5 of 5 rendered views detected", "print limits"):
         assert words in said
     assert report.read_bytes().startswith(b"<!DOCTYPE html>")
     names = {path.name for path in pictures.iterdir()}
@@ -65,7 +65,6 @@ def test_nothing_found_fails_a_check_and_loses_nothing(here, capsys, tmp_path):
         (["--views", "-1"], "0 to"),
         (["--views", "1", "--optics", "noise_grey=1e308"], "noise_grey"),
         (["--views", "1", "--hide", "9"], "hidden"),
-        (["--views", "1", "--refine", "magic"], "photometric"),
         (["--views", "1", "--report", "r.pdf"], ".html"),
         (["--views", "1", "--report", "r.html", "--json", "r.html"], "asked for twice"),
         (["--views", "1", "--json", "marker.json"], "one of the inputs"),

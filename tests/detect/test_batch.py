@@ -91,14 +91,6 @@ def test_one_bad_file_does_not_stop_the_others(detector, photo, tmp_path):
         assert all("\n" not in line for line in outcome.lines())
 
 
-def test_photometric_refinement_is_applied(pentagon, photo):
-    plain, refined = (
-        look_at(Detector(pentagon, PAPER_CAMERA, refine=refinement), photo).markers[0].pixels
-        for refinement in ("none", "photometric")
-    )
-    assert 0 < np.abs(plain - refined).max() < 0.1
-
-
 def test_files_from_python(detector, photo, tmp_path, capfd):
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64), np.uint8))
     images, marker, camera = [photo, str(tmp_path / "small.png")], tmp_path / "marker.json", PAPER_CAMERA
@@ -158,7 +150,7 @@ def test_what_is_told_while_others_decode_is_not_lost(detector, tmp_path, monkey
     """Decoders are kept from standard error, which is that of the whole process."""
     decoding, told = Event(), Event()
 
-    def look_at(detector, path):
+    def look_at(detector, path, deadline=None):
         if path.stem == "slow":
             with quiet:
                 decoding.set()
@@ -180,8 +172,8 @@ def test_what_is_told_while_others_decode_is_not_lost(detector, tmp_path, monkey
 
 def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
     marker = tmp_path / "marker.json"
-    with pytest.raises(InputError, match="none or photometric"):
-        detect_files(photo, marker, refine="magic")
+    with pytest.raises(InputError, match="none or any"):
+        detect_files(photo, marker, symmetric="magic")
     with pytest.raises(InputError, match="--camera"):
         detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
     with pytest.raises(InputError, match="1 to 256 workers"):

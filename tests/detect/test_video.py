@@ -167,10 +167,10 @@ def test_a_copy_that_comes_in_is_found_within_a_second(folder, camera, pentagon)
 def test_interrupted_in_the_middle(folder, monkeypatch, error):
     honest, count = video.Detector.__call__, iter(range(9))
 
-    def interrupted(detector, image, near=None):
+    def interrupted(detector, image, near=None, deadline=None):
         if next(count) == 3:
             raise error
-        return honest(detector, image, near)
+        return honest(detector, image, near, deadline)
 
     monkeypatch.setattr(video.Detector, "__call__", interrupted)
     told = []
@@ -341,7 +341,7 @@ def test_what_cannot_begin_is_refused(folder, tmp_path):
         ("walk.avi", {"overlay": "no/such/seen.mp4"}, "the folder no/such does not exist"),
         ("walk.avi", {"json": "marker.json"}, "one of the inputs"),
         ("none.avi", {}, "no such file"),
-        ("walk.avi", {"refine": "magic"}, "none or photometric"),
+        ("walk.avi", {"symmetric": "magic"}, "none or any"),
     ]:
         with pytest.raises((InputError, OutputError)) as caught:
             watch(source, **options)

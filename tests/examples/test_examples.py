@@ -14,8 +14,8 @@ from markergen.cli import main
 from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.render import Optics, render_view
-from markergen.workshop.formats.meshes import MeshedPart, write_glb
-from markergen.workshop.mesh import Mesh
+from markergen.workshop.formats.meshes import write_glb
+from markergen.workshop.mesh import Mesh, MeshedPart
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MOST_LINES = 40

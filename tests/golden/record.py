@@ -336,7 +336,7 @@ def rigs(folder):
 VALIDATIONS = {
     "disk": ("disk", {"stress": True, "trials_for_all": True, "scale_sigma": 0.001}),
     "tagged": ("tagged", {"poses": NEAR, "hide": 1, "background": "clutter", "optics": "blur_px=1,noise_grey=3"}),
-    "measured": ("measured", {"poses": NEAR, "refine": "photometric"}),
+    "measured": ("measured", {"poses": NEAR}),
     "relief": ("relief", {"poses": NEAR}),
     "pad": ("pad", {}),
     "cube": ("cube", {"optics": "blur_px=1"}),

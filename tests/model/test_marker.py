@@ -27,7 +27,7 @@ from markergen.model.marker import (
     check_supported,
     light_marker,
 )
-from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_marker
+from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_body
 from markergen.model.tag import FAMILIES, family_bits, family_size
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.validation.validation import run_validation
@@ -202,7 +202,7 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
         "to detect": [lambda: detect(image, made), lambda: Detector(path)],
         "to validate": [lambda: run_validation(made, setting, runs=0)],
         "to compare": [lambda: line_up([str(path)])],
-        "to rescale": [lambda: rescale_marker(made, Rulers(0.199, None))],
+        "to rescale": [lambda: rescale_body(made, Rulers(0.199, None))],
         "to measure dots of": [lambda: remeasure(made, (MeasuredDot(0, 0, 0), MeasuredDot(1, 1, 0)))],
         "for .svg": [lambda: outputs_of(made, [tmp_path / "m.svg"])],
         "for .csv": [lambda: outputs_of(made, [tmp_path / "m.json", tmp_path / "m.csv"])],
@@ -229,7 +229,7 @@ def test_light_dots_are_refused_by_solids_alone(pentagon, tmp_path):
         match=r"\.step, found light dots: 0, 1, 2, 3, 4;",
     ):
         outputs_of(light, [path])
-    assert rescale_marker(light, Rulers(0.199, None))[0].light
+    assert rescale_body(light, Rulers(0.199, None))[0].light
 
 
 def test_what_is_known_passes_every_door(pentagon):
@@ -239,7 +239,7 @@ def test_what_is_known_passes_every_door(pentagon):
 
 def test_sizes_survive_a_correction_by_rulers(pentagon):
     dots = tuple(replace(point, measured=MeasuredSize(0.0361, 1e-5)) for point in pentagon.control_points)
-    after, _ = rescale_marker(
+    after, _ = rescale_body(
         replace(pentagon, control_points=dots, rulers=(0.2, None), extensions={"a": 1}), Rulers(0.198, None)
     )
     assert {point.measured for point in after.control_points} == {MeasuredSize(0.0361, 1e-5)}
@@ -249,11 +249,11 @@ def test_sizes_survive_a_correction_by_rulers(pentagon):
 def test_rulers_are_those_that_were_printed(pentagon):
     printed = replace(pentagon, rulers=(0.1, 0.05))
     with pytest.raises(InputError, match="100 mm, found nominal_x=200 mm; give --nominal-x 100mm"):
-        rescale_marker(printed, Rulers(0.198, None, 0.2))
+        rescale_body(printed, Rulers(0.198, None, 0.2))
     with pytest.raises(InputError, match=r"about 100 mm .*found 198 mm.*--force"):
-        rescale_marker(printed, Rulers(0.198, None))
+        rescale_body(printed, Rulers(0.198, None))
     for nominal in ((0.1, 0.05), (None, None)):
-        after, said = rescale_marker(printed, Rulers(0.099, 0.0495, *nominal))
+        after, said = rescale_body(printed, Rulers(0.099, 0.0495, *nominal))
         assert after.print_scale == pytest.approx((0.99, 0.99))
         assert not any("taken for" in each for each in said)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.model.body_json import from_json, to_json
-from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, exchanged, remeasure, rescale_marker
+from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, exchanged, remeasure, rescale_body
 
 
 def again(marker):
@@ -15,7 +15,7 @@ def again(marker):
 
 
 def test_two_rulers_two_factors(pentagon):
-    found, said = rescale_marker(pentagon, Rulers(0.1986, 0.1991))
+    found, said = rescale_body(pentagon, Rulers(0.1986, 0.1991))
     np.testing.assert_allclose(found.xyz, pentagon.xyz * [0.993, 0.9955, 1], rtol=1e-15)
     assert found.print_scale == pytest.approx((0.993, 0.9955), rel=1e-15)
     assert found.provenance["print"]["rulers"]["measured_x"] == 0.1986
@@ -29,13 +29,13 @@ def test_two_rulers_two_factors(pentagon):
 
 def test_one_ruler_stands_for_both_and_says_so(pentagon):
     for rulers in (Rulers(0.199, None), Rulers(None, 0.199)):
-        found, said = rescale_marker(pentagon, rulers)
+        found, said = rescale_body(pentagon, rulers)
         assert found.print_scale[0] == found.print_scale[1] == pytest.approx(0.995)
         assert any("stands for" in each for each in said)
 
 
 def test_shorter_rulers(pentagon):
-    found, said = rescale_marker(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
+    found, said = rescale_body(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
     assert found.print_scale == pytest.approx((0.995, 0.151 / 0.15))
     assert said[0].endswith("x 99.5 mm of 100 mm, y 151 mm of 150 mm.")
     assert not any("taken for" in each for each in said)
@@ -43,11 +43,11 @@ def test_shorter_rulers(pentagon):
 
 @given(st.sampled_from(RULERS_MM), st.sampled_from(RULERS_MM), st.floats(0.9501, 1.0499), st.floats(0.9501, 1.0499))
 def test_a_length_tells_which_ruler_was_measured(pentagon, x, y, sx, sy):
-    found, said = rescale_marker(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3))
+    found, said = rescale_body(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3))
     assert found.print_scale == pytest.approx((sx, sy))
     assert said[1].startswith(f"That is taken for --nominal-x {x}mm and --nominal-y {y}mm;")
     assert found.provenance["print"]["rulers"]["nominal_y"] == y / 1e3
-    assert rescale_marker(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3, x / 1e3, y / 1e3))[0] == found
+    assert rescale_body(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3, x / 1e3, y / 1e3))[0] == found
 
 
 def test_every_length_that_fits_none_needs_its_nominal(pentagon):
@@ -56,14 +56,14 @@ def test_every_length_that_fits_none_needs_its_nominal(pentagon):
         assert len(near) <= 1
         if not near:
             with pytest.raises(InputError, match=r"5 % .* 200, 150, 100, 50 or 20 mm, found"):
-                rescale_marker(pentagon, Rulers(float(length), None), force=True)
+                rescale_body(pentagon, Rulers(float(length), None), force=True)
 
 
 @given(st.floats(0.192, 0.208), st.floats(0.192, 0.208), st.floats(0.192, 0.208))
 def test_a_second_rescaling_takes_the_place_of_the_first(pentagon, x, y, other):
-    once, _ = rescale_marker(pentagon, Rulers(x, y))
-    before, _ = rescale_marker(pentagon, Rulers(other, None))
-    twice, said = rescale_marker(before, Rulers(x, y))
+    once, _ = rescale_body(pentagon, Rulers(x, y))
+    before, _ = rescale_body(pentagon, Rulers(other, None))
+    twice, said = rescale_body(before, Rulers(x, y))
     np.testing.assert_allclose(twice.xyz, once.xyz, atol=2e-12)
     assert twice.print_scale == once.print_scale
     assert (before.print_scale == (1, 1)) != any("takes the place" in each for each in said)
@@ -87,13 +87,13 @@ def test_a_second_rescaling_takes_the_place_of_the_first(pentagon, x, y, other):
 )
 def test_lengths_that_cannot_be(pentagon, rulers, said):
     with pytest.raises(InputError) as error:
-        rescale_marker(pentagon, rulers)
+        rescale_body(pentagon, rulers)
     assert said in str(error.value)
 
 
 def test_a_length_without_its_unit_is_not_on_the_sheet(pentagon):
     with pytest.raises(InputError, match=r"at most .*found 150 m; give it"):
-        rescale_marker(pentagon, Rulers(149.7, None, 150.0))
+        rescale_body(pentagon, Rulers(149.7, None, 150.0))
 
 
 def test_rulers_that_fit_when_exchanged_are_asked_about(pentagon):
@@ -102,15 +102,15 @@ def test_rulers_that_fit_when_exchanged_are_asked_about(pentagon):
     for x, y in ((0.1504, 0.0996), (0.199, 0.201), (0.1, 0.2), (0.1, None), (float("nan"), 0.15), (0.0, 0.15)):
         assert exchanged(Rulers(x, y), sheets) is None
     with pytest.raises(InputError, match=r"y 100 mm, found x 99.6 mm and y 150.4 mm; .* exch"):
-        rescale_marker(pentagon, Rulers(0.0996, 0.1504, 0.15, 0.1))
+        rescale_body(pentagon, Rulers(0.0996, 0.1504, 0.15, 0.1))
     with pytest.raises(InputError, match="are x and y exchanged"):
-        rescale_marker(replace(pentagon, rulers=(0.15, 0.1)), Rulers(0.0996, 0.1504))
+        rescale_body(replace(pentagon, rulers=(0.15, 0.1)), Rulers(0.0996, 0.1504))
 
 
 def test_five_percent_and_more_with_force(pentagon):
-    assert rescale_marker(pentagon, Rulers(0.18, 0.2, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
+    assert rescale_body(pentagon, Rulers(0.18, 0.2, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
     with pytest.raises(InputError):
-        rescale_marker(pentagon, Rulers(0.05, 0.2, 0.2), force=True)
+        rescale_body(pentagon, Rulers(0.05, 0.2, 0.2), force=True)
 
 
 def measured(marker, rng, sigma=2e-5, angle=0.7, ids=None, covariance=(4e-10, 1e-10, 2e-10)):
@@ -151,12 +151,12 @@ def test_what_was_not_measured_keeps_its_place_and_is_named(pentagon):
 
 
 def test_measuring_a_rescaled_print(pentagon):
-    scaled, _ = rescale_marker(pentagon, Rulers(0.198, 0.199))
+    scaled, _ = rescale_body(pentagon, Rulers(0.198, 0.199))
     found, _ = remeasure(scaled, measured(scaled, np.random.default_rng(3), ids=(0, 1, 2)))
     np.testing.assert_allclose(found.as_designed.xyz, pentagon.xyz, atol=2e-12)
     assert found.print_scale == scaled.print_scale
     with pytest.raises(InputError, match="one by one"):
-        rescale_marker(found, Rulers(0.2, 0.2))
+        rescale_body(found, Rulers(0.2, 0.2))
 
 
 def test_without_sigma(pentagon):
@@ -168,7 +168,7 @@ def test_without_sigma(pentagon):
 
 def test_a_print_may_reach_beyond_what_was_designed(pentagon):
     # The outermost dots touch the clearance: 4 % more is beyond the boundary, and still this marker.
-    larger, _ = rescale_marker(pentagon, Rulers(0.208, 0.208))
+    larger, _ = rescale_body(pentagon, Rulers(0.208, 0.208))
     assert again(larger) == larger
 
 

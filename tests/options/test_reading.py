@@ -123,3 +123,9 @@ def test_a_message_stays_short_whatever_is_given():
 
 def test_the_example_runs():
     assert doctest.testmod(options).failed == 0
+
+
+def test_an_option_of_the_release_before_is_accepted_with_a_warning():
+    with pytest.warns(DeprecationWarning, match="refine= has no effect"):
+        settled = settle({"refine": "photometric", "runs": 3}, ValidateKeywords)
+    assert settled == settle({"runs": 3}, ValidateKeywords)

@@ -8,7 +8,7 @@ import pytest
 from sentences import sentence
 
 import markergen as mg
-from markergen.api.rig import request_of
+from markergen.api.design import rig_request_of
 from markergen.cli import main
 from markergen.errors import InputError
 from markergen.options.rig import RigKeywords
@@ -187,7 +187,7 @@ def test_every_template_that_is_listed_is_a_state() -> None:
     assert {each["name"]: each["shape"] for each in listed if each["shape"]} == {"cube": "cube", "wall": "wall 3x2"}
     for each in listed:
         if each["shape"]:
-            assert request_of(each["shape"], plain_options(each["options"], RigKeywords)).spec.camera.width
+            assert rig_request_of(each["shape"], plain_options(each["options"], RigKeywords)).spec.camera.width
         else:
             assert spec_of_options(each["options"]).camera.width
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from markergen.workshop.formats.meshes import MeshedPart
-from markergen.workshop.mesh import Mesh
+from markergen.workshop.mesh import Mesh, MeshedPart
 
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 """Counterclockwise seen from outside, where the corners are the origin and one on each axis."""

@@ -12,7 +12,7 @@ from markergen.maths.rotation import logarithm
 from markergen.model.body_json import from_json, to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
-from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_marker
+from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_body
 from markergen.render import Optics, render_view
 from markergen.validation.bounds import error_budget
 from markergen.validation.metrics import rotation_error_deg, translation_error_pct
@@ -110,7 +110,7 @@ def test_views_of_measured_prints_are_consistent(make_ngon):
 def test_a_print_of_another_size_end_to_end(make_ngon):
     """Rendered at 0.993 x 0.9955: the corrected marker.json gives the errors of an exact print, the other does not."""
     design = make_ngon(5, 0.15, 0.036)
-    corrected = from_json(to_json(rescale_marker(design, Rulers(0.1986, 0.1991))[0]).decode())
+    corrected = from_json(to_json(rescale_body(design, Rulers(0.1986, 0.1991))[0]).decode())
     printed = replace(
         design, control_points=tuple(replace(p, x=0.993 * p.x, y=0.9955 * p.y) for p in design.control_points)
     )

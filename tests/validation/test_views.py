@@ -82,7 +82,7 @@ def test_background_is_behind_the_marker(series, background):
 
 
 def test_views_of_light_dots(series):
-    light = replace(series, marker=light_marker(series.marker), background="photo", refine="photometric")
+    light = replace(series, marker=light_marker(series.marker), background="photo")
     for k in (3, 13):
         view = light.take(k)
         assert view.detected, view.failure
@@ -100,11 +100,6 @@ def test_optics_are_used(ngon):
     assert noisy.image[corner].std() == pytest.approx(8, rel=0.2)
 
 
-def test_photometric_refinement_is_applied(series):
-    plain, refined = series.take(3), replace(series, refine="photometric").take(3)
-    assert 0 < np.abs(plain.detection.pixels - refined.detection.pixels).max() < 0.1
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -112,7 +107,6 @@ def test_photometric_refinement_is_applied(series):
         ({"seed": -1}, "seed"),
         ({"hidden": 6}, "0 to 5 hidden"),
         ({"background": "fog"}, "clutter"),
-        ({"refine": "magic"}, "photometric"),
     ],
 )
 def test_impossible_series_are_refused(ngon, options, said):

@@ -14,7 +14,7 @@ from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.model.feature import Feature
-from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_marker
+from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_body
 from markergen.model.tag import Tag
 from markergen.verification import verify
 
@@ -90,7 +90,7 @@ def test_a_tag_as_large_as_the_dots_is_no_dot(make_ngon, tmp_path, dpi):
 def test_what_is_drawn_of_a_measured_marker_is_the_design(make_ngon, tmp_path, suffix):
     marker = make_ngon(5, 0.05, 0.012)
     dots = tuple(MeasuredDot(p.id, 0.993 * p.x, 0.995 * p.y) for p in marker.control_points)
-    for k, printed in enumerate((remeasure(marker, dots)[0], rescale_marker(marker, Rulers(0.199, 0.1985))[0])):
+    for k, printed in enumerate((remeasure(marker, dots)[0], rescale_body(marker, Rulers(0.199, 0.1985))[0])):
         path = tmp_path / f"{k}{suffix}"
         save(printed, [path])
         for each in (marker, printed):
@@ -103,12 +103,12 @@ def test_what_is_drawn_of_a_measured_marker_is_the_design(make_ngon, tmp_path, s
 def test_a_list_of_points_with_another_tag_is_wrong(make_ngon, tmp_path, suffix, family):
     marker = make_ngon(6, 0.09, 0.03)
     mine, other, larger = (replace(marker, tag=Tag(family, *tag)) for tag in ((7, 0.03), (8, 0.03), (7, 0.031)))
-    mine = rescale_marker(mine, Rulers(0.199, 0.1985))[0]
+    mine = rescale_body(mine, Rulers(0.199, 0.1985))[0]
     path = tmp_path / f"list{suffix}"
     save(mine, [path])
     assert verify(mine, path).passed
     for wrong in (other, larger, marker):
-        check = verify(rescale_marker(wrong, Rulers(0.199, 0.1985))[0], path)
+        check = verify(rescale_body(wrong, Rulers(0.199, 0.1985))[0], path)
         assert kinds(check) == ["tag"], check.findings
 
 
@@ -258,7 +258,7 @@ def test_the_files_own_labels_are_not_asked(markers, files, tmp_path):
 
 def test_a_rescaled_marker_is_drawn_as_designed_or_for_the_printer(markers, tmp_path):
     design = markers["5 skew"]
-    marker, _ = rescale_marker(design, Rulers(0.1986, 0.1991))
+    marker, _ = rescale_body(design, Rulers(0.1986, 0.1991))
     save(marker, [tmp_path / "a.svg", tmp_path / "a.csv"])
     assert verify(marker, tmp_path / "a.svg").passed
     assert verify(design, tmp_path / "a.svg").passed

@@ -34,7 +34,7 @@ def rig(
       markergen rig wall 3x2 --pitch 0.5m --tag aruco:DICT_4X4_50 -o wall.json
       markergen rig --template cube -o cube.json -o cube.pdf
     """
-    from markergen.api.rig import rig as find
+    from markergen.api.design import rig as find
 
     options.setdefault("output", [Path("rig.json")])
     with console.progress_bar() as progress:

@@ -24,6 +24,7 @@ WEIGHTS = {"1": 0, "1/distance": 1, "1/distance^2": 2}
 """Powers of the distance by whose inverse a pose counts."""
 
 _LARGEST_DISTANCE = 1e6
+"""Largest distance in m; beyond it, a unit or an exponent is wrong."""
 _LIMITS = {"tilt": (0.0, 90.0), "azimuth": (-360.0, 720.0), "roll": (-360.0, 720.0)}
 
 

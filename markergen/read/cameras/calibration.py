@@ -176,9 +176,10 @@ def make_camera(
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
         if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
             raise InputError(
-                f"focal lengths in px plausible for an image of {width}x{height} px", f"fx={fx}, fy={fy}",
+                f"focal lengths in px plausible for an image of {width}x{height} px",
+                f"fx={fx}, fy={fy}",
                 "check the camera matrix; are these mm?",
-            )  # fmt: skip
+            )
         if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
             raise InputError(
                 f"a principal point inside the image of {width}x{height} px",

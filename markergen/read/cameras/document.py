@@ -22,6 +22,7 @@ DEEPEST = 20
 """Maximum nesting of lists and mappings; calibration files need four levels."""
 
 _LONGEST_KEY = 40
+"""Maximum length of keys that are looked for in any spelling; the longest has 23, distortion_coefficients."""
 _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
 _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
 

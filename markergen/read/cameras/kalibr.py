@@ -32,9 +32,10 @@ def _read(document: Document, choice: str | None) -> Camera:
     model = table.text("camera_model")
     if model != "pinhole":
         raise InputError(
-            f"the camera model pinhole at {table.place('camera_model')}", repr(model), "calibrate with pinhole-radtan "
-            "or pinhole-equi"
-        )  # fmt: skip
+            f"the camera model pinhole at {table.place('camera_model')}",
+            repr(model),
+            "calibrate with pinhole-radtan or pinhole-equi",
+        )
     intrinsics, size = table.numbers("intrinsics"), table.numbers("resolution")
     if len(intrinsics) != 4:
         raise InputError(f"fu, fv, pu, pv at {table.place('intrinsics')}", brief(intrinsics), "correct the file")

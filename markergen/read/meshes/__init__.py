@@ -24,9 +24,6 @@ MOST_OBJECTS = 20_000
 LONGEST = 200
 """Maximum length of a name."""
 
-SMALLEST_SIDE, MOST_SIDES = 0.02, 60
-"""Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
-
 
 class MeshObject(NamedTuple):
     """Triangles of one object, in mm, with z pointing out of the printed face.

@@ -86,6 +86,7 @@ def _check_text(data: bytes) -> None:
 # --- GLB --------------------------------------------------------------------------------------------------------------
 
 MOST_NODES, DEEPEST_NODE = 20_000, 50
+"""Maximum number of nodes of a scene that wait to be read, and their maximum depth; a file of ours has two levels."""
 
 LARGEST_JSON = 10_000_000
 """Maximum size in bytes of the text in a GLB: 15,000 parts."""
@@ -504,11 +505,15 @@ class _Model:
         ranges = inside or [_Volume(0, len(corners) - 1, item.name, "")]
         return [
             MeshObject(
-                corners[part.first : part.last + 1], part.name, color, paints[part.first : part.last + 1], self.palette,
+                corners[part.first : part.last + 1],
+                part.name,
+                color,
+                paints[part.first : part.last + 1],
+                self.palette,
                 part.tool,
             )
             for part in ranges
-        ]  # fmt: skip
+        ]
 
 
 def _matrix_of(text: str | None) -> Array:

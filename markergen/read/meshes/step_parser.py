@@ -1,7 +1,8 @@
 """Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.step`.
 
 Open CASCADE reads the files; their document is traversed here, since `cadquery.Assembly.importStep` refuses files of
-other programs: a single part without an assembly, or an assembly with two parts of the same name.
+other programs: a single part without an assembly, or an assembly with two parts of the same name. numpy is not
+imported, as it would take 80 MB of the memory that the child may use.
 """
 
 # tests: tests/verification/test_solid_readers.py
@@ -11,7 +12,6 @@ from math import ceil, pi, sqrt
 from typing import Any
 
 from markergen.guard import as_file
-from markergen.read.meshes import MOST_SIDES, SMALLEST_SIDE
 
 LEVEL = 1e-9
 """Maximum of 1 - |nz| for a level face: 0.003 degrees."""
@@ -29,6 +29,10 @@ SAGITTA = 1e-3
 """Maximum distance in mm of an arc from the lines between its points, as far as that number allows."""
 
 MOST_FACES = 200_000
+"""Maximum number of faces of all solids; a plate with an engraved back has thousands."""
+
+SMALLEST_SIDE, MOST_SIDES = 0.02, 60
+"""Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
 
 Json = dict[str, Any]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]

@@ -124,9 +124,10 @@ def _size(drawing: Drawing, file: OutlineFile) -> float:
         raise file.unreadable("outlines with an area", "single points", "draw a closed shape with an inside")
     if not float(np.abs(points).max()) < 1e9 * size < np.inf:
         raise file.unreadable(
-            "an outline near the file's origin", f"one {size:.3g} units across, {np.abs(points).max():.3g} units off",
+            "an outline near the file's origin",
+            f"one {size:.3g} units across, {np.abs(points).max():.3g} units off",
             "move it to the origin: so far out its digits are lost",
-        )  # fmt: skip
+        )
     return size
 
 

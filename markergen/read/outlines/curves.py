@@ -126,6 +126,7 @@ class Arc(Curve):
         if len(self.center) != 2 or not round_ or not SHORTEST <= abs(self.sweep) <= 2 * pi * (1 + ROUND):
             return super().trace(tolerance)
         halves = 1 if abs(self.sweep) <= pi * (1 + ROUND) else 2
+        # u and v of the other hand turn the arc around.
         sweep = self.sweep if self.u[0] * self.v[1] > self.u[1] * self.v[0] else -self.sweep
         half = min(abs(sweep) / halves, pi)
         return self._at(halves + 1), np.full(halves, np.copysign(tan(half / 4), sweep) if half < pi else np.sign(sweep))
@@ -161,6 +162,7 @@ class Spline(Curve):
         Initial steps divide each knot span more finely than a polynomial of this degree can oscillate.
         """
         spans = np.unique(self.knots[self.degree : len(self.points) + 1])
+        # A piece of a spline is a polynomial of that degree, with fewer turns than samples.
         count = 2 * self.degree
         _steps((len(spans) - 1) * count)
         inner = np.arange(count) / count
@@ -185,6 +187,7 @@ class Spline(Curve):
     def _at(self, t: Array) -> Array:
         from scipy.interpolate import BSpline
 
+        # A rational spline is a plain one in homogeneous coordinates.
         homogeneous = np.column_stack([self.points * self.weights[:, None], self.weights])
         values = BSpline(self.knots, homogeneous, self.degree)(t)
         return values[:, :-1] / values[:, -1:]
@@ -196,6 +199,7 @@ def bulge(start: Array, end: Array, amount: float) -> Curve:
     The arc's sagitta is ``amount`` half chords; below 1e-7 it is a line.
     """
     chord = end - start
+    # The sagitta is amount times half the chord; here the center would be more than a million chords away.
     if abs(amount) < 1e-7 or not chord.any():
         return Polyline(np.stack([start, end]))
     left = np.array([-chord[1], chord[0]])
@@ -211,9 +215,10 @@ def _map(matrix: Array, points: Array) -> Array:
 def _steps(count: float) -> int:
     if not count <= MOST_POINTS:
         raise InputError(
-            f"curves that {MOST_POINTS} points can approximate to the tolerance", "a larger or more winding one",
+            f"curves that {MOST_POINTS} points can approximate to the tolerance",
+            "a larger or more winding one",
             "simplify the outline, or give its --boundary-unit",
-        )  # fmt: skip
+        )
     return max(ceil(count), 1)
 
 

@@ -43,6 +43,7 @@ Parts = Iterator[tuple[list[Curve], bool]]
 """Consecutive curves, and whether the last is joined to the first."""
 
 HIGHEST_DEGREE = 11
+"""Maximum degree of a spline; CAD programs write 3, and seldom more."""
 MOST_FIT_POINTS = 500
 """Maximum number of fit points of a spline: ezdxf solves a full matrix, which takes 2 GB and 30 s for 10,000."""
 

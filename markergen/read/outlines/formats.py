@@ -21,6 +21,7 @@ UNITS = {unit: float(size) for unit, size in METERS.items() if unit} | {"px": 0.
 MOST_PIECES = 10_000
 """Maximum number of lines, curves and steps to find them in one file, as of corners of a boundary."""
 MOST_LISTED = 12
+"""Maximum number of layers that a message lists."""
 
 _WHOLE = "export the outline alone, simplified"
 

@@ -34,6 +34,7 @@ from markergen.read.outlines.formats import (
 Viewport = tuple[float, float]
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100
+"""Maximum number of elements, counted as often as they are used, and maximum depth of groups and uses."""
 LONGEST_CLASS = 1000
 """Maximum length of an element's class names in characters; Illustrator writes about ten."""
 SVG = "http://www.w3.org/2000/svg"
@@ -44,6 +45,7 @@ _W3C = "-//W3C//DTD SVG "
 SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
 GROUPS = ("g", "a", "switch")
 MOST_CLIPS = 16
+"""Maximum number of shapes in a clip path, which are intersected with each shape that it clips."""
 UNREAD = {"text": "text", "image": "image", "foreignObject": "foreign object"}
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
@@ -87,6 +89,7 @@ LARGEST_PATH = 300_000
 """Maximum length of all path data in characters, ample for the maximum number of corners of an outline."""
 
 MOST_CLOSES = 20
+"""Maximum number of closes after one move: each begins a new subpath, and one is what editors write."""
 
 PX = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6, "pt": 96 / 72, "pc": 16.0}
 """CSS units in user units (px)."""
@@ -375,9 +378,10 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
             for selector in selectors.split(",") if values else []:
                 if not _SELECTOR.fullmatch(selector.strip()):
                     raise file.unreadable(
-                        "style sheets for .class, #id or a kind of shape", brief(selector.strip()),
+                        "style sheets for .class, #id or a kind of shape",
+                        brief(selector.strip()),
                         "save it as plain SVG",
-                    )  # fmt: skip
+                    )
                 rules.setdefault(selector.strip(), {}).update(values)
     return rules
 
@@ -448,9 +452,10 @@ def parse_svg(file: OutlineFile) -> Element:
 
     def refuse(*_: object) -> NoReturn:
         raise file.unreadable(
-            "plain SVG without a document type of its own", "entity declarations or another document type",
+            "plain SVG without a document type of its own",
+            "entity declarations or another document type",
             "save it again as plain SVG",
-        )  # fmt: skip
+        )
 
     def doctype(_: str, system: str | None, public: str | None, internal: int) -> None:
         # The W3C's own document type adds nothing and is never fetched; Illustrator and matplotlib write it.
@@ -620,8 +625,11 @@ class _SvgReader:
         ) or not all(sizes):
             return (np.nan,) * 4
         size = max(float(match[1]) * PX[match[2].lower()] for match in sizes if match)
-        anchors = [float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
-                   for line in lines for key in ("x", "y")]  # fmt: skip
+        anchors = [
+            float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
+            for line in lines
+            for key in ("x", "y")
+        ]
         at = np.array(anchors).reshape(-1, 2)
         at = at[np.isfinite(at).all(axis=1)] if len(lines) > 1 else np.nan_to_num(at)
         if not len(at):

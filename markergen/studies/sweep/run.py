@@ -89,9 +89,7 @@ def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | 
     tried = {
         (cell, point.noise_px): _trials_cost(point, sweep.runs) for cell, point in zip(first, sweep.points, strict=True)
     }
-    layouts = compute(
-        work, first, store, engine, progress, _layout_cost, later=(len(tried), sum(tried.values()))
-    )  # fmt: skip
+    layouts = compute(work, first, store, engine, progress, _layout_cost, later=(len(tried), sum(tried.values())))
     second: list[Cell | None] = []
     for point, cell in zip(sweep.points, first, strict=True):
         layout = layouts[cell]

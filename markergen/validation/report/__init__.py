@@ -27,8 +27,7 @@ from markergen.validation import tables
 from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import middle
 from markergen.validation.report import measured
-from markergen.validation.report.plots import budget_over_tilt, compared, variance_shares
-from markergen.validation.report.pose_dome import dome_plots
+from markergen.validation.report.plots import budget_over_tilt, compared, dome_plots, variance_shares
 from markergen.validation.report.subject import (
     ERRORS,
     SOURCES,
@@ -142,16 +141,18 @@ def rig_report(
         [f"{rig!r}"[4:-1].capitalize() + "."],
         [
             plot(
-                partial(draw_rig, rig, direction), f"rig-{side}",
+                partial(draw_rig, rig, direction),
+                f"rig-{side}",
                 f"The rig from its {side}: {', '.join(plate.name for plate in rig.plates)}.",
                 f"The rig as seen from its {side}, from far away. Axes are those of the rig frame.",
-                (4.4, 4.4), "paper",
+                (4.4, 4.4),
+                "paper",
             )
             for side, direction in sides(rig).items()
         ],
         [Table("Markers", ["marker", "dots", "diameter"], dots)],
         book=("rigs and their file", "rigs.md#rigjson"),
-    )  # fmt: skip
+    )
     section = Section(tables=measured)
     if results["runs"]:
         caption = "RMS rotation error in the trials by distance, with the bound of all plates in view."

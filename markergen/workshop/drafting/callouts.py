@@ -178,8 +178,9 @@ def tolerance_tables(marker: Marker, made: Made, datums: Sequence[Datum], genera
 def _datum_table(datums: Sequence[Datum]) -> DrawingTable:
     """Datum features, and where they are in the marker frame."""
     rows = tuple((datum.letter, datum.words, datum.place) for datum in datums)
-    return DrawingTable("Datums, and the marker frame in them", ("datum", "feature", "marker frame, exact"), rows,
-                        (0, 1, 2))  # fmt: skip
+    return DrawingTable(
+        "Datums, and the marker frame in them", ("datum", "feature", "marker frame, exact"), rows, (0, 1, 2)
+    )
 
 
 def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> DrawingTable:

@@ -398,8 +398,10 @@ def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
     pillars = centered([body for part in plates for body in part.add], x, y)
     wide = max([dot.radius, *(b.radii[1] for b in (*pockets, *pillars) if b.span[1] > face - SAME)])
     high = max([z, *(b.span[1] for b in centered([body for part in parts for body in part.add], x, y))])
-    tall = {(round(bottom, 6), round(top, 6)): _depth(bottom, top, low, made) for bottom, top in
-            (body.span for body in pockets)}  # fmt: skip
+    tall = {
+        (round(bottom, 6), round(top, 6)): _depth(bottom, top, low, made)
+        for bottom, top in (body.span for body in pockets)
+    }
     tall[low, face] = f"({millimeters(face - low)})"
     if z > face + SAME:
         tall[face, z] = f"{millimeters(z - face)} {PLUS_MINUS}{millimeters(made.accuracy.height)}"

@@ -254,9 +254,13 @@ def _six(main: tuple[Array, Array, Array]) -> list[tuple[str, tuple[Array, Array
     """The six views: directions to the right, up and toward the viewer."""
     u, v, d = main
     return [
-        ("main", (u, v, d)), ("+u", (-d, v, u)), ("-u", (d, v, -u)), ("+v", (u, -d, v)), ("-v", (u, d, -v)),
+        ("main", (u, v, d)),
+        ("+u", (-d, v, u)),
+        ("-u", (d, v, -u)),
+        ("+v", (u, -d, v)),
+        ("-v", (u, d, -v)),
         ("rear", (-u, v, -d)),
-    ]  # fmt: skip
+    ]
 
 
 def _words(way: Array) -> str:
@@ -283,9 +287,12 @@ def _view(
         names.append(_name(side.name, side.ring @ flat, marked.get(side.name), flat, controls, letter))
     way = _words(toward)
     return RigView(
-        place, f"seen from {way if way.startswith('-') else f'+{way}'}", _projected(axes, rig, made), tuple(names),
+        place,
+        f"seen from {way if way.startswith('-') else f'+{way}'}",
+        _projected(axes, rig, made),
+        tuple(names),
         (_words(axes[0]), _words(axes[1])),
-    )  # fmt: skip
+    )
 
 
 def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigView:
@@ -434,9 +441,13 @@ def _relation_tables(
     if not made.block:
         return []
     names = tuple(
-        (letter, f"face {side.name}" if side.name in {plate.name for plate in rig.markers} else f"bare {side.name}",
-         _plane(side)) for letter, side in zip(LETTERS, datums, strict=False)
-    )  # fmt: skip
+        (
+            letter,
+            f"face {side.name}" if side.name in {plate.name for plate in rig.markers} else f"bare {side.name}",
+            _plane(side),
+        )
+        for letter, side in zip(LETTERS, datums, strict=False)
+    )
     rows = []
     for side in sides:
         controls = _controls(side, datums, accuracy)
@@ -451,10 +462,12 @@ def _relation_tables(
     return [
         DrawingTable("Datums of the whole", ("datum", "feature", "rig frame, exact"), names, (0, 1, 2)),
         DrawingTable(
-            "Relation of the faces, mm", ("face", "form or orientation", "place", "positions of dots"), tuple(rows),
+            "Relation of the faces, mm",
+            ("face", "form or orientation", "place", "positions of dots"),
+            tuple(rows),
             (0, 1, 2, 3),
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _plane(side: _Side) -> str:
@@ -489,10 +502,13 @@ def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -
     work = workpiece(marker, fabrication, replace(result, parts=(slab, *result.parts)))
     depth = f"({millimeters(face.height - low)})"
     sections = tuple(
-        replace(section, title=f"{section.title}, upper part of the body",
-                upright=tuple(dimension for dimension in section.upright if dimension.words != depth))
+        replace(
+            section,
+            title=f"{section.title}, upper part of the body",
+            upright=tuple(dimension for dimension in section.upright if dimension.words != depth),
+        )
         for section in work.sections
-    )  # fmt: skip
+    )
     rotation = np.array(face.rotation)
     flat, toward = rotation[:, [0, 2]], -rotation[:, 1]
     offset = np.array(face.translation) @ flat
@@ -501,11 +517,14 @@ def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -
     tables = tuple(
         replace(table, rows=tuple(row for row in table.rows if "plate" not in (row[1], row[0].rpartition(" ")[2])))
         for table in work.tables
-    )  # fmt: skip
+    )
     return replace(
-        work, side=side, sections=sections, tables=tables,
+        work,
+        side=side,
+        sections=sections,
+        tables=tables,
         heights=(Dimension(foot, face.height, f"({millimeters(face.height - foot)})"),),
-    )  # fmt: skip
+    )
 
 
 PLACES = {"main": (0, 0), "+u": (-1, 0), "-u": (1, 0), "+v": (0, -1), "-v": (0, 1), "rear": (2, 0)}
@@ -630,9 +649,13 @@ def _draw(
 
 
 def _corner(
-    room: Box, starts: dict[int, float], columns: dict[int, float], lows: dict[int, float], rows: dict[int, float],
+    room: Box,
+    starts: dict[int, float],
+    columns: dict[int, float],
+    lows: dict[int, float],
+    rows: dict[int, float],
     gap: tuple[float, float],
-) -> Box:  # fmt: skip
+) -> Box:
     """The room to the right of the main column, above the main row, or else below it."""
     left = starts[0] + columns[0] + gap[0]
     low = lows[0] + rows[0] + gap[1]

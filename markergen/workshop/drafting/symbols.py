@@ -43,11 +43,6 @@ def phrase_width(label: str, height: float) -> float:
     return sum(text_width(part, height) + (2.5 * PAD * height if exact else 0.0) for part, exact in _parts(label))
 
 
-def without_brackets(label: str) -> str:
-    """Words without the brackets around what is theoretically exact."""
-    return label.replace("[", "").replace("]", "")
-
-
 def _parts(label: str) -> list[tuple[str, bool]]:
     parts: list[tuple[str, bool]] = []
     for piece in label.split("["):
@@ -156,8 +151,12 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
         cross = [Line(((x - over, y), (x + over, y)), THIN), Line(((x, y - over), (x, y + over)), THIN)]
         return [_circle(x, y, 0.85 * h), *cross]
     if symbol == "flatness":
-        corners = ((x - 1.3 * h, y - 0.7 * h), (x + 0.6 * h, y - 0.7 * h), (x + 1.3 * h, y + 0.7 * h),
-                   (x - 0.6 * h, y + 0.7 * h))  # fmt: skip
+        corners = (
+            (x - 1.3 * h, y - 0.7 * h),
+            (x + 0.6 * h, y - 0.7 * h),
+            (x + 1.3 * h, y + 0.7 * h),
+            (x - 0.6 * h, y + 0.7 * h),
+        )
         return [Line((*corners, corners[0]), THIN)]
     if symbol == "perpendicularity":
         foot = y - 0.8 * h

@@ -456,10 +456,13 @@ def place_callouts(
     """
     circles = np.array([(*view.at((x, y)), view.scale * r) for callout in callouts for x, y, r in callout.places])
     room = _Room(
-        view, column, 1.4 * style.words, style,
+        view,
+        column,
+        1.4 * style.words,
+        style,
         np.concatenate([circles.reshape(-1, 3), _as_circles(marks)]),
         np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2),
-    )  # fmt: skip
+    )
     placed = _placed(callouts, room)
     while placed is None:
         # One below the other, in the order of what they point at, and smaller if there are too many.

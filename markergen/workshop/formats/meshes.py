@@ -9,8 +9,6 @@ thus restore the marker frame.
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from io import BytesIO
 from types import MappingProxyType
 from typing import Any
@@ -19,19 +17,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 import markergen
-from markergen.arrays import Array
 from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, OTHER
-from markergen.workshop.assembly import MadeBody
-from markergen.workshop.formats.solids import designed_of
-from markergen.workshop.mesh import Mesh, kept_apart, meshes_of
-
-MATERIALS = tuple(COLORS)
-"""Names of the materials, in the order in which the formats list them."""
-
-FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+from markergen.workshop.mesh import MATERIALS, Mesh, MeshedPart, kept_apart, meshed, stl_of
 
 MODEL = "3D/3dmodel.model"
 VOLUMES = "Metadata/Slic3r_PE_model.config"
@@ -58,50 +48,9 @@ TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 """Column-major matrix of the root node: (x, y, z) becomes (x, z, -y)."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+"""Use of a buffer view in glTF: corners, and their indices."""
 FLOAT, UNSIGNED_INT = 5126, 5125
-
-
-@dataclass(frozen=True)
-class MeshedPart:
-    """Part with its name, its material, and its surface in mm, marker frame."""
-
-    name: str
-    material: str
-    mesh: Mesh
-
-
-@dataclass(frozen=True)
-class Meshed:
-    """Marker or rig as designed, its name, its parts as meshes and as bodies, and sentences for the user."""
-
-    name: str
-    subject: Marker | Rig
-    parts: tuple[MeshedPart, ...]
-    made: MadeBody
-    notes: tuple[str, ...]
-
-
-def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
-    """Mesh the only marker of a mesh format, or a rig.
-
-    Raises
-    ------
-    InputError
-        If there is not exactly one marker, or it cannot be made as requested.
-    OutputError
-        If its parts make no closed meshes with that tolerance.
-    """
-    work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
-    closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
-    parts = _meshes(work.made, tolerance)
-    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
-
-
-# Several formats of one marker share its meshes.
-@lru_cache(maxsize=1)
-def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
-    meshes = zip(made.parts, meshes_of(made.parts, tolerance), strict=True)
-    return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
+"""Types of numbers in glTF, those of OpenGL."""
 
 
 def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -128,19 +77,6 @@ def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
     """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
     meshes = kept_apart([part.mesh for part in parts])
     return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm")
-
-
-def stl_of(corners: Array, name: str, unit: str) -> bytes:
-    """Write triangles (m, 3, 3) as one binary STL whose header has their name and unit."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-    facets = np.zeros(len(corners), FACET)
-    # Triangles with collinear corners close the surface and have no normal.
-    facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    facets["corners"] = corners
-    # A text STL begins with "solid", so a binary one must not.
-    header = f"{name}, markergen {markergen.__version__}, {unit}".encode("ascii").ljust(80)
-    return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
 
 
 def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -201,14 +137,18 @@ def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
     whole = len(parts) + 2
     objects = []
     for number, part in enumerate(parts, start=2):
+        # Cura counts extruders from 0, PrusaSlicer from 1.
         extruder = f'<metadata name="cura:extruder_nr">{MATERIALS.index(part.material)}</metadata>'
         objects.append(
             _3mf_object(
-                number, part.name, part.material, _vertices(part.mesh),
+                number,
+                part.name,
+                part.material,
+                _vertices(part.mesh),
                 _triangles(part.mesh, 0, part.material, part.material),
                 f"<metadatagroup>{extruder}</metadatagroup>",
             )
-        )  # fmt: skip
+        )
     components = "".join(f'<component objectid="{number}"/>' for number in range(2, whole))
     objects.append(
         f'<object id="{whole}" type="model" name={quoteattr(name)}><components>{components}</components></object>\n'

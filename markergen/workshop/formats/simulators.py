@@ -23,8 +23,7 @@ from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS
 from markergen.workshop.assembly import volume_of
-from markergen.workshop.formats.meshes import MATERIALS, Meshed, MeshedPart, meshed, stl_of
-from markergen.workshop.mesh import Mesh
+from markergen.workshop.mesh import MATERIALS, Mesh, Meshed, MeshedPart, meshed, stl_of
 
 DENSITY = 1240.0
 """Density of polylactide, the usual filament, in kg/m^3."""
@@ -218,9 +217,12 @@ def _collisions(made: Meshed, visuals: Sequence[Shown]) -> Iterator[Collision]:
             width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
             whole = piece.part.is_disk
             yield Collision(
-                f"{part.name}/collision", "cylinder" if whole else "box",
-                (width / 2, height) if whole else (width, depth, height), middle, np.array(piece.rotation),
-            )  # fmt: skip
+                f"{part.name}/collision",
+                "cylinder" if whole else "box",
+                (width / 2, height) if whole else (width, depth, height),
+                middle,
+                np.array(piece.rotation),
+            )
 
 
 def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:

@@ -117,7 +117,9 @@ def _moved(shape: Any, faces: Sequence[Any], piece: PosedPart) -> tuple[Any, tup
     from OCP.TopoDS import TopoDS
 
     pose = gp_Trsf()
+    # SetValues takes the rows of [R | t]; its constructor has no such form.
     pose.SetValues(*np.column_stack([piece.rotation, piece.translation]).ravel().tolist())
+    # True copies the geometry; else the shape would refer to that of the plate with a location.
     moved = BRepBuilderAPI_Transform(shape, pose, True)
     return moved.Shape(), tuple(TopoDS.Face_s(moved.ModifiedShape(face)) for face in faces)
 
@@ -148,6 +150,7 @@ def checked(name: str, volume: float, make: Callable[[], tuple[Any, tuple[Any, .
         properties = GProp_GProps()
         BRepGProp.VolumeProperties_s(shape, properties)
         enclosed = properties.Mass()
+        # A shell that is inside out encloses a negative volume.
         if enclosed <= 0 or not BRepCheck_Analyzer(shape).IsValid():
             raise ValueError("several pieces" if enclosed > 0 else "nothing")
     except Exception as error:
@@ -175,6 +178,7 @@ def _solid(body: Primitive) -> Any:
         base = _face(level, [_wire(contour, body.bottom) for contour in (body.outer, *body.holes)])
         return BRepPrimAPI_MakePrism(base, gp_Vec(0, 0, body.top - body.bottom)).Shape()
     place = gp_Pnt(body.x, body.y, 0)
+    # x, z and -y are right-handed, so that the profile turns in this plane as its contour does.
     profile = _face(gp_Pln(place, gp_Dir(0, -1, 0)), [_wire(body.profile, None, (body.x, body.y))])
     return BRepPrimAPI_MakeRevol(profile, gp_Ax1(place, gp_Dir(0, 0, 1))).Shape()
 
@@ -201,6 +205,7 @@ def assembled(part: Part, face_only: bool = False) -> tuple[Any, tuple[Any, ...]
         builder.Add(shell, face)
         if level.marked:
             floors.append(face)
+    # BRep_Builder sets no flags of what it makes.
     shell.Closed(BRep_Tool.IsClosed_s(shell))
     builder.MakeSolid(solid)
     builder.Add(solid, shell)
@@ -285,6 +290,7 @@ def _side(face: Any) -> int:
     if surface.GetType() != GeomAbs_Plane:
         return 0
     position = surface.Plane().Position()
+    # A left-handed placement reverses the normal that the direction stands for.
     up = position.Direction().Z() * (1 if position.Direct() else -1)
     if abs(up) < LEVEL:
         return 0
@@ -334,6 +340,7 @@ def _slant(side: Side, inner: Side, low: float, high: float, angle: float) -> An
         normal = gp_Dir(along.Y() * wide, -along.X() * wide, wide)
         ring = BRepBuilderAPI_MakePolygon(*corners, True).Wire()
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
+    # Revolution is counterclockwise about its axis: the axis of an arc that turns right points down.
     axis = gp_Ax1(gp_Pnt(*center_of(side), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
     return explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]

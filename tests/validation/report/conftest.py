@@ -16,7 +16,8 @@ from markergen.render import DEFAULT_OPTICS
 from markergen.validation import report
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
-from markergen.validation.report import html_report, measured, pose_dome
+from markergen.validation.report import html_report, measured
+from markergen.validation.report import plots as report_plots
 from markergen.validation.report.measured import sample_pose_errors
 from markergen.validation.report.subject import Subject
 from markergen.validation.validation import run_validation
@@ -110,7 +111,6 @@ def synthetic_views(marker, setting, budget):
         "optics": dict(vars(DEFAULT_OPTICS)),
         "background": "plain",
         "hidden": 0,
-        "refine": "none",
         "print_sigma_mm": 0.1,
         "by_polar_angle": groups(poses.by_polar_angle()),
         "by_distance": groups(poses.by_distance()),
@@ -170,5 +170,5 @@ def quick(monkeypatch):
     def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
         return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
 
-    for module in (report, measured, pose_dome):
+    for module in (report, measured, report_plots):
         monkeypatch.setattr(module, "plot", drawn)

@@ -51,11 +51,11 @@ def test_command_makes_the_results_again(subject, results):
     assert "--camera CAMERA.yaml" not in own
     assert "--camera-covariance COVARIANCE" in own
     views = {
-        **results["views"], "hidden": 1, "refine": "photometric", "background": "clutter", "stress": {"x": {}},
+        **results["views"], "hidden": 1, "background": "clutter", "stress": {"x": {}},
         "optics": {**results["views"]["optics"], "blur_px": 1.5},
     }  # fmt: skip
     said = report.command(replace(subject, results={**results, "views": views}))
-    for option in ("--hide 1", "--refine photometric", "--background clutter", "--stress", "--optics blur_px=1.5"):
+    for option in ("--hide 1", "--background clutter", "--stress", "--optics blur_px=1.5"):
         assert option in said
     assert "--views 0" in report.command(replace(subject, results={**results, "views": None}))
 

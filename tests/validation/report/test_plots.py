@@ -14,14 +14,16 @@ from markergen.validation.report.measured import carried_over, ranked, sample_po
 from markergen.validation.report.plots import (
     QUANTILE_95,
     budget_over_tilt,
+    camera_centers,
     compared,
     distribution,
+    dome_plots,
     ellipse,
     errors_over,
+    pose_sphere,
     share_inside,
     variance_shares,
 )
-from markergen.validation.report.pose_dome import camera_centers, dome_plots, pose_sphere
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
@@ -128,7 +130,7 @@ def test_bars_of_the_comparison_are_the_bounds(ax):
 
 
 def test_dome_of_very_many_poses_keeps_the_hardest(pentagon, monkeypatch):
-    monkeypatch.setattr("markergen.validation.report.pose_dome._MOST_TO_TURN", 40)
+    monkeypatch.setattr("markergen.validation.report.plots._MOST_TO_TURN", 40)
     poses = paper()
     errors = {"rotation": np.ones(len(poses)), "translation": np.full(len(poses), np.inf)}
     errors["rotation"][[7, 11]] = 3.0, np.inf

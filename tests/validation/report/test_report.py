@@ -11,7 +11,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import rms
 from markergen.validation.report import html_report
-from markergen.validation.report.pose_dome import camera_centers
+from markergen.validation.report.plots import camera_centers
 from markergen.validation.report.subject import value_text
 
 

@@ -17,7 +17,8 @@ from markergen.model.marker import Marker
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.primitives import OTHER
-from markergen.workshop.formats.meshes import MATERIALS, VOLUMES, Meshed, meshed
+from markergen.workshop.formats.meshes import VOLUMES
+from markergen.workshop.mesh import MATERIALS, Meshed, meshed
 
 PLACE = 5e-3
 """mm: what is asked of dot centers in meshes."""

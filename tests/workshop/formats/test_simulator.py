@@ -3,9 +3,8 @@ import pytest
 from tetrahedra import part
 
 from markergen.solid.primitives import Part, cylinder
-from markergen.workshop.formats.meshes import MeshedPart
 from markergen.workshop.formats.simulators import DENSITY, decimal, mass_of, numbers
-from markergen.workshop.mesh import meshes_of
+from markergen.workshop.mesh import MeshedPart, meshes_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)
 """mm; bit by bit of their number: x, y, z."""

@@ -251,7 +251,7 @@ def test_a_plate_with_corners_bumps_as_a_box(engraved_folder):
 
 
 def test_meshes_too_large_for_mujoco_are_put_in_several_files(monkeypatch, marker):
-    from markergen.workshop.formats.meshes import meshed
+    from markergen.workshop.mesh import meshed
 
     parts = meshed([marker], OPTIONS, ".stl").parts
     whole = _shown(parts, "name", "stem")

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from tetrahedra import SIDES, part
 
-from markergen.workshop.formats.meshes import FACET, write_stl
+from markergen.workshop.formats.meshes import write_stl
+from markergen.workshop.mesh import FACET
 
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4]], float)
 

@@ -13,7 +13,8 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.observation import DotNoise
-from markergen.optimize import ranges
+from markergen.optimize import constellations
+from markergen.optimize.dot_size import needs_scales
 from markergen.optimize.problem import breach
 from markergen.optimize.search import search
 
@@ -53,29 +54,29 @@ def test_dots_out_of_view_add_nothing_wherever_they_are():
 
 def test_several_scales_are_for_open_sizes_and_wide_ranges():
     wide = named_poses(WIDE)
-    assert ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE), wide)
-    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE, dot=0.1), wide)
-    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.05), poses=WIDE), wide)
+    assert needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE), wide)
+    assert not needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE, dot=0.1), wide)
+    assert not needs_scales(Spec(n=0, boundary=Circle(0.05), poses=WIDE), wide)
     near = "cone:distance=0.3..1m"
-    assert not ranges.needs_scales(Spec(n=0, boundary=Circle(0.5), poses=near), named_poses(near))
+    assert not needs_scales(Spec(n=0, boundary=Circle(0.5), poses=near), named_poses(near))
 
 
 def test_forecasts_of_scales_serve_all_poses_and_fit():
     spec = Spec(n=0, boundary=Circle(0.5), poses=WIDE)
     poses = named_poses(spec.poses)
-    scales = ranges._forecasts(spec, poses, 2)
-    seen = ranges.seen_by(scales, spec.camera, poses)
+    scales = constellations._forecasts(spec, poses, 2)
+    seen = constellations.seen_by(scales, spec.camera, poses)
     assert seen.served.all()
     assert scales[0].diameter >= 2 * scales[1].diameter
     assert breach(seen.points, spec.boundary, (), seen.diameters, scales[1].region.clearance) <= 0
     with pytest.raises(InputError, match="room for 5 dots"):
-        ranges._forecasts(replace(spec, boundary=Circle(0.08)), poses, 1)
+        constellations._forecasts(replace(spec, boundary=Circle(0.08)), poses, 1)
 
 
 def test_with_little_room_scales_have_fewer_dots_and_are_found_although_jammed():
     spec = Spec(n=0, boundary=Circle(0.15), poses="cone:distance=0.2..5m,tilt=0..60")
-    scale = ranges._forecasts(spec, named_poses(spec.poses), 2)[0]
-    assert ranges.FEWEST_DOTS <= scale.spec.n < ranges.DOTS
+    scale = constellations._forecasts(spec, named_poses(spec.poses), 2)[0]
+    assert constellations.FEWEST_DOTS <= scale.spec.n < constellations.DOTS
     setting = replace(scale.setting, poses=scale.poses.taken(np.arange(0, len(scale.poses), 20), 0))
     found = search(OBJECTIVES["pose"](setting), scale.region, scale.spec.n, np.random.default_rng(0), restarts=1)
     assert scale.region.holds(found.points[None])[0]

@@ -7,50 +7,50 @@ import pytest
 from sentences import pattern, sentence
 
 import markergen as mg
-from markergen.bounds.dot_covariances import body_bounds
+from markergen.bounds.dot_covariances import body_bounds, dot_covariances, image_jacobian, image_slopes
 from markergen.errors import InputError
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import exponential
 from markergen.model.body_json import rig_to_json
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker import build_marker
 from markergen.model.poses import named_poses
-from markergen.model.rig import Rig
 from markergen.model.rig_shapes import rig_shape
-from markergen.model.sight import dots_in_view
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.dot_size import DotSize
-from markergen.optimize.rig_layouts import RigLayouts, best_views, seen_plates
+from markergen.optimize.constellations import Block, views_of
+from markergen.optimize.rig import RigSearch, best_views, plate_views
 
 QUICK = {"n": 4, "restarts": 1, "tag": "aruco:DICT_4X4_50:3", "poses": "cone:distance=0.3..0.8,tilt=0..60,count=30"}
 SQUARE = 0.02 * np.array([[1, 1], [-1, 1.1], [-1, -1], [1, -1.2]])
 
 
 @pytest.fixture(scope="module")
-def layouts():
-    shape = rig_shape("cube", edge=0.08)
+def search():
+    faces = rig_shape("cube", edge=0.08).faces
     poses = named_poses("sphere:distance=0.3..0.5,count=30")
     spec = Spec(n=4, noise_model="image", print_sigma=1e-4)
-    plates = seen_plates(shape.faces, poses, spec)
-    specs = [replace(spec, boundary=plate.face.boundary) for plate in plates]
-    found = RigLayouts(plates, specs, [DotSize(0.01, 0.001, "")] * 6, {}, len(poses))
-    found.layouts = [SQUARE * (1 + 0.05 * k) for k in range(6)]
-    return found, poses
+    plates = plate_views(faces, [0.01] * 6, poses, spec)
+    specs = [replace(spec, boundary=face.boundary, dot=0.01, clearance=0.001) for face in faces]
+    blocks = [
+        Block(plate_spec, plate.poses, SQUARE * (1 + 0.05 * k), plate.face)
+        for k, (plate_spec, plate) in enumerate(zip(specs, plates, strict=True))
+    ]
+    return RigSearch(blocks, spec, poses, {})
 
 
-def test_information_of_all_plates_is_that_of_all_dots_in_view(layouts):
-    found, poses = layouts
-    every = sum(found.information(k) for k in range(6))
+def test_information_of_all_plates_is_that_of_all_dots_in_view(search):
+    poses, covered = search.problem.poses, search.see(search.blocks)
+    information = search.problem.information(search.blocks, covered).sum(axis=1)
     step = 1e-6
     for p in range(0, len(poses), 7):
         whole = np.zeros((6, 6))
-        for k, plate in enumerate(found.plates):
-            if p not in plate.index:
+        for k, block in enumerate(search.blocks):
+            dots = covered.seen[p, 4 * k : 4 * k + 4]
+            face, points = block.face, block.points[dots]
+            if not dots.any():
                 continue
-            face, own = plate.face, np.flatnonzero(plate.index == p)
-            xyz = np.column_stack([found.layouts[k], np.zeros(4)]) @ np.array(face.rotation).T + face.translation
+            xyz = np.column_stack([points, np.zeros(len(points))]) @ np.array(face.rotation).T + face.translation
 
             def seen(change, xyz=xyz, p=p):
                 rotation = exponential(change[:3]) @ poses.rotation[p]
@@ -58,64 +58,53 @@ def test_information_of_all_plates_is_that_of_all_dots_in_view(layouts):
                 return PAPER_CAMERA.to_pixels(perspective(spots))[0]
 
             rows = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
-            objective = OBJECTIVES["pose"](found.setting(k))
-            weights = np.linalg.inv(
-                covariance(objective.information(found.layouts[k][None])[0][0])[own[0]]
-            )  # Of the plate alone, in its own frame: the second way is the derivative in the rig's.
-            own_rows = objective._distorted(found.layouts[k][None])[0][0, own[0]].reshape(4, 2, 6)
-            assert weights == pytest.approx(weights.T, rel=1e-6)
-            noise = _dot_weights(objective, found.layouts[k], own[0])
-            assert np.einsum("nik,nij,njl->kl", own_rows, noise, own_rows) == pytest.approx(weights, rel=1e-6)
+            view, _ = views_of(face, poses.taken(np.array([p]), 0))
+            slopes = image_slopes(image_jacobian(points, PAPER_CAMERA, view), view)
+            noise = np.linalg.inv(dot_covariances(slopes, 0.01, ImageNoise(), 1e-4)[0])
             whole += np.einsum("nik,nij,njl->kl", rows, noise, rows)
         scale = np.sqrt(np.diag(whole))
-        assert every[p] / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-6)
-
-
-def _dot_weights(objective, layout, pose):
-    """Information (n, 2, 2) of each dot's image."""
-    jacobian = objective._distorted(layout[None])[0]
-    weighed, _ = objective._weighed(jacobian)
-    j, w = (rows[0, pose].reshape(4, 2, 6) for rows in (jacobian, weighed))
-    return np.stack([wk @ np.linalg.pinv(jk) for jk, wk in zip(j, w, strict=True)])
+        assert information[p] / scale / scale[:, None] == pytest.approx(whole / scale / scale[:, None], abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["pose", "rotation", "translation"])
-def test_gradients_know_what_is_known_elsewhere(layouts, name):
-    found, _ = layouts
-    objective = OBJECTIVES[name](found.joint_setting(0))
-    points = found.layouts[0][None]
-    value, gradient = objective.value_and_gradient(points)
-    assert value < OBJECTIVES[name](found.setting(0))(points) * 1.001 or name == "pose"
+def test_gradients_know_what_is_known_elsewhere(search, name):
+    objective = OBJECTIVES[name](search.problem.setting(search.blocks, 0))
+    points = search.blocks[0].points[None]
+    gradient = objective.value_and_gradient(points)[1]
     step, change = 1e-7, np.zeros_like(points)
     change[0, 2, 1] = step
     slope = (objective(points + change) - objective(points - change)) / (2 * step)
     assert gradient[0, 2, 1] == pytest.approx(slope[0], rel=1e-4)
 
 
-def test_more_plates_lower_the_bound(layouts):
-    found, poses = layouts
-    markers = [build_marker(points, found.plates[0].face.boundary, 0.01, 0.001) for points in found.layouts]
-    rig = Rig(tuple(plate.face.mounted(marker) for plate, marker in zip(found.plates, markers, strict=True)))
-    seen = dots_in_view(rig, PAPER_CAMERA, poses)
-    joint, single = body_bounds(rig, seen, PAPER_CAMERA, poses, ImageNoise(), 1e-4)
+def test_more_plates_lower_the_bound(search):
+    poses, covered = search.problem.poses, search.see(search.blocks)
+    joint, single = body_bounds(search.rig(search.blocks), covered.seen, PAPER_CAMERA, poses, ImageNoise(), 1e-4)
+    served = covered.served
     assert (joint <= single * (1 + 1e-9)).all()
-    several = np.stack([seen[:, rig.owner == k].any(axis=1) for k in range(6)]).sum(axis=0) > 1
+    several = served & (covered.plates > 1)
     assert several.any()
     assert (joint[:, several] < single[:, several]).all()
-    # Where all dots of the plates in view are seen, the search takes the same information.
-    every = sum(found.information(k) for k in range(6))
-    counted = np.stack([np.isin(np.arange(len(poses)), plate.index) for plate in found.plates], axis=1)
-    alike = (np.repeat(counted, 4, axis=1) == seen).all(axis=1)
-    assert alike.any()
-    expected = np.rad2deg(rotation_bound(covariance(every[alike])))
-    assert joint[0, alike] == pytest.approx(expected, rel=1e-3)
+    # The search takes the same information.
+    information = search.problem.information(search.blocks, covered).sum(axis=1)[served]
+    assert joint[0, served] == pytest.approx(np.rad2deg(rotation_bound(covariance(information))), rel=1e-9)
 
 
-def test_dots_are_sized_where_a_plate_is_seen_best(layouts):
-    found, poses = layouts
-    views = best_views(found.plates, len(poses))
+def test_plates_in_view_are_those_of_validate(search):
+    poses, rig = "sphere:distance=0.3..0.5,count=30", search.rig(search.blocks)
+    validation = mg.validate(rig, poses=poses, runs=0, views=0)
+    covered = search.see(search.blocks)
+    assert (validation.setting.sight.seen == covered.seen).all()
+    by_plates = {key: int(mask.sum()) for key, mask in covered.by_plates().items()}
+    assert {key: row["poses"] for key, row in validation.results["headline"]["by_plates"].items()} == by_plates
+
+
+def test_dots_are_sized_where_a_plate_is_seen_best(search):
+    poses = search.problem.poses
+    plates = plate_views([block.face for block in search.blocks], [0.01] * 6, poses, search.problem.spec)
+    views = best_views(plates, len(poses))
     assert sum(map(len, views)) > 0.9 * len(poses)
-    for plate, chosen in zip(found.plates, views, strict=True):
+    for plate, chosen in zip(plates, views, strict=True):
         # From above a corner at 0.3 m, where the middles of three faces are seen from 61.4 degrees.
         assert plate.poses.polar_angle_deg[chosen].max() < 61.5
 
@@ -155,7 +144,7 @@ def test_the_faces_of_a_cube_are_not_confused():
     markers = [each.marker for each in found.rig.markers]
     detector, rng = mg.Detector(markers, PAPER_CAMERA), np.random.default_rng(3)
     poses = named_poses("sphere:distance=0.24..0.62,count=1500,seed=4,sampling=random")
-    for k, plate in enumerate(seen_plates(rig_shape("cube", edge=0.08).faces, poses, Spec())):
+    for k, plate in enumerate(plate_views(rig_shape("cube", edge=0.08).faces, [0.01] * 6, poses, Spec())):
         for p in rng.choice(len(plate.index), 40, replace=False):
             rotation, translation = plate.poses.rotation[p], plate.poses.translation[p]
             frame = render_view(markers[k], PAPER_CAMERA, rotation, translation, Optics(), rng)
