@@ -242,8 +242,9 @@ static int build_pyramid(const Image *image, double smallest, Pyramid *p)
 
 enum { HALF = 3, LARGEST = 1 << 15 };
 
-/* Least depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise. */
-static const double MIN_DEPTH = 6, DEPTH_SIGMA = 3.5;
+/* Least depth below the local mean of dark pixels: in grey levels of the finest level, which has most of the texture, and of
+   the others; and as a multiple of the noise. */
+static const double MIN_DEPTH[2] = {6, 3}, DEPTH_SIGMA = 3.5;
 /* Noise above which the image is smoothed first, grey levels: smoothing closes gaps of a pixel or two. */
 static const double SMOOTH_ABOVE = 3;
 /* Least number of pixels. */
@@ -445,8 +446,8 @@ static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width
     return count;
 }
 
-/* Outlines of the components that could be dots. */
-static int find_components(const Image *image, const Image *coarse, Ellipses *found)
+/* Outlines of the components that could be dots, of the finest level that is searched or another one. */
+static int find_components(const Image *image, const Image *coarse, int finest, Ellipses *found)
 {
     const int64_t height = image->height, width = image->width;
     found->count = 0;
@@ -458,7 +459,7 @@ static int find_components(const Image *image, const Image *coarse, Ellipses *fo
     const int smooth = noise > SMOOTH_ABOVE;
     /* The weights 1/4, 1/2, 1/4 in both directions reduce the noise to 3/8. */
     noise *= smooth ? 3. / 8 : 1;
-    const int step = (int)smaller(larger(MIN_DEPTH, DEPTH_SIGMA * noise), 255);
+    const int step = (int)smaller(larger(MIN_DEPTH[!finest], DEPTH_SIGMA * noise), 255);
     const size_t most = (size_t)width / 2 + 1; /* runs in a row */
     Window window = {coarse, -1, calloc((size_t)coarse->width + 2 * HALF, sizeof *window.sums), malloc((size_t)width + 2), step};
     uint16_t *scratch = malloc(((size_t)width + 2) * sizeof *scratch);
@@ -574,15 +575,17 @@ enum { NORMALS = 24, EIGHTH = NORMALS / 8, PLACES = 9, ZERO = PLACES / 2, UNKNOW
 
 /* Places across the outline where its profile is sampled, px. */
 static const float PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
-/* The first, cheap test: 6 of 8 directions have a step of at least 6 grey levels and 0.3 of the mean between pixels inside
+/* The first, cheap test: 6 of 8 directions have a step of at least 4 grey levels and 0.3 of the mean between pixels inside
    and outside of the outline of a component, which is too large by about a pixel. */
-static const float INSIDE_PX = -2, OUTSIDE_PX = 1.5f, LEAST_STEP = 6, STEP_SHARE = 0.3f;
+static const float INSIDE_PX = -2, OUTSIDE_PX = 1.5f, LEAST_STEP = 4, STEP_SHARE = 0.3f;
 enum { LEAST_EIGHTHS = 6 };
 /* Normals that must have an edge, of every other one at first, then of all: a quarter or a little more may be hidden,
    washed out by light, or cut off. */
 static const float MIN_NORMALS[2] = {9, 17};
 /* Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median. */
-static const float MIN_STEP = 12, ALIKE = 0.35f;
+static const float MIN_STEP = 6, ALIKE = 0.35f;
+/* Step below which an edge is faint. */
+static const double FAINT = 12;
 /* Maximum standard deviation of the step over the normals, without the three least and three largest, over its median, of a
    component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves, letters,
    cloth and stones 0.1 to 0.6. */
@@ -944,7 +947,7 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
 static double doubt_of(const Edge *edge)
 {
     const double limit = (double)MAX_RMS[1][0] + (double)MAX_RMS[1][1] * shorter_semi(edge->outline.e);
-    const double uneven = edge->uneven / (double)MAX_UNEVEN[1], off = edge->rms / limit, faint = (double)MIN_STEP / edge->step;
+    const double uneven = edge->uneven / (double)MAX_UNEVEN[1], off = edge->rms / limit, faint = FAINT / edge->step;
     return uneven * uneven + off * off + faint * faint;
 }
 
@@ -1257,7 +1260,7 @@ static int find_edges(const Pyramid *p, Edges *edges)
     int status = 0;
     for (int level = p->first; level < p->end && !status; level++) {
         int64_t count = 0;
-        status = find_components(p->level + level, p->level + level + 1, &rough);
+        status = find_components(p->level + level, p->level + level + 1, level == p->first, &rough);
         status = status ? status : make_coarser(&clears, clears.count + rough.count);
         for (int64_t i = 0; i < rough.count && !status; i++) {
             const double *e = rough.all[i].e;

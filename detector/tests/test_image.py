@@ -73,6 +73,12 @@ def test_where_the_blur_fills_the_hole_nothing_is_said(rng):
     assert_allclose(blobs["hole"][at[at >= 0]], 0.5, atol=0.05)
 
 
+def test_faint_dots_are_found_if_the_noise_is_less(rng):
+    dots = grid(rng, 14.0, (300, 400))
+    blobs = find_blobs(drawn((300, 400), dots, rng, light=40.0, dark=30.0, noise=0.3))
+    assert (matched(blobs, dots[:, :2]) >= 0).all()
+
+
 @pytest.mark.parametrize("blur", [0.5, 0.9, 1.5, 2.5])
 def test_the_blur_is_that_of_lens_and_pixel(rng, blur):
     dots = grid(rng, 14.0, (420, 560))
