@@ -768,6 +768,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
     /* Far from where it starts, a guess is not good enough to tell dots from their neighbors: it grows by 1.6 each time; by
        2.5, boards of 300 dots lose their corners. */
     int64_t count = 0;
+    int begins = 1;
     TALLY(4);
     for (int round = 0; round < 40; round++) {
         count = label(scene, layout, &labeling.pose, layout->reach, GUESS_PX / scene->px, work->apart, within, work, labeling.labels);
@@ -781,8 +782,10 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
             return -1;
         if (!(within < farthest))
             break;
-        if (tried(work, labeling.labels, layout->count))
+        /* Others that begin alike end alike; what is labeled later may stay the same to the end. */
+        if (begins && tried(work, labeling.labels, layout->count))
             return -1;
+        begins = 0;
         const int64_t m = matches_of(scene, layout, labeling.labels, work);
         Pose other = labeling.pose;
         const int mirrors = round == 0 && on_one_plate(layout, work, m);
@@ -793,11 +796,11 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
             labeling.pose = other;
         within *= 1.6;
     }
-    if (tried(work, labeling.labels, layout->count))
+    if (tried(work, labeling.labels, layout->count) && begins)
         return -1;
-    /* Half of what should be seen has to be. */
+    /* Half of what should be seen has to be; of several plates, some may not be where the first one has them. */
     int64_t inside = 0;
-    for (int64_t i = 0; i < layout->count; i++)
+    for (int64_t i = 0; i < layout->count && layout->plate_count == 1; i++)
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > count)
         return -1;
