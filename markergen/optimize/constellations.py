@@ -55,6 +55,7 @@ from markergen.read.poses import poses_from
 from markergen.units import format_length
 
 MOST_SCALES = 4
+"""Largest number of sizes that is tried."""
 
 DOTS, FEWEST_DOTS = 8, 5
 """Numbers of dots of the largest scale and at least; each further scale has one less or fewer, so that no two are
