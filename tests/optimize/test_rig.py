@@ -18,6 +18,7 @@ from markergen.model.poses import named_poses
 from markergen.model.rig_shapes import rig_shape
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES
+from markergen.objectives.base import Sight
 from markergen.optimize.constellations import Block, views_of
 from markergen.optimize.rig import RigSearch, best_views, plate_views
 
@@ -68,9 +69,11 @@ def test_information_of_all_plates_is_that_of_all_dots_in_view(search):
 
 @pytest.mark.parametrize("name", ["pose", "rotation", "translation"])
 def test_gradients_know_what_is_known_elsewhere(search, name):
-    objective = OBJECTIVES[name](search.problem.setting(search.blocks, 0))
-    points = search.blocks[0].points[None]
-    gradient = objective.value_and_gradient(points)[1]
+    setting, points = search.problem.setting(search.blocks, 0), search.blocks[0].points[None]
+    objective = OBJECTIVES[name](setting)
+    value, gradient = objective.value_and_gradient(points)
+    without = Sight(setting.sight.seen, np.zeros_like(setting.sight.known))
+    assert value < OBJECTIVES[name](replace(setting, sight=without))(points)
     step, change = 1e-7, np.zeros_like(points)
     change[0, 2, 1] = step
     slope = (objective(points + change) - objective(points - change)) / (2 * step)
