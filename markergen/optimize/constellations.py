@@ -77,7 +77,10 @@ NEAR_BEST = 1.5
 """Error at any distance, relative to the least that any number of scales reaches there, for which fewer will do."""
 
 ROUNDS = 2
-"""Number of rounds in which all scales are polished together."""
+"""Number of rounds in which all scales are polished together.
+
+Without any, the error of a pad for 0.2 to 5 m is 0.9 % larger, of one for 0.15 to 3 m 0.1 %; one, two and three give
+the same there and for 0.3 to 10 m."""
 
 LEAST_SHRINK = 1e-3
 """Smallest radius of a scale, as a fraction of the marker's."""

@@ -78,7 +78,9 @@ STEEPEST = 0.5
 """Cosine of the tilt of the face of a cube that is seen best, from nearby; from far away it is 0.58."""
 
 SWEEPS = 2
-"""Rounds over all plates."""
+"""Rounds over all plates.
+
+Of a wall of six plates with tags, none leaves 9 % more rotation error, one 0.9 %, and three take away 0.02 %."""
 
 APART_PX = 1.0
 """Demanded safety in px against taking a plate for another, RMS over its dots, from every pose that sees it."""
