@@ -8,6 +8,7 @@ each from all others, so that no view confuses them (`bounds.confusion`).
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import permutations
 from time import perf_counter
 from typing import Any
@@ -174,7 +175,7 @@ class RigSearch:
         outline = [
             silhouette(face.boundary) @ np.array(face.rotation).T[:2] + np.array(face.translation) for face in faces
         ]
-        self.problem = JointProblem(spec, poses, self.see, np.concatenate(outline))
+        self.problem = JointProblem(spec, poses, lru_cache(maxsize=2)(self.see), np.concatenate(outline))
 
     def see(self, blocks: Sequence[Block]) -> Coverage:
         """What the poses see of the rig with these dots."""
