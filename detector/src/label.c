@@ -312,8 +312,8 @@ static const double INK = 0.1;
 static const double PLANE = 6;
 
 /* A dot in plain view is missed for reasons other than its size in 1 % of cases (hidden, in a highlight); one seen flat or of
-   few pixels, in 30 %. With 4 %, a marker whose dots are all but two of another one is not told from that. */
-static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3;
+   few pixels, in 30 %, of still fewer in 90 %. With 4 % for the first, a marker whose dots are all but two of another one is not told from that. */
+static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3, SEEN_BELOW = 0.1;
 static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.2, LIMIT_FACING = 0.08, EDGE_PX = 3;
 
 /* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
@@ -443,7 +443,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
         shapes += shape - log(clutter);
         disks -= log(alike);
-        kinds += kind + log(1 - MISSED);
+        /* Where most dots are too small to be seen, those that seem to be are others. */
+        const double across = 2 * shorter_px(scene, drawn->shape);
+        kinds += kind + log(across < LIMIT_PX ? SEEN_BELOW : across < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1 - MISSED);
         chi2 += square;
         const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
         const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
