@@ -1,8 +1,9 @@
 """What many tests start from: the paper's setting, and the regular pentagon that `design` makes of it."""
 
+import gc
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from markergen.bounds.confusion import perspective
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
@@ -28,6 +30,29 @@ settings.load_profile("ci" if os.environ.get("CI") else "work")
 
 # Shells start what runs in the background with Ctrl-C ignored, and programs that tests interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# Modules and thousands of cases stay to the end: garbage is not looked for among them.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
+
+
+FEW_RIVALS = ("api/", "cli/", "contracts/", "optimize/test_d", "optimize/test_relief", "optimize/test_t")
+"""Tests of designs that are about other things than their labels."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_rivals(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Rivals of labels are sought in few poses: elsewhere this is half of the time of a small design."""
+    with pytest.MonkeyPatch.context() as patch:
+        if f"{request.path.parent.name}/{request.path.stem}".startswith(FEW_RIVALS):
+            patch.setattr(perspective, "REPRESENTATIVE", 2)
+            patch.setattr(perspective, "FITS", 1)
+        yield
 
 
 @pytest.fixture(scope="session")

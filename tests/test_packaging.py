@@ -130,7 +130,9 @@ def test_the_detector_is_compiled_by_a_hook_that_needs_what_builds_the_package()
     assert third_party(ROOT / "detector/build_core.py") == set()
     # What is built in a checkout is of this computer, and goes neither into git nor by itself into a distribution.
     library = runpy.run_path(str(ROOT / "detector/build_core.py"))["LIBRARY"]
-    assert {f"*{Path(library).suffix}", "detector/markergen_detect/detector.h"} <= set((ROOT / ".gitignore").read_text().splitlines())
+    assert {f"*{Path(library).suffix}", "detector/markergen_detect/detector.h"} <= set(
+        (ROOT / ".gitignore").read_text().splitlines()
+    )
 
 
 def test_the_papers_study_is_installed_and_found_in_a_checkout():

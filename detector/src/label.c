@@ -250,7 +250,10 @@ void update_blob(Scene *scene, int64_t k)
    Equal disks in the plane of the labeling's own pose, such as another marker's: their shapes tell nothing, and their density
    per px^2 is that of blobs whose shape is much like this one's, and of one that none shows.
 
-   The dots of the labeling itself are no clutter. */
+   The dots of the labeling itself count a tenth: if it is an accident, they are clutter, too. Without them, a marker of 30 dots is
+   found in every five hundredth image of another one of 24. */
+static const double OWN = 0.1;
+
 static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, double *alike)
 {
     const Shown *shown = scene->shown + k, *other = scene->shown + o;
@@ -260,10 +263,13 @@ static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, do
     *shaped = *alike = 0;
     if (square > 1.5 * shown->mean * shown->mean + 9 * wide)
         return;
-    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, w = 0.06 * (double)scene->camera->width;
-    const double dx = (a[0] - b[0]) * scene->px / w, dy = (a[1] - b[1]) * scene->px / w;
+    /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
+    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, wide_px = 0.06 * (double)scene->camera->width;
+    const double dx = (a[0] - b[0]) * scene->px, dy = (a[1] - b[1]) * scene->px, apart = dx * dx + dy * dy;
     const double area = (double)scene->camera->width * (double)scene->camera->height;
-    const double place = 0.5 / area + 0.5 / (2 * PI * w * w) * exp(-0.5 * (dx * dx + dy * dy));
+    const double one = wide_px * wide_px, other_px = smaller(64 * shown->mean * shown->mean, one);
+    const double place = 0.25 / area + 0.25 / (2 * PI * one) * exp(-0.5 * apart / one) +
+                         0.5 / (2 * PI * other_px) * exp(-0.5 * apart / other_px);
     *shaped = place * (0.8 * exp(-0.5 * square / narrow) / (narrow * sqrt(narrow)) + 0.2 * exp(-0.5 * square / wide) / (wide * sqrt(wide))) /
               15.7496099457; /* (2 pi)^1.5 */
     *alike = place * exp(-0.5 * square / (0.0625 * shown->mean * shown->mean));
@@ -287,8 +293,8 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
     for (int64_t i = 0; i < n; i++)
         if (labels[i] >= 0 && labels[i] != k) {
             density(scene, k, labels[i], &one, &other);
-            *shaped -= one;
-            *alike -= other;
+            *shaped -= (1 - OWN) * one;
+            *alike -= (1 - OWN) * other;
         }
     const double area = (double)scene->camera->width * (double)scene->camera->height;
     const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
@@ -312,8 +318,8 @@ static const double INK = 0.1;
 static const double PLANE = 6;
 
 /* A dot in plain view is missed for reasons other than its size in 1 % of cases (hidden, in a highlight); one seen flat or of
-   few pixels, in 30 %. With 4 %, a marker whose dots are all but two of another one is not told from that. */
-static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3;
+   few pixels, in 30 %, of still fewer in 90 %. With 4 % for the first, a marker whose dots are all but two of another one is not told from that. */
+static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3, SEEN_BELOW = 0.1;
 static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.2, LIMIT_FACING = 0.08, EDGE_PX = 3;
 
 /* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
@@ -443,7 +449,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
         shapes += shape - log(clutter);
         disks -= log(alike);
-        kinds += kind + log(1 - MISSED);
+        /* Where most dots are too small to be seen, those that seem to be are others. */
+        const double across = 2 * shorter_px(scene, drawn->shape);
+        kinds += kind + log(across < LIMIT_PX ? SEEN_BELOW : across < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1 - MISSED);
         chi2 += square;
         const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
         const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
@@ -768,6 +776,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
     /* Far from where it starts, a guess is not good enough to tell dots from their neighbors: it grows by 1.6 each time; by
        2.5, boards of 300 dots lose their corners. */
     int64_t count = 0;
+    int begins = 1;
     TALLY(4);
     for (int round = 0; round < 40; round++) {
         count = label(scene, layout, &labeling.pose, layout->reach, GUESS_PX / scene->px, work->apart, within, work, labeling.labels);
@@ -781,8 +790,10 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
             return -1;
         if (!(within < farthest))
             break;
-        if (tried(work, labeling.labels, layout->count))
+        /* Others that begin alike end alike; what is labeled later may stay the same to the end. */
+        if (begins && tried(work, labeling.labels, layout->count))
             return -1;
+        begins = 0;
         const int64_t m = matches_of(scene, layout, labeling.labels, work);
         Pose other = labeling.pose;
         const int mirrors = round == 0 && on_one_plate(layout, work, m);
@@ -793,11 +804,11 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
             labeling.pose = other;
         within *= 1.6;
     }
-    if (tried(work, labeling.labels, layout->count))
+    if (tried(work, labeling.labels, layout->count) && begins)
         return -1;
-    /* Half of what should be seen has to be. */
+    /* Half of what should be seen has to be; of several plates, some may not be where the first one has them. */
     int64_t inside = 0;
-    for (int64_t i = 0; i < layout->count; i++)
+    for (int64_t i = 0; i < layout->count && layout->plate_count == 1; i++)
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > count)
         return -1;

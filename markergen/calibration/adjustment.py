@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
-from markergen.calibration.network import Assembly, Network, Views, moved_camera
+from markergen.calibration.network import Network, PlatePoses, Views, moved_camera
 from markergen.maths.conics import pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
@@ -68,7 +68,7 @@ class Adjustment:
         Cost at the minimum, with the weights of the image alone.
     degrees_of_freedom : int
         Measurements less unknowns: the expected value of chi2 if the covariances are right.
-    assembly : Assembly or None
+    plate_poses : PlatePoses or None
         With the adjusted poses of the plates.
     """
 
@@ -80,7 +80,7 @@ class Adjustment:
     residual: Array
     chi2: float
     degrees_of_freedom: int
-    assembly: Assembly | None = None
+    plate_poses: PlatePoses | None = None
 
     @property
     def variance_factor(self) -> float:
@@ -101,7 +101,7 @@ class Adjustment:
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
         parts = normal_equations(self.network, self.views, self.places, self.camera, self.weights)
-        return parts if self.assembly is None else parts.of_bodies(self.views, self.assembly)
+        return parts if self.plate_poses is None else parts.of_bodies(self.views, self.plate_poses)
 
     @cached_property
     def unscaled(self) -> Array:
@@ -140,8 +140,8 @@ class Adjustment:
         """Covariance (3 n + k, 3 n + k) of the dots and of `Camera.parameter_names` together, scaled."""
         size, directions = self.normal.dots, self.network.freedom.directions
         lift = block_diag(np.eye(size), directions)
-        known = lift.shape[1]
-        return np.asarray(self.scale * lift @ self.unscaled[:known, :known] @ lift.T)
+        unknowns = lift.shape[1]
+        return np.asarray(self.scale * lift @ self.unscaled[:unknowns, :unknowns] @ lift.T)
 
     @property
     def plate_covariance(self) -> Array:
@@ -189,9 +189,9 @@ class NormalEquations:
     Attributes
     ----------
     pose : array (v, 6, 6)
-        Of the views or, of an assembly, of the body in its photographs.
+        Of the views or, where plates move together, of the body in its photographs.
     cross : array (v, 6, q)
-        Poses with the q = 3 n + r other unknowns, to which the poses of an assembly's plates are added.
+        Poses with the q = 3 n + r other unknowns, to which those of plates are added.
     rest : array (q, q)
     dots : int
         3 n, or 0 if the dots are held.
@@ -215,17 +215,17 @@ class NormalEquations:
         flat = root.reshape(6 * len(root), -1)
         return self.rest - flat.T @ flat
 
-    def of_bodies(self, views: Views, assembly: Assembly) -> "NormalEquations":
+    def of_bodies(self, views: Views, plate_poses: PlatePoses) -> "NormalEquations":
         """Normal equations of the poses of bodies and plates in the place of those of the views: L'N L."""
-        by_body, by_plates = assembly.derivatives(views)
+        by_body, by_plates = plate_poses.derivatives(views)
         lowered, gradient = by_body.swapaxes(-1, -2), self.gradient_pose[..., None]
         cross = np.concatenate([self.cross, self.pose @ by_plates], axis=-1)
         plates = np.einsum("via,vib->ab", by_plates, cross)
         beside = plates[:, : len(self.rest)]
 
         def by_photo(rows: Array) -> Array:
-            total = np.zeros((int(assembly.photo.max()) + 1, *rows.shape[1:]))
-            np.add.at(total, assembly.photo, rows)
+            total = np.zeros((int(plate_poses.photo.max()) + 1, *rows.shape[1:]))
+            np.add.at(total, plate_poses.photo, rows)
             return total
 
         return replace(
@@ -272,13 +272,13 @@ def adjust(
     )
     problem = _Adjusting(network, views, factors, stiffness, tolerance)
     start = (
-        *((views.rotation, views.translation) if network.assembly is None else network.assembly.bodies(views)),
+        *((views.rotation, views.translation) if network.plate_poses is None else network.plate_poses.bodies(views)),
         network.design if places is None or not network.free else places.copy(),
         np.zeros(len(network.freedom)),
-        *(() if network.assembly is None else (network.assembly.rotation, network.assembly.translation)),
+        *(() if network.plate_poses is None else (network.plate_poses.rotation, network.plate_poses.translation)),
     )
     unknowns, cost = levenberg_marquardt(problem, tuple(block[None] for block in start), DAMPING, STEPS)
-    adjusted, places, moved, assembly = problem.state(unknowns)
+    adjusted, places, moved, plate_poses = problem.state(unknowns)
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
     residual = residuals(network.radii, adjusted, places, camera)[0]
     if not np.isfinite(cost[0]):
@@ -287,9 +287,9 @@ def adjust(
         # So weak that the image's residuals have the degrees of freedom that they have without it.
         off = (network.design - places).ravel()
         cost = cost - off @ network.looseness(places) @ off
-    poses = len(unknowns[0][0]) + (0 if assembly is None else len(assembly.rotation) - 1)
+    poses = len(unknowns[0][0]) + (0 if plate_poses is None else len(plate_poses.rotation) - 1)
     freedom = _freedom(network, int(np.count_nonzero(factors)), poses)
-    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, assembly)
+    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, plate_poses)
 
 
 def _freedom(network: Network, measured: int, poses: int) -> int:
@@ -312,7 +312,7 @@ class _Adjusting(LeastSquares):
     """One network as a batch of one.
 
     The unknowns are rotations and translations of views, or of the body in each photograph; dots; the camera's u; and
-    of an assembly rotations and translations of the plates.
+    where markers are plates of a body, rotations and translations of these.
     """
 
     network: Network
@@ -321,13 +321,13 @@ class _Adjusting(LeastSquares):
     stiffness: float
     tolerance: float
 
-    def state(self, unknowns: Arrays) -> tuple[Views, Array, Array, Assembly | None]:
-        """Return the views with their poses, the dots' places, u, and the assembly with the poses of its plates."""
+    def state(self, unknowns: Arrays) -> tuple[Views, Array, Array, PlatePoses | None]:
+        """Return the views with their poses, the dots' places, u, and the poses of the plates."""
         rotation, translation, places, moved, *plates = (block[0] for block in unknowns)
-        if self.network.assembly is None:
+        if self.network.plate_poses is None:
             return replace(self.views, rotation=rotation, translation=translation), places, moved, None
-        assembly = replace(self.network.assembly, rotation=plates[0], translation=plates[1])
-        return assembly.composed(self.views, (rotation, translation)), places, moved, assembly
+        plate_poses = replace(self.network.plate_poses, rotation=plates[0], translation=plates[1])
+        return plate_poses.composed(self.views, (rotation, translation)), places, moved, plate_poses
 
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
@@ -348,7 +348,7 @@ class _Adjusting(LeastSquares):
 
     def jacobian(self, unknowns: Arrays, evaluated: Arrays) -> Any:
         """See `LeastSquares.jacobian`: here the normal equations in blocks."""
-        views, places, moved, assembly = self.state(unknowns)
+        views, places, moved, plate_poses = self.state(unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0])
         size = parts.dots
@@ -356,7 +356,7 @@ class _Adjusting(LeastSquares):
         if size:
             off = self.gauge.T @ (self.network.design - places).ravel()
             parts.gradient_rest[:size] += self.stiffness * self.gauge @ off
-        return parts if assembly is None else parts.of_bodies(views, assembly)
+        return parts if plate_poses is None else parts.of_bodies(views, plate_poses)
 
     def damped_step(self, jacobian: Any, residual: Array, strength: Array, ridge: float) -> Array:
         """See `LeastSquares.damped_step`, by Schur's complement."""

@@ -46,7 +46,7 @@ class Views(Batched):
 
 
 @dataclass(frozen=True, eq=False)
-class Assembly:
+class PlatePoses:
     """Markers that move together, as plates of a body: a view has the body's pose in its photograph times its plate's.
 
     Attributes
@@ -187,7 +187,7 @@ class Network:
     loose : (float, float), m, optional
         Standard deviations of printed dots about the design, in the marker plane and in height, as weak knowledge: it
         keeps dots that few photographs show near the design, and tells nothing of what the gauge fixes.
-    assembly : Assembly, optional
+    plate_poses : PlatePoses, optional
         How the poses of views hang together; each view has its own if not given.
     """
 
@@ -200,7 +200,7 @@ class Network:
     lengths: tuple[Length, ...] = ()
     prior: Array | None = field(default=None)
     loose: tuple[float, float] | None = None
-    assembly: Assembly | None = None
+    plate_poses: PlatePoses | None = None
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
@@ -229,8 +229,8 @@ class Network:
     def gauge(self, places: Array) -> Array:
         """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph tells.
 
-        Three shifts and three turns of each marker, and its scale unless measurements fix that; the markers of an
-        assembly have one scale.
+        Three shifts and three turns of each marker, and its scale unless measurements fix that; the plates of a
+        body have one scale.
         """
         columns, growths = list[Array](), list[Array]()
         for number in np.unique(self.marker):
@@ -240,7 +240,7 @@ class Network:
             turns = [np.cross(axis, centered) for axis in np.eye(3)]
             columns += [*shifts, *turns]
             growths += [] if self.scale_known(number) else [centered]
-        if self.assembly is not None:
+        if self.plate_poses is not None:
             growths = [np.sum(growths, axis=0)] if len(columns) == 6 * len(growths) else []
         columns += growths
         matrix = np.array([column.ravel() for column in columns]).T

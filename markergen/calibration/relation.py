@@ -2,7 +2,7 @@
 
 The adjustment of each plate's marker by itself leaves out that all plates in a photograph move together: the pose of a
 view is the pose of the body in its photograph times that of the plate in the body. Here the poses of the body, those of
-its plates, the dots in their markers and the camera are adjusted together, from that adjustment on, as an `Assembly`.
+its plates, the dots in their markers and the camera are adjusted together, from that adjustment on, as `PlatePoses`.
 The dots of each marker neither shift nor turn with respect to its design, nor do the designed dots of all markers with
 respect to the designed body. Photographs give the ratios of the markers' scales; without a measured length the dots of
 all markers together do not grow.
@@ -16,7 +16,7 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
-from markergen.calibration.network import Assembly, Pose, Views
+from markergen.calibration.network import PlatePoses, Pose, Views
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between, rigid_motion, skew
 from markergen.model.body import Body, Plate
@@ -102,11 +102,13 @@ def relate(body: Body, adjustment: Adjustment, photo: Indices, print_sigma: floa
     """
     views, photo = adjustment.views, np.unique(photo, return_inverse=True)[1]
     plate = adjustment.network.marker[np.argmax(adjustment.weights > 0, axis=1)]
-    assembly = Assembly(photo, plate, *_plate_poses(body, views, photo, plate))
-    network = replace(adjustment.network, camera=adjustment.camera, assembly=assembly, loose=(print_sigma, print_sigma))
+    plate_poses = PlatePoses(photo, plate, *_plate_poses(body, views, photo, plate))
+    network = replace(
+        adjustment.network, camera=adjustment.camera, plate_poses=plate_poses, loose=(print_sigma, print_sigma)
+    )
     together = adjust(network, views, adjustment.weights, adjustment.places)
-    assert together.assembly is not None
-    poses = together.assembly.rotation, together.assembly.translation
+    assert together.plate_poses is not None
+    poses = together.plate_poses.rotation, together.plate_poses.translation
     (rotations, translations), spread = _as_designed(body, poses, together.plate_covariance)
     plates = [
         Plate(plate.name, plate.marker, tuple(map(tuple, rotation)), tuple(translation))

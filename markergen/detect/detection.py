@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import markergen_detect as engine
 import numpy as np
@@ -102,7 +103,7 @@ class Engine:
         if labeled and len(finding.pixels):
             places = finding.pixels, finding.pixel_covariance, finding.ellipse_centers
             unlabeled = Unlabeled(*places, finding.guess.astype(np.intp))
-        common = {
+        common: dict[str, Any] = {
             "reason": finding.reason,
             "state": finding.state,
             "marker": finding.body,

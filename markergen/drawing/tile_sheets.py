@@ -250,6 +250,7 @@ def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Til
 def _items(figure: Figure, axis: int) -> list[Item]:
     items = [Item((dot.x, dot.y)[axis], dot.radius, quiet_radius(dot)) for dot in figure.dots]
     # A seam near the center would put crosses there that could be mistaken for it.
+    # A half width of -KERF is never hit, only grazed.
     items.append(Item(0.0, -KERF, CENTER))
     if figure.tag_zone and figure.tag:
         ink = bounds(figure.tag[0])
@@ -282,10 +283,12 @@ def _places(low: float, high: float, room: float, overlap: float, items: Sequenc
     middle, half, quiet = np.array([(item.middle, item.half, item.quiet) for item in items]).reshape(-1, 3).T
     away = np.abs(grid[:, None] - middle)
     hit = away < half + KERF
+    # Squared, so that a seam in the middle between two dots costs less than one near either.
     graze = np.clip((quiet - away) / np.maximum(quiet - half, 1e-9), 0, 1) ** 2
     cost = CUT * hit.sum(axis=1) + np.where(hit, 0.0, graze).sum(axis=1)
     best = np.where((grid <= low + outer) & (grid >= low + SHORTEST), cost, inf)
     best += EVEN * ((grid - _even(low, high, 1, count)) / inner) ** 2
+    # Dynamic programming over the seams from the left: the least cost of each place, and from which place it came.
     came: list[np.ndarray] = []
     reach, gap = int(inner / step), ceil(SHORTEST / step)
     for number in range(2, count):
@@ -627,6 +630,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     for dot in figure.dots:
         segments = polygon(_circle(at(dot.x, dot.y), small * dot.radius), "", PALE).segments
         if dot.inner_radius:
+            # Paths are filled by nonzero winding, so a hole turns the other way.
             hole = _circle(at(dot.x, dot.y), small * dot.inner_radius)[::-1]
             segments += polygon(hole, "", PALE).segments
         marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
@@ -668,6 +672,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
 def _gap(place: Point, size: Point, disks: NDArray[np.float64]) -> float:
     """Gap between a box, given by its lower left corner, and the nearest disk (x, y, radius); negative for overlap."""
     low = np.array(place)
+    # Of each axis, how far the disk's center is outside of the box; 0 inside.
     beyond = np.maximum(np.maximum(low - disks[:, :2], disks[:, :2] - low - size), 0)
     return float(np.min(np.hypot(*beyond.T) - disks[:, 2]))
 

@@ -55,6 +55,7 @@ from markergen.read.poses import poses_from
 from markergen.units import format_length
 
 MOST_SCALES = 4
+"""Largest number of sizes that is tried."""
 
 DOTS, FEWEST_DOTS = 8, 5
 """Numbers of dots of the largest scale and at least; each further scale has one less or fewer, so that no two are
@@ -76,7 +77,10 @@ NEAR_BEST = 1.5
 """Error at any distance, relative to the least that any number of scales reaches there, for which fewer will do."""
 
 ROUNDS = 2
-"""Number of rounds in which all scales are polished together."""
+"""Number of rounds in which all scales are polished together.
+
+Without any, the error of a pad for 0.2 to 5 m is 0.9 % larger, of one for 0.15 to 3 m 0.1 %; one, two and three give
+the same there and for 0.3 to 10 m."""
 
 LEAST_SHRINK = 1e-3
 """Smallest radius of a scale, as a fraction of the marker's."""
@@ -151,7 +155,7 @@ class JointProblem:
         moving = np.repeat(np.arange(len(blocks)), [len(other.points) for other in blocks]) == k
         used = np.flatnonzero(covered.served & covered.seen[:, moving].any(axis=1))
         kept = replace(covered, poses=self.poses.taken(used, 0), seen=covered.seen[used])
-        others = self.information(blocks, kept)[:, ~moving].sum(axis=1)
+        others = self.information(blocks, kept, ~moving)
         views, offset = views_of(block.face, kept.poses)
         sight = Sight(kept.seen[:, moving], moved_information(others, offset))
         boundary = block.face.boundary if block.face else self.spec.boundary
@@ -164,26 +168,28 @@ class JointProblem:
         rotation, translation = _placement(face)
         return Carrier((self.outline - translation) @ rotation, -translation @ rotation)
 
-    def information(self, blocks: Sequence[Block], covered: Coverage) -> Array:
-        """Fisher information (P, n, 6, 6) of the body's pose from each dot, 0 if it is not seen."""
-        parts: list[Array] = []
-        start = 0
+    def information(self, blocks: Sequence[Block], covered: Coverage, counted: Mask | None = None) -> Array:
+        """Fisher information (P, 6, 6) of the body's pose from all dots in view, or those of a mask (n,)."""
+        total, start = np.zeros((len(covered.poses), 6, 6)), 0
+        counted = np.ones(len(covered.points), dtype=bool) if counted is None else counted
         for face, plate in groupby(blocks, key=lambda block: block.face):
             points = np.concatenate([block.points for block in plate])
             dots = slice(start, start := start + len(points))
+            if not counted[dots].any():
+                continue
             views, offset = views_of(face, covered.poses)
             seen = Coverage(points, covered.diameters[dots], views, covered.seen[:, dots])
             information = dot_information(seen, self.spec.camera, self.spec.image_noise, self.spec.print_sigma)
-            parts.append(moved_information(information, -offset[:, None]))
-        return np.concatenate(parts, axis=1)
+            total += moved_information(information[:, counted[dots]].sum(axis=1), -offset)
+        return total
 
     def errors(self, covered: Coverage, information: Array) -> Array:
-        """Objective (P,) of each pose for the information (P, n, 6, 6) of its dots; inf for poses not served."""
+        """Objective (P,) of each pose for the information (P, 6, 6) on it; inf for poses not served."""
         setting = Setting(self.spec.boundary, self.spec.camera, covered.poses, carrier=self._carrier(None))
         lead = OBJECTIVES[parse_goal(self.spec.objective).lead](setting)
         assert isinstance(lead, PoseCovarianceObjective)
         errors, served = np.full(len(information), np.inf), covered.served
-        pose = covariance(information.sum(axis=1)[served])
+        pose = covariance(information[served])
         errors[served] = np.sqrt(np.trace(lead.weight[served] @ pose, axis1=-2, axis2=-1))
         return errors
 
@@ -419,9 +425,9 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     check(points, spec.boundary, spec.blocked, diameters, clearance)
     _check_figures(scales)
     problem, covered = _problem(spec, poses), coverage(marker, spec.camera, poses)
-    information = dot_information(covered, spec.camera, spec.image_noise, spec.print_sigma)
+    information = dot_information(covered, spec.camera, spec.image_noise, spec.print_sigma).sum(axis=1)
     pose = np.full((len(poses), 6, 6), np.inf)
-    pose[covered.served] = covariance(information.sum(axis=1)[covered.served])
+    pose[covered.served] = covariance(information[covered.served])
     _, value = problem.value(covered, problem.errors(covered, information))
     served = np.flatnonzero(covered.served)
     setting = Setting(spec.boundary, spec.camera, poses.taken(served, len(poses) - len(served)))

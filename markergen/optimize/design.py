@@ -26,7 +26,6 @@ from markergen.model.sight import Coverage, coverage
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
-from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
@@ -42,7 +41,6 @@ from markergen.optimize.problem import (
     check_parts,
     faults,
     objective_of,
-    room_of,
     rough_of,
 )
 from markergen.optimize.relief import ReliefRoom, check_relief, relief_breach, search_relief
@@ -221,7 +219,7 @@ class Design(Result):
         if self.account:
             return Certificate(len(self.body), self.value, reason=self.account.unbounded)
         if not self._certificates:
-            region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance, self.spec.gap)
+            region = self.dots.region(self.spec)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
             objective = objective_of(self.spec, self.setting, ngon)
             self._certificates.append(
@@ -455,13 +453,10 @@ def _design(
     spec = choice.spec if choice else spec
     check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
-    setting = Setting(spec.boundary, spec.camera, poses)
-    check_parts(spec, setting)  # reject wrong names before any search
-    dots = size_given(spec, setting.poses) if spec.points else choose_dots(spec, setting.poses, progress)
+    check_parts(spec, Setting(spec.boundary, spec.camera, poses))  # reject wrong names before any search
+    dots = size_given(spec, poses) if spec.points else choose_dots(spec, poses, progress)
     dots = replace(dots, reason=choice.reason) if choice else dots
-    if spec.noise_model == "image":
-        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    setting, region = dots.setting(spec, poses), dots.region(spec)
     ngon = reference(spec, region, setting)
     objective = objective_of(spec, setting, ngon)
     rng = np.random.default_rng(spec.seed)

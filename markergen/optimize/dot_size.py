@@ -77,6 +77,16 @@ class DotSize:
     reason: str
     warning: str = ""
 
+    def region(self, spec: Spec) -> FeasibleRegion:
+        """Where a spec allows these dots."""
+        return FeasibleRegion(room_of(spec), self.diameter, self.clearance, spec.gap)
+
+    def setting(self, spec: Spec, poses: PoseDistribution) -> Setting:
+        """Setting of a spec with these dots: the noise of their images, if the spec asks for it."""
+        is_noisy = spec.noise_model == "image"
+        noise = DotNoise(self.diameter, spec.image_noise, spec.print_sigma) if is_noisy else None
+        return Setting(spec.boundary, spec.camera, poses, noise)
+
 
 def clearance_of(spec: Spec, diameter: float) -> float:
     """Clearance in m according to the spec for dots of the given diameter."""

@@ -8,6 +8,7 @@ each from all others, so that no view confuses them (`bounds.confusion`).
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import permutations
 from time import perf_counter
 from typing import Any
@@ -69,13 +70,18 @@ MOST_STORED = 400
 """Maximum number of poses stored in each marker."""
 
 EDGE = 8
-"""Number of places at the edge of a plate that show whether a pose shows dots anywhere on it."""
+"""Number of places at the edge of a plate that show whether a pose shows dots anywhere on it.
+
+With 4, one pose in 14 of a cube's faces counts that 8, 16 and 64 leave out. On a wall of six squares, 64 leave out up
+to three more of 90, and take eight times as long."""
 
 STEEPEST = 0.5
 """Cosine of the tilt of the face of a cube that is seen best, from nearby; from far away it is 0.58."""
 
 SWEEPS = 2
-"""Rounds over all plates."""
+"""Rounds over all plates.
+
+Of a wall of six plates with tags, none leaves 9 % more rotation error, one 0.9 %, and three take away 0.02 %."""
 
 APART_PX = 1.0
 """Demanded safety in px against taking a plate for another, RMS over its dots, from every pose that sees it."""
@@ -169,7 +175,7 @@ class RigSearch:
         outline = [
             silhouette(face.boundary) @ np.array(face.rotation).T[:2] + np.array(face.translation) for face in faces
         ]
-        self.problem = JointProblem(spec, poses, self.see, np.concatenate(outline))
+        self.problem = JointProblem(spec, poses, lru_cache(maxsize=2)(self.see), np.concatenate(outline))
 
     def see(self, blocks: Sequence[Block]) -> Coverage:
         """What the poses see of the rig with these dots."""

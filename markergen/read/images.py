@@ -160,6 +160,7 @@ def decoded_levels(pixels: NDArray[Any]) -> Grey:
 def _over_white(colors: NDArray[Any]) -> NDArray[Any]:
     most = float(np.iinfo(colors.dtype).max)
     opacity = colors[..., -1:] / most
+    # Blend with white: c a + most (1 - a).
     return np.rint(most + opacity * (colors[..., :-1] - most)).astype(colors.dtype)
 
 
@@ -185,6 +186,7 @@ def check_frame(frame: object) -> NDArray[Any]:
     """
     if not isinstance(frame, np.ndarray):
         raise InputError("an image as a numpy array", _named(frame), _made_array(frame))
+    # Byte order is not compared: arrays of files in the other order are images as well.
     kind = frame.dtype.newbyteorder("=")
     if kind not in (np.uint8, np.uint16):
         raise InputError("an image of uint8 or uint16", str(kind), _made_integer(kind))

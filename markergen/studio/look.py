@@ -18,12 +18,11 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
 from markergen.optimize.design import Design
 from markergen.optimize.dot_count import at_a_glance, sources_of
 from markergen.optimize.dot_size import choose_dots, size_given
-from markergen.optimize.problem import Fault, FeasibleRegion, faults, objective_of, room_of
+from markergen.optimize.problem import Fault, FeasibleRegion, faults, objective_of
 from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
@@ -141,10 +140,7 @@ def sketch(options: Options) -> Sketch:
     spec, start = _begun(spec_of_options(options))
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     dots = size_given(spec, poses)
-    setting = Setting(spec.boundary, spec.camera, poses)
-    if spec.noise_model == "image":
-        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    setting, region = dots.setting(spec, poses), dots.region(spec)
     points = np.array(spec.points)
     return Sketch(spec, dress(points, dots, spec, setting, {}), setting, region, faults(points, region), start)
 
@@ -161,7 +157,7 @@ def _begun(spec: Spec) -> tuple[Spec, str]:
     spec = replace(spec, dot=None) if spec.dot == "auto" else spec
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     dots = choose_dots(spec, poses)
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    region = dots.region(spec)
     layouts = comparison_layouts(region, spec.n, spec.seed)
     name = next((name for name in STARTS if len(layouts.get(name, ()))), None)
     if name is None:

@@ -84,19 +84,20 @@ def test_the_main_job(here, capsys):
 def test_the_same_seed_writes_the_same_bytes(here):
     for folder in ("a", "b"):
         (here / folder).mkdir()
-        assert main(["design", "--n", "4", "--seed", "3", "-o", f"{folder}/m.pdf", "-o", f"{folder}/m.svg"]) == 0
+        outputs = ["-o", f"{folder}/m.pdf", "-o", f"{folder}/m.svg"]
+        assert main(["design", "--n", "4", "--seed", "3", "--restarts", "2", *outputs]) == 0
     for name in ("m.pdf", "m.svg", "m.json"):
         assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
 
 
 def test_options_go_before_the_template(here, capsys):
-    assert main(["design", "--template", "desk-a4", "--n", "4", "-o", "m.json"]) == 0
+    assert main(["design", "--template", "desk-a4", "--n", "4", "--restarts", "1", "-o", "m.json"]) == 0
     assert "4 control points in a disk" in capsys.readouterr().out
     assert names(here) == {"m.json"}
 
 
 def test_the_desk_template_fits_on_a4(here, capsys):
-    assert main(["design", "--template", "desk-a4", "-o", "m.pdf"]) == 0
+    assert main(["design", "--template", "desk-a4", "--restarts", "1", "-o", "m.pdf"]) == 0
     assert "needs A4" in capsys.readouterr().out
 
 
@@ -248,7 +249,8 @@ def test_results_on_standard_output_are_nothing_but_json(marker, capsys):
 
 def test_a_failed_check_is_status_1(marker, capsys):
     common = ["validate", "marker.json", "--runs", "0", "--views", "0"]
-    assert main([*common, "--fail-if", "bound.rotation_deg > 0.1", "--fail-if", "bound.rotation_deg > 5"]) == 1
+    few = [*common, "--poses", "cone:count=20"]
+    assert main([*few, "--fail-if", "bound.rotation_deg > 0.1", "--fail-if", "bound.rotation_deg > 5"]) == 1
     said = capsys.readouterr().err
     assert "FAILED: bound.rotation_deg" in said
     assert "passed: bound.rotation_deg" in said

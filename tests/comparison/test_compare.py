@@ -8,13 +8,12 @@ import pytest
 from sentences import sentence
 
 from markergen.comparison import compare as module
-from markergen.comparison.compare import _ratio, compare, rms_interval
+from markergen.comparison.compare import Observation, _ratio, compare, rms_interval
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
 from markergen.comparison.fiducials import FiducialSettings
 from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
-from markergen.comparison.series import Observation
 from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure

@@ -155,13 +155,29 @@ def test_a_process_and_a_format(run, here):
     )
 
 
-def test_names_of_plug_ins_are_among_the_known_ones(run, here):
-    assert "volume" in run("design --objective volum -o no.json", 2)
-    assert "helix:turns=N,count=N" in run("design --poses helicopter -o no.json", 2)
-    assert "did you mean 'etch'?" in run("export plain.json -o m.step --process etsch", 2)
-    assert ".xyz" in run("export plain.json -o m.abc", 2)
+SEVERAL = """
+import sys
+from markergen.cli import main
+for line in sys.stdin.read().splitlines():
+    assert main(line.split()) == 2, line
+"""
+
+
+def test_names_of_plug_ins_are_among_the_known_ones(run, site, here):
     (here / "wrong.yaml").write_text(CAMERA.replace("field_of_view", "omni"))
-    assert "fov, field_of_view" in run("design --camera wrong.yaml -o no.json", 2)
+    known = {
+        "design --objective volum -o no.json": "volume",
+        "design --poses helicopter -o no.json": "helix:turns=N,count=N",
+        "export plain.json -o m.step --process etsch": "did you mean 'etch'?",
+        "export plain.json -o m.abc": ".xyz",
+        "design --camera wrong.yaml -o no.json": "fov, field_of_view",
+    }
+    command = [sys.executable, "-W", "error", *FORMER, "-c", SEVERAL]
+    options = {"cwd": here, "env": environment(site), "capture_output": True, "text": True}
+    done = subprocess.run(command, input="\n".join(known), **options)
+    assert done.returncode == 0, done.stderr
+    for line, name in zip(done.stderr.splitlines(), known.values(), strict=True):
+        assert name in line
     # Without the package, a marker that needs it says what is missing.
     marker = json.loads((here / "plain.json").read_text())
     marker["provenance"] = {"spec": {"poses": "helix:count=12"}}

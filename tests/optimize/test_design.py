@@ -114,7 +114,7 @@ def test_studies_may_use_bare_points_and_are_warned():
     assert any(f"takes {RING_PIXELS:g} px for the" in warning for warning in small)
     assert any(
         "Hartley" in warning
-        for warning in design(Spec(objective="condition", coordinates="hartley", restarts=1, poses=FEW)).warnings
+        for warning in design(Spec(n=4, objective="condition", coordinates="hartley", restarts=1, poses=FEW)).warnings
     )
 
 

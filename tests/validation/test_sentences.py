@@ -17,7 +17,7 @@ def said(rotation, translation=None, **results):
 def test_what_limits_the_pose_is_the_largest_source(source, word):
     first, *rest = said({"image": 0.1, "print": 0.1, "camera": 0.1} | {source: 1.0})
     assert first.startswith("Of image noise,")
-    assert f", {word} limits the rotation and the translation: {sentences.REMEDIES[source]}." in first
+    assert sentence("limits both", word, sentences.REMEDIES[source]) in first
     assert first.endswith(sentence("nothing else"))
     assert not rest
 

@@ -149,6 +149,7 @@ class _DxfReader:
                 "explode the blocks",
             )
         for copy in self._copies(insert):
+            # ezdxf multiplies rows from the left, so its matrices are transposed.
             placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T[:3]
             self.layout(block, _times(matrix, placed), layer, (*blocks, name))
 
@@ -175,6 +176,7 @@ class _DxfReader:
         """Tell whether an entity is visible; an INSERT on a hidden layer may contain entities of the wanted layer."""
         if self.wanted is not None:
             return True
+        # A layer without an entry in the table is on.
         if entity.dxf.get("invisible", 0) or layer not in self.document.layers:
             return not entity.dxf.get("invisible", 0)
         entry = self.document.layers.get(layer)
@@ -196,6 +198,7 @@ def _document(file: OutlineFile) -> "Document":
         raise file.too_much(f"at most {LARGEST_DXF // 10**6} MB of DXF")
     text = _whole(_text(file).lstrip("\n"), file)
     # A group is two lines, a code and a value; code 0 starts a record.
+    # Counted before parsing, which makes an object of each.
     if sum(line.strip() == "0" for line in text.splitlines()[::2]) > MOST_RECORDS:
         raise file.too_much(f"at most {MOST_RECORDS} entities and other records")
     import ezdxf
@@ -294,6 +297,7 @@ def _ellipse(entity: Any, file: OutlineFile, name: str) -> Parts:
     del file, name
     u = np.array(entity.dxf.major_axis, dtype=float)
     normal = np.array(entity.dxf.extrusion, dtype=float)
+    # A DXF gives the major axis, and the minor one as a ratio of it.
     v = np.cross(normal / np.linalg.norm(normal), u) * float(entity.dxf.ratio)
     start, end = float(entity.dxf.start_param), float(entity.dxf.end_param)
     angle = _turn(start, end)
@@ -364,9 +368,11 @@ def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> list
     """Curves in space through vertices (x, y, bulge), where a bulge applies to the segment that follows."""
     if len(rows) > MOST_PIECES:
         raise file.too_much(f"polylines of at most {MOST_PIECES} points")
+    # Affine map of the plane to the elevation of the polyline.
     lift = np.column_stack([_RAISED[:, :2], [0.0, 0.0, height]])
     if not rows[:, 2].any():
         return [Polyline(rows[:, :2]).mapped(lift)]
+    # The bulge of the last vertex of an open polyline means nothing.
     ends = np.roll(rows, -1, axis=0) if closed else rows[1:]
     steps = zip(rows[: len(ends)], ends, strict=True)
     return [bulge(start[:2], end[:2], float(start[2])).mapped(lift) for start, end in steps]
@@ -383,6 +389,7 @@ def _round(entity: Any, file: OutlineFile, name: str) -> tuple[Array, Array, Arr
 
 def _turn(start: float, end: float) -> float:
     """Angle from start to end, counterclockwise, above 0 and at most a full turn."""
+    # Written so that equal angles give a full turn, as an arc of a DXF has them.
     return float(2 * np.pi - (start - end) % (2 * np.pi))
 
 

@@ -7,7 +7,7 @@ along an axis of the grid.
 # tests: tests/studies/sweep/test_run.py tests/studies/sweep/test_table.py tests/studies/sweep/test_report.py
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,14 +19,12 @@ from markergen.arrays import Array
 from markergen.errors import InputError, MarkergenError
 from markergen.files import write_all
 from markergen.model.spec import Spec
-from markergen.objectives import Criterion, Setting
+from markergen.objectives import Criterion
 from markergen.objectives.criteria import columns as criteria_columns
 from markergen.objectives.criteria import criteria
-from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import DotSize, choose_dots
-from markergen.optimize.problem import FeasibleRegion, room_of
 from markergen.optimize.target import settled
 from markergen.presentation.pages import Section
 from markergen.presentation.pages import page as page_of
@@ -151,11 +149,8 @@ def _given_layout(spec: Spec, kind: str, seed: int) -> tuple[Array, DotSize, Map
     choice = settled(spec)
     spec = choice.spec if choice else spec
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
-    setting = Setting(spec.boundary, spec.camera, poses)
     dots = choose_dots(spec, poses)
-    if spec.noise_model == "image":
-        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    setting, region = dots.setting(spec, poses), dots.region(spec)
     layouts = comparison_layouts(region, spec.n, seed, setting).get(kind)
     if layouts is None:
         raise MarkergenError(f"expected room for the layout {kind}, found that its dots would touch")
