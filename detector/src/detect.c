@@ -207,6 +207,22 @@ static void seek(Frame *frame, int64_t l)
     quest->ended = !(best->evidence > (has_tag(frame->model, l) ? 0 : SURE / 2));
 }
 
+/* Whether a member's tag faces the camera. */
+static int faces(const Member *member, const Pose *pose)
+{
+    const double(*c)[3] = member->corners, *R = pose->R;
+    double u[3], v[3], along = 0;
+    for (int a = 0; a < 3; a++) {
+        u[a] = c[1][a] - c[0][a];
+        v[a] = c[3][a] - c[0][a];
+    }
+    const double n[3] = {v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]};
+    for (int a = 0; a < 3; a++)
+        along += (R[3 * a] * n[0] + R[3 * a + 1] * n[1] + R[3 * a + 2] * n[2]) *
+                 (R[3 * a] * c[0][0] + R[3 * a + 1] * c[0][1] + R[3 * a + 2] * c[0][2] + pose->t[a]);
+    return along < 0;
+}
+
 /* What the tag says of a labeling: 1 if it is the one of a member, who becomes the finding's, -1 if it is another, or not where
    or as it should be, 0 if none is read. */
 static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Finding *finding)
@@ -223,7 +239,7 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
             continue;
         if (!members++)
             finding->member = (int32_t)k;
-        if (member->family < 0 || !frame->image)
+        if (member->family < 0 || !frame->image || !faces(member, &labeling->pose))
             continue;
         if (!asked || asked->family != member->family || memcmp(asked->corners, member->corners, sizeof asked->corners)) {
             asked = member;
@@ -252,7 +268,7 @@ static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Find
         }
     }
     /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
-    if (!answer && asked && (members > 1 || finding->tag_state >= TAG_FAINT))
+    if (!answer && asked && (members > 1 || (finding->tag_state >= TAG_FAINT && model->layouts[l].plate_count == 1)))
         finding->state = HIDDEN_TAG;
     else if (!answer && members > 1)
         finding->state = CLAIMED;
