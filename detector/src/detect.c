@@ -521,6 +521,19 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
     }
 }
 
+/* Leaves out dots of other plates whose fit is refused: seen at a grazing angle, they are two px thin and off by one. */
+static void leave_refused(const Frame *frame, const Layout *layout, Labeling *labeling)
+{
+    int64_t fitted = 0;
+    for (int64_t d = 0; d < layout->count; d++)
+        fitted += labeling->labels[d] >= 0 && frame->scene.blobs[labeling->labels[d]].state != REFUSED;
+    for (int64_t d = 0; d < layout->count && layout->plate_count > 1 && fitted > LEAST_DOTS; d++)
+        if (labeling->labels[d] >= 0 && frame->scene.blobs[labeling->labels[d]].state == REFUSED) {
+            labeling->labels[d] = -1;
+            labeling->count--;
+        }
+}
+
 /* Looks for the next body; returns 1 if there may be more, 0 if there are none, or NO_MEMORY. */
 static int next_finding(Frame *frame)
 {
@@ -570,7 +583,8 @@ static int next_finding(Frame *frame)
         quest->ended = !(finding.state && strangers);
         return 1;
     }
-    const Labeling *chosen = quest->pool.best + place;
+    Labeling *chosen = quest->pool.best + place;
+    leave_refused(frame, layout, chosen);
     const int misplaced = contradictions(frame, layout, chosen, &finding);
     if (misplaced < 0)
         return NO_MEMORY;

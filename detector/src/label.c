@@ -477,7 +477,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         offset += x * x + y * y;
     }
     const double z = far;
-    if (!(z > 0) || labeling->count < LEAST_DOTS)
+    /* Without a camera, four dots of more have a homography with nearly any labels. */
+    const int few = !scene->calibrated && labeling->count == LEAST_DOTS && layout->count > LEAST_DOTS;
+    if (!(z > 0) || labeling->count < LEAST_DOTS || few)
         return -INFINITY;
     const Camera *camera = scene->camera;
     const double frustum = (double)camera->width / camera->fx * (double)camera->height / camera->fy / (pose->focal * pose->focal);
