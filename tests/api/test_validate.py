@@ -206,7 +206,13 @@ def test_pictures_of_an_earlier_run_go_and_other_files_stay(proved, tmp_path):
 
 def test_printed_it_is_what_the_command_prints(proved, bounds):
     said = str(proved.found)
-    for words in ("Rotation error RE, deg", "Error budget", "Synthetic views", "4 of 4 detected", "bound (CRLB)"):
+    for words in (
+        "Rotation error RE, deg",
+        "Error budget",
+        "Synthetic views",
+        "4 of 4 rendered views detected",
+        "bound (CRLB)",
+    ):
         assert words in said
     tables = [line for line in said.splitlines() if "─" in line]
     assert len(tables) >= 6

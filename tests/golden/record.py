@@ -33,7 +33,7 @@ import markergen as mg
 HERE = Path(__file__).resolve().parent
 INPUTS, EXPORTS, DESIGNS = HERE / "inputs", HERE / "exports.json", HERE / "designs.json"
 
-POINTS = (".json", ".csv", ".kalibr.yaml", ".opencv.yaml", ".ros2.yaml", ".apriltag.yaml")
+POINTS = (".json", ".detector.json", ".csv", ".kalibr.yaml", ".opencv.yaml", ".ros2.yaml", ".apriltag.yaml")
 SHEETS = (".pdf", ".svg", ".png", ".dxf")
 KERNEL = (".fab.pdf", ".step", ".stp", ".brep", ".stl", ".3mf", ".glb", ".sdf", ".mjcf.xml", ".urdf")
 EVERY = (*POINTS, *SHEETS, *KERNEL)

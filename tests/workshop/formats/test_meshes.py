@@ -172,7 +172,7 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
 def test_a_marker_in_several_formats_is_made_once(make, monkeypatch):
     marker, options = make(4, False), ExportOptions(fabrication=Fabrication("print", **BLANK))
     first = meshed([marker], options, ".stl")
-    monkeypatch.setattr("markergen.workshop.formats.meshes.meshes_of", None)
+    monkeypatch.setattr("markergen.workshop.mesh.meshes_of", None)
     assert meshed([replace(marker)], replace(options, stem="other"), ".glb").parts is first.parts
 
 
