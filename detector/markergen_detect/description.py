@@ -124,7 +124,7 @@ class Body:
         for dots, matrix in self.joint:
             alone[dots] = 0
             columns = np.zeros((n, 3, len(matrix)))
-            columns[dots] = _root(matrix).reshape(len(dots), 3, -1)
+            columns[dots] = root(matrix).reshape(len(dots), 3, -1)
             moved.append(columns)
         if self.relation is not None:
             # A dot at R x + t on a plate whose pose is off by (w, dt) is off by w x R x + dt.
@@ -133,7 +133,7 @@ class Body:
             for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
                 rows[row, i, self.plates, j], rows[row, i, self.plates, k] = lever[:, k], -lever[:, j]
                 rows[row, i, self.plates, 3 + i] = 1
-            moved.append(rows.reshape(n, 3, -1) @ _root(self.relation))
+            moved.append(rows.reshape(n, 3, -1) @ root(self.relation))
         if scale_sigma:
             axes = self.rotations[self.plates]
             local = np.einsum("nji,nj->ni", axes, self.places - self.translations[self.plates])
@@ -177,7 +177,7 @@ class Body:
         return np.where(np.isnan(self.measured), usual, self.measured)
 
 
-def _root(covariance: Array) -> Array:
+def root(covariance: Array) -> Array:
     """Return L with L L' the covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0))

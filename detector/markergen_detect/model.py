@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen_detect.core import pointer, structures
-from markergen_detect.description import Body, DescriptionError, Tag
+from markergen_detect.description import Body, DescriptionError, Tag, root
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -150,8 +150,8 @@ def _errors(
         errors["common"], errors["moved"], errors["alone"] = moved.shape[2], pointer(moved), pointer(alone)
         kept += [moved, alone]
     if calibration is not None:
-        errors["calibration"] = pointer(calibration)
-        kept.append(calibration)
+        kept.append(np.ascontiguousarray(root(calibration)))
+        errors["calibration"] = pointer(kept[-1])
     errors["several"] = parts > 1
     kept.append(errors)
     return errors

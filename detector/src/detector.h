@@ -19,6 +19,12 @@ enum { NO_MEMORY = -1 };
 /* Digest of the sources that the library was built from. */
 const char *detector_source(void);
 
+/* ---- numbers.c ---- */
+
+/* Solves N x = b for `count` columns b (n), which it replaces: Cholesky's decomposition N = L L', L in the lower triangle of N (n,
+   n), which alone is read. Pivots are `least` or more; without that, -INFINITY, a matrix that is not positive gives nan. */
+void solve_positive(int n, double *N, double *columns, int count, double least);
+
 /* ---- image.c ---- */
 
 /* Grey levels, `stride` bytes from one row to the next. `wide`: uint16 instead of uint8. `inverted`: the pixels are read as
@@ -119,9 +125,9 @@ void outline_of(const Dot *dot, const double *place, const Pose *pose, Outline *
 /* Levenberg-Marquardt on weighted distances between measured and predicted centers, from `pose`, which it replaces. seen (m,
    2), weight (m, 3) the inverse covariances, zero for those that do not count. `places`: 1 for `place`, 0 for `xyz`.
    `focal`: standard deviation of the logarithm of the focal length about 1, 0 for none. Returns chi2, INFINITY if dots are
-   not seen from the front; `normal` (7, 7), unless NULL, is J'WJ of (w, dt, log focal) at the end: R <- exp([w]x) R. */
+   not seen from the front. */
 double refine_pose(const Dot *dots, const Match *matches, int64_t m, const double *seen, const double *weight, int places,
-                   double focal, int steps, double tolerance, Pose *pose, double *normal);
+                   double focal, int steps, double tolerance, Pose *pose);
 
 /* The pose with nearly the same image of the flat dots matched: the normal reflected about the line of sight. */
 void mirrored_pose(const Dot *dots, const Match *matches, int64_t m, const Pose *pose, Pose *mirrored);
@@ -132,7 +138,8 @@ typedef struct {
     const double *moved;       /* (dots, 3, common): displacement of each dot by one standard deviation of each, m, in the body */
     const double *alone;       /* (dots, 9): covariance of each place without them, m^2, which Dot.print, by which dots count, is with;
                                   NULL for Dot.print */
-    const double *calibration; /* (4 + Camera.count)^2: covariance of fx, fy, cx, cy and the coefficients; NULL for none */
+    const double *calibration; /* (4 + Camera.count)^2: L, of which L L' is the covariance of fx, fy, cx, cy and the coefficients;
+                                  NULL for none */
     int several;               /* whether the body has several plates or constellations: see SHORT_PX */
 } Errors;
 
@@ -150,19 +157,6 @@ typedef struct {
    Blobs are to be `known`. */
 int64_t estimate_pose(const Dot *dots, const Blob *blobs, Match *matches, int64_t m, const Camera *camera,
                       const Errors *errors, const Pose *start, Estimate *estimate);
-
-/* The image of a dot's own center, px, which the ellipse's center in its blob is not: 1, or 0 beyond the lens's reach. */
-int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel);
-
-/* Homography H from (x, y) of `xyz`, m, of flat dots to px of an image without lens distortion, by DLT from (m, 2) points in
-   it, scaled to H[8] = 1. Returns 0 if no four dots have no three on a line: then H is not written. */
-int fit_homography(const Dot *dots, const Match *matches, int64_t m, const double *points, double *H);
-
-/* Without a camera: images of flat dots' own centers (m, 2), px, and the homography; as fit_homography. */
-int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H);
-
-/* Solves N x = b, N (n, n) symmetric positive, for each of `count` b (n); N is replaced by its factor. */
-void solve_positive(int n, double *N, double *columns, int count, double least);
 
 /* ---- tag.c ---- */
 
@@ -372,6 +366,13 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
 void findings_free(Findings *findings);
 
 /* ---- results.c ---- */
+
+/* The image of a dot's own center, px, which the ellipse's center in its blob is not: 1, or 0 beyond the lens's reach. */
+int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel);
+
+/* Without a camera: images of flat dots' own centers (m, 2), px, and the homography H from (x, y) of `xyz`, m, to px, by DLT,
+   scaled to H[8] = 1. Returns 0 if no four dots have no three on a line: then H is not written; or NO_MEMORY. */
+int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H);
 
 /* Fills in `dropped` and what follows it in a finding with labels; without a pose that sees its dots from the front it is UNFIT.
    Returns 0 or NO_MEMORY. */

@@ -612,7 +612,7 @@ static const double FIT_TOLERANCE = 1e-4;
 static double fit(const Scene *scene, const Layout *layout, int64_t m, Work *work, Pose *pose)
 {
     return refine_pose(layout->dots, work->matches, m, work->seen, work->weight, 0, scene->calibrated ? 0 : 1, FIT_STEPS,
-                       FIT_TOLERANCE, pose, NULL);
+                       FIT_TOLERANCE, pose);
 }
 
 /* Whether all dots matched are on one plate. */

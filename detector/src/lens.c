@@ -8,7 +8,7 @@
    then the homography of a sensor tilted by tau_x and tau_y. Equidistant is s = a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) / r
    with a = atan r. Both are used below the radius `reach` alone, where their Jacobian is positive definite. */
 
-#include "detector.h"
+#include "numbers.h"
 
 enum {
     SAMPLES = 32,      /* of a fitted outline; centers differ by less than 1e-5 px with 64, and cost 12 us */
@@ -17,8 +17,7 @@ enum {
     NEWTON_STEPS = 100 /* most need 2 or 3; near the end of the domain, where J is singular, a step halves the error */
 };
 
-static const double TOLERANCE = 1e-13; /* of the inverse's residual, as a share of 1 + r' */
-static const double FARTHEST = 1e9;    /* r' that any lens may have: its square is a number */
+static const double TOLERANCE = 1e-13; /* of the inverse's residual, as a share of the image's size and the place */
 static const double CENTER = 1e-12;    /* r^2 below which atan r / r = 1 - r^2 / 3 */
 
 /* Radial scale s and its derivative by r^2. */
@@ -81,62 +80,25 @@ static int tilt(const Camera *camera, double *T)
     return 1;
 }
 
-static void cross(const double *a, const double *b, double *product)
+/* Pixel of a ray, and its derivatives (2, 2), by all lenses but sampled ones: 0 beyond its reach. */
+static int project(const Camera *camera, const double *ray, double *pixel, double *J)
 {
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        product[i] = a[j] * b[k] - a[k] * b[j];
-    }
-}
-
-/* Inverse of `bend` by damped Newton steps from `ray`, which it replaces: 0 where there is none. */
-static int straighten(const Camera *camera, double u, double v, double *ray)
-{
-    double tolerance = TOLERANCE * (1 + hypot(u, v)), least = INFINITY;
-    double x = ray[0], y = ray[1], from[2] = {x, y}, step[2] = {0, 0};
-    for (int i = 0; i < NEWTON_STEPS; i++) {
-        double at[2] = {x, y}, bent[2], J[4] = {0}, error = INFINITY, dx = 0, dy = 0;
-        if (bend(camera, at, bent, J)) {
-            dx = u - bent[0], dy = v - bent[1];
-            error = dx * dx + dy * dy;
-        }
-        if (error <= tolerance * tolerance) {
-            ray[0] = x, ray[1] = y;
-            return 1;
-        }
-        if (error < least) {
-            double det = J[0] * J[3] - J[1] * J[2];
-            from[0] = x, from[1] = y, least = error;
-            step[0] = (J[3] * dx - J[1] * dy) / det, step[1] = (J[0] * dy - J[2] * dx) / det;
-        } else /* J is positive definite, so that a fraction of the step reduces the residual */
-            step[0] /= 2, step[1] /= 2;
-        x = from[0] + step[0], y = from[1] + step[1];
-    }
-    return 0;
-}
-
-/* A point on the ray's side that s alone takes to (u, v): the start of Newton's method. 0 where none can be. */
-static int begin(const Camera *camera, double u, double v, double *ray)
-{
-    double rho = hypot(u, v), reach = camera->reach * (1 - 1e-12), low = 0, high = reach, slope;
-    double r = fmin(rho, reach);
-    if (camera->lens == EQUIDISTANT)
-        r = rho < 1.5 ? fmin(tan(rho), reach) : reach / 2;
-    for (int i = 0; i < NEWTON_STEPS && rho > 0; i++) {
-        double s = radial(camera, r * r, &slope), error = s * r - rho, was = r;
-        if (!isfinite(error))
+    double d[3] = {ray[0], ray[1], 1}, D[4] = {1, 0, 0, 1}, T[9], p[3];
+    if (camera->lens == PINHOLE ? !isfinite(ray[0] + ray[1]) : !bend(camera, ray, d, D))
+        return 0;
+    if (tilt(camera, T)) {
+        rotated(T, d, p);
+        if (!(p[2] > 0))
             return 0;
-        if (error > 0)
-            high = r;
-        else
-            low = r;
-        r -= error / (s + 2 * r * r * slope);
-        if (!(r > low && r < high)) /* bisected as angles, since the reach may be a million */
-            r = tan((atan(low) + atan(high)) / 2);
-        if (fabs(r - was) <= 1e-6 * (1 + r))
-            break;
+        for (int i = 0; i < 2; i++) {
+            const double w = p[2], x = p[i] / w, a = (T[3 * i] - x * T[6]) / w, b = (T[3 * i + 1] - x * T[7]) / w;
+            J[2 * i] = a * D[0] + b * D[2], J[2 * i + 1] = a * D[1] + b * D[3];
+            d[i] = x;
+        }
+        memcpy(D, J, sizeof D);
     }
-    ray[0] = rho > 0 ? u * r / rho : 0, ray[1] = rho > 0 ? v * r / rho : 0;
+    pixel[0] = camera->fx * d[0] + camera->cx, pixel[1] = camera->fy * d[1] + camera->cy;
+    J[0] = camera->fx * D[0], J[1] = camera->fx * D[1], J[2] = camera->fy * D[2], J[3] = camera->fy * D[3];
     return 1;
 }
 
@@ -155,14 +117,14 @@ static int64_t cubic(double place, int64_t count, double *w, double *d)
 
 /* Ray of a pixel from a sampled map, and its derivatives (2, 2) by the pixel: 0 outside, and where nodes have no ray. The
    nodes' first and last lines are the image's edges, at -0.5 and width - 0.5. */
-static int sampled(const Camera *camera, double x, double y, double *ray, double *J)
+static int sampled(const Camera *camera, const double *pixel, double *ray, double *J)
 {
-    double sx = (double)(camera->columns - 1) / (double)camera->width, px = (x + 0.5) * sx;
-    double sy = (double)(camera->rows - 1) / (double)camera->height, py = (y + 0.5) * sy;
+    double sx = (double)(camera->columns - 1) / (double)camera->width, px = (pixel[0] + 0.5) * sx;
+    double sy = (double)(camera->rows - 1) / (double)camera->height, py = (pixel[1] + 0.5) * sy;
+    double wx[4], dx[4], wy[4], dy[4];
     if (camera->columns < 4 || camera->rows < 4 || !(px >= 0 && px <= (double)(camera->columns - 1)) ||
         !(py >= 0 && py <= (double)(camera->rows - 1)))
         return 0;
-    double wx[4], dx[4], wy[4], dy[4];
     int64_t column = cubic(px, camera->columns, wx, dx), row = cubic(py, camera->rows, wy, dy);
     ray[0] = ray[1] = J[0] = J[1] = J[2] = J[3] = 0;
     for (int i = 0; i < 4; i++)
@@ -176,11 +138,11 @@ static int sampled(const Camera *camera, double x, double y, double *ray, double
     return isfinite(ray[0]) && isfinite(ray[1]);
 }
 
-/* Inverse of `sampled` by damped Newton steps from the nearest of some hundred nodes: 0 outside the image. */
-static int search_map(const Camera *camera, const double *ray, double *pixel, double *J)
+/* Pixel of the nearest of some hundred nodes of a sampled map. */
+static void nearest_node(const Camera *camera, const double *ray, double *pixel)
 {
     int64_t skip = (camera->columns > camera->rows ? camera->columns : camera->rows) / 16 + 1;
-    double least = INFINITY, at[2], from[2] = {NAN, NAN}, step[2] = {0, 0};
+    double least = INFINITY;
     for (int64_t i = 0; i < camera->rows; i += skip)
         for (int64_t j = 0; j < camera->columns; j += skip) {
             const double *node = camera->map + 2 * (i * camera->columns + j);
@@ -191,98 +153,71 @@ static int search_map(const Camera *camera, const double *ray, double *pixel, do
                 pixel[1] = (double)i * (double)camera->height / (double)(camera->rows - 1) - 0.5;
             }
         }
-    if (!isfinite(least))
-        return 0;
-    least = INFINITY;
+}
+
+/* Inverse of a map by damped Newton steps from `at`, which it replaces, with the derivatives J of the inverse: 0 where there is
+   none. Where the map's own are positive definite, a fraction of a step reduces the residual; if it has no value at the start, from
+   a place nearer the origin. */
+static int invert(const Camera *camera, int (*map)(const Camera *, const double *, double *, double *), const double *target,
+                  double tolerance, double *at, double *J)
+{
+    double least = INFINITY, from[2] = {0, 0}, step[2] = {at[0], at[1]}, value[2], off[2];
     for (int i = 0; i < NEWTON_STEPS; i++) {
-        double side[2] = {(double)camera->width - 0.5, (double)camera->height - 0.5};
-        for (int k = 0; k < 2; k++) /* a step may leave the image and come back along its edge */
-            pixel[k] = fmin(fmax(pixel[k], -0.5), side[k]);
-        double error = NAN;
-        if (sampled(camera, pixel[0], pixel[1], at, J)) {
-            double dx = ray[0] - at[0], dy = ray[1] - at[1], det = J[0] * J[3] - J[1] * J[2];
-            error = dx * dx + dy * dy;
-            if (error <= 1e-24 * (1 + ray[0] * ray[0] + ray[1] * ray[1]))
-                return 1;
-            if (error < least) {
-                least = error, from[0] = pixel[0], from[1] = pixel[1];
-                step[0] = (J[3] * dx - J[1] * dy) / det, step[1] = (J[0] * dy - J[2] * dx) / det;
-                pixel[0] += step[0], pixel[1] += step[1];
-                continue;
-            }
+        double error = INFINITY;
+        if (map(camera, at, value, J)) {
+            off[0] = target[0] - value[0], off[1] = target[1] - value[1];
+            error = off[0] * off[0] + off[1] * off[1];
         }
-        step[0] /= 2, step[1] /= 2;
-        pixel[0] = from[0] + step[0], pixel[1] = from[1] + step[1];
-        if (!isfinite(pixel[0]) || !isfinite(pixel[1]))
-            return 0;
+        if (error < least) {
+            invert_two(J, J);
+            if (error <= tolerance * tolerance)
+                return 1;
+            from[0] = at[0], from[1] = at[1], least = error;
+            step[0] = J[0] * off[0] + J[1] * off[1], step[1] = J[2] * off[0] + J[3] * off[1];
+        } else
+            step[0] /= 2, step[1] /= 2;
+        at[0] = from[0] + step[0], at[1] = from[1] + step[1];
     }
     return 0;
 }
 
-/* `lens_ray` with a guess of the ray in `ray`, if `guessed`. */
-static int ray_from(const Camera *camera, double x, double y, int guessed, double *ray)
+/* Ray of a pixel, from a guess, with its derivatives (2, 2). */
+static int ray_from(const Camera *camera, const double *pixel, double *ray, double *J)
 {
-    double J[4], T[9];
     if (camera->lens == SAMPLED)
-        return sampled(camera, x, y, ray, J);
-    double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
+        return sampled(camera, pixel, ray, J);
+    double u = pixel[0] - camera->cx, v = pixel[1] - camera->cy;
     if (camera->lens == PINHOLE) {
-        ray[0] = u, ray[1] = v;
+        ray[0] = u / camera->fx, ray[1] = v / camera->fy;
+        J[0] = 1 / camera->fx, J[1] = J[2] = 0, J[3] = 1 / camera->fy;
         return isfinite(u) && isfinite(v);
     }
-    if (tilt(camera, T)) {
-        /* p ~ T^-1 (u, v, 1): the columns of T's adjugate are the cross products of its rows. */
-        double A[3][3], p[3];
-        cross(T + 3, T + 6, A[0]), cross(T + 6, T, A[1]), cross(T, T + 3, A[2]);
-        for (int i = 0; i < 3; i++)
-            p[i] = A[0][i] * u + A[1][i] * v + A[2][i];
-        if (!(p[2] * (A[0][0] * T[0] + A[0][1] * T[1] + A[0][2] * T[2]) > 0))
-            return 0;
-        u = p[0] / p[2], v = p[1] / p[2];
-    }
-    if (!(hypot(u, v) < FARTHEST))
-        return 0;
-    if (guessed && straighten(camera, u, v, ray))
-        return 1;
-    return begin(camera, u, v, ray) && straighten(camera, u, v, ray);
+    return invert(camera, project, pixel, TOLERANCE * (camera->fx + fabs(u) + fabs(v)), ray, J);
 }
+
+/* A ray in the middle, from which others are found. */
+static const double MIDDLE[2] = {0, 0};
 
 int lens_ray(const Camera *camera, double x, double y, double *ray)
 {
-    return ray_from(camera, x, y, 0, ray);
+    double J[4], pixel[2] = {x, y};
+    memcpy(ray, MIDDLE, sizeof MIDDLE);
+    return ray_from(camera, pixel, ray, J);
 }
 
 void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *J)
 {
-    double d[2] = {ray[0], ray[1]}, D[4] = {1, 0, 0, 1}, T[9];
-    int seen = isfinite(ray[0]) && isfinite(ray[1]);
+    double D[4], at[2] = {NAN, NAN};
+    int seen;
     if (camera->lens == SAMPLED) {
-        seen = seen && search_map(camera, ray, pixel, D);
-        double det = D[0] * D[3] - D[1] * D[2], inverse[4] = {D[3] / det, -D[1] / det, -D[2] / det, D[0] / det};
-        memcpy(D, inverse, sizeof D);
-    } else {
-        if (seen && camera->lens != PINHOLE)
-            seen = bend(camera, ray, d, D);
-        if (seen && tilt(camera, T)) {
-            double w = T[6] * d[0] + T[7] * d[1] + T[8], H[4], B[4];
-            double p[2] = {(T[0] * d[0] + T[1] * d[1] + T[2]) / w, (T[3] * d[0] + T[4] * d[1] + T[5]) / w};
-            seen = w > 0;
-            memcpy(B, D, sizeof B);
-            for (int i = 0; i < 2; i++)
-                for (int j = 0; j < 2; j++)
-                    H[2 * i + j] = (T[3 * i + j] - p[i] * T[6 + j]) / w;
-            for (int i = 0; i < 2; i++)
-                for (int j = 0; j < 2; j++)
-                    D[2 * i + j] = H[2 * i] * B[j] + H[2 * i + 1] * B[2 + j];
-            d[0] = p[0], d[1] = p[1];
-        }
-        pixel[0] = camera->fx * d[0] + camera->cx, pixel[1] = camera->fy * d[1] + camera->cy;
-        D[0] *= camera->fx, D[1] *= camera->fx, D[2] *= camera->fy, D[3] *= camera->fy;
-    }
-    if (!seen)
-        pixel[0] = pixel[1] = D[0] = D[1] = D[2] = D[3] = NAN;
-    if (J)
-        memcpy(J, D, sizeof D);
+        nearest_node(camera, ray, at);
+        seen = invert(camera, sampled, ray, 10 * TOLERANCE * (1 + fabs(ray[0]) + fabs(ray[1])), at, D);
+    } else
+        seen = project(camera, ray, at, D);
+    for (int k = 0; k < 2; k++)
+        pixel[k] = seen ? at[k] : NAN;
+    for (int k = 0; k < 4 && J; k++)
+        J[k] = seen ? D[k] : NAN;
 }
 
 /* Ellipse with the least weighted squared distance from points near its outline, which stand at even steps of its
@@ -290,7 +225,8 @@ void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *
    to first order, with rho = |M (x - c)|, as in the fit to the grey levels. Writes c and E = M^-2. */
 static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], const double *weight, double *c, double *E)
 {
-    double A[4] = {0, 0, 0, 0}, m[3];
+    static const double ONE[3] = {1, 0, 1};
+    double A[4] = {0, 0, 0, 0}, s[3], m[3];
     c[0] = c[1] = 0;
     for (int i = 0; i < count; i++)
         c[0] += points[i][0] / count, c[1] += points[i][1] / count;
@@ -299,11 +235,11 @@ static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], cons
         for (int k = 0; k < 4; k++)
             A[k] += 2 * (points[i][k / 2] - c[k / 2]) * circle[i][k % 2] / count;
     /* M = (A A')^(-1/2); the root of a 2 x 2 matrix S is (S + sqrt(det S) I) / sqrt(trace S + 2 sqrt(det S)). */
-    double s[3] = {A[0] * A[0] + A[1] * A[1], A[0] * A[2] + A[1] * A[3], A[2] * A[2] + A[3] * A[3]};
+    carry(A, ONE, s);
     double det = fabs(A[0] * A[3] - A[1] * A[2]), scale = sqrt(s[0] + s[2] + 2 * det) * det;
     m[0] = (s[2] + det) / scale, m[1] = -s[1] / scale, m[2] = (s[0] + det) / scale;
     for (int step = 0; step < FIT_STEPS; step++) {
-        double N[5][5] = {{0}}, b[5] = {0};
+        double N[25] = {0}, b[5] = {0};
         for (int i = 0; i < count; i++) {
             double x = points[i][0] - c[0], y = points[i][1] - c[1];
             double u = m[0] * x + m[1] * y, v = m[1] * x + m[2] * y, rho = sqrt(u * u + v * v);
@@ -313,49 +249,33 @@ static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], cons
             for (int j = 0; j < 5; j++) {
                 b[j] += w * row[j] * (1 - rho);
                 for (int k = 0; k <= j; k++)
-                    N[j][k] += w * row[j] * row[k];
+                    N[5 * j + k] += w * row[j] * row[k];
             }
         }
-        solve_positive(5, N[0], b, 1, 1e-300);
+        solve_positive(5, N, b, 1, 1e-300);
         c[0] += b[0], c[1] += b[1], m[0] += b[2], m[1] += b[3], m[2] += b[4];
     }
-    det = m[0] * m[2] - m[1] * m[1];
-    double inverse[3] = {m[2] / det, -m[1] / det, m[0] / det};
-    E[0] = inverse[0] * inverse[0] + inverse[1] * inverse[1];
-    E[1] = inverse[1] * (inverse[0] + inverse[2]);
-    E[2] = inverse[1] * inverse[1] + inverse[2] * inverse[2];
+    double inverse[3];
+    invert_symmetric(m, inverse);
+    double root[4] = {inverse[0], inverse[1], inverse[1], inverse[2]};
+    carry(root, ONE, E);
     return isfinite(c[0]) && isfinite(c[1]) && E[0] > 0 && E[0] * E[2] > E[1] * E[1];
-}
-
-/* S -> J S J' of a symmetric (xx, xy, yy). */
-static void carry(const double *J, const double *S, double *carried)
-{
-    double a = J[0] * S[0] + J[1] * S[1], b = J[0] * S[1] + J[1] * S[2];
-    double c = J[2] * S[0] + J[3] * S[1], d = J[2] * S[1] + J[3] * S[2];
-    carried[0] = a * J[0] + b * J[1], carried[1] = a * J[2] + b * J[3], carried[2] = c * J[2] + d * J[3];
 }
 
 static int undo_one(const Camera *camera, int count, double (*circle)[2], Blob *blob)
 {
-    double cosine = cos(blob->angle), sine = sin(blob->angle), J[4], pixel[2];
+    static const double ONE[3] = {1, 0, 1};
+    double cosine = cos(blob->angle), sine = sin(blob->angle), J[4], any[4], square[3];
     /* Half axes as columns. */
     double axes[4] = {cosine * blob->semi[0], -sine * blob->semi[1], sine * blob->semi[0], cosine * blob->semi[1]};
     if (!(blob->semi[1] > 0 && isfinite(blob->semi[0]) && isfinite(blob->angle)))
         return 0;
-    if (!lens_ray(camera, blob->center[0], blob->center[1], blob->at))
+    memcpy(blob->at, MIDDLE, sizeof MIDDLE);
+    if (!ray_from(camera, blob->center, blob->at, J))
         return 0;
-    if (camera->lens == SAMPLED) {
-        double ray[2];
-        sampled(camera, blob->center[0], blob->center[1], ray, J);
-    } else {
-        lens_pixel(camera, blob->at, pixel, J);
-        double det = J[0] * J[3] - J[1] * J[2], inverse[4] = {J[3] / det, -J[1] / det, -J[2] / det, J[0] / det};
-        memcpy(J, inverse, sizeof J);
-    }
     carry(J, blob->covariance, blob->spread);
     if (camera->lens == PINHOLE) {
-        double square[3] = {axes[0] * axes[0] + axes[1] * axes[1], axes[0] * axes[2] + axes[1] * axes[3],
-                            axes[2] * axes[2] + axes[3] * axes[3]};
+        carry(axes, ONE, square);
         carry(J, square, blob->shape);
         return 1;
     }
@@ -365,8 +285,9 @@ static int undo_one(const Camera *camera, int count, double (*circle)[2], Blob *
     for (int i = 0; i < count; i++) {
         double u = circle[i][0], v = circle[i][1];
         double dx = axes[0] * u + axes[1] * v, dy = axes[2] * u + axes[3] * v;
+        double pixel[2] = {blob->center[0] + dx, blob->center[1] + dy};
         points[i][0] = blob->at[0] + J[0] * dx + J[1] * dy, points[i][1] = blob->at[1] + J[2] * dx + J[3] * dy;
-        if (!ray_from(camera, blob->center[0] + dx, blob->center[1] + dy, 1, points[i]))
+        if (!ray_from(camera, pixel, points[i], any))
             return 0;
         dx = axes[1] * u - axes[0] * v, dy = axes[3] * u - axes[2] * v;
         weight[i] = sqrt(dx * dx + dy * dy);

@@ -1,6 +1,139 @@
 /* From labels to results: the pose with its uncertainty, the dots that are no outliers, and where their centers are. */
 
-#include "detector.h"
+#include "pose.h"
+
+/* ---- without a camera: homographies of flat dots ---- */
+
+static void normalization(const double *points, int64_t m, double *center, double *scale)
+{
+    double square = 0;
+    center[0] = center[1] = 0;
+    for (int64_t i = 0; i < 2 * m; i++)
+        center[i % 2] += points[i] / (double)m;
+    for (int64_t i = 0; i < 2 * m; i++)
+        square += (points[i] - center[i % 2]) * (points[i] - center[i % 2]) / (double)m;
+    *scale = sqrt(2 / square);
+}
+
+/* Whether some four of the points have no three on a line: no line has all of them but one. */
+static int in_general_position(const double *points, int64_t m)
+{
+    double center[2], scale;
+    normalization(points, m, center, &scale);
+    int general = m >= 4 && scale < INFINITY;
+    for (int64_t left_out = 0; left_out < m && general; left_out++) {
+        double sum[5] = {0};
+        for (int64_t i = 0; i < m; i++) {
+            const double u = (points[2 * i] - center[0]) * scale, v = (points[2 * i + 1] - center[1]) * scale;
+            const double terms[5] = {u, v, u * u, u * v, v * v};
+            for (int k = 0; k < 5 && i != left_out; k++)
+                sum[k] += terms[k] / (double)(m - 1);
+        }
+        const double xx = sum[2] - sum[0] * sum[0], xy = sum[3] - sum[0] * sum[1], yy = sum[4] - sum[1] * sum[1];
+        general = xx * yy - xy * xy > 1e-12 * (xx + yy) * (xx + yy);
+    }
+    return general;
+}
+
+/* Normalized DLT (R. Hartley, 1997): h is the eigenvector of the smallest eigenvalue of A'A, by inverse iteration, of which
+   eight steps leave the others' share, which shrinks by the ratio of the eigenvalues each time, below rounding. */
+static void solve_homography(const double *from, const double *to, int64_t m, double *H)
+{
+    static const double ONE[3] = {1, 0, 1};
+    double c[2], d[2], in, out, N[81] = {0}, none[9] = {0}, L[81], h[9] = {1, 0.1, 0.2, 0.3, 1, 0.4, 0.5, 0.6, 1};
+    normalization(from, m, c, &in);
+    normalization(to, m, d, &out);
+    for (int64_t i = 0; i < m; i++) {
+        const double x = (from[2 * i] - c[0]) * in, y = (from[2 * i + 1] - c[1]) * in;
+        const double u = (to[2 * i] - d[0]) * out, v = (to[2 * i + 1] - d[1]) * out;
+        const double rows[2][9] = {{x, y, 1, 0, 0, 0, -u * x, -u * y, -u}, {0, 0, 0, x, y, 1, -v * x, -v * y, -v}};
+        add_rows(9, rows[0], rows[1], (double[2]){0, 0}, ONE, N, none);
+    }
+    for (int p = 0; p < 9; p++)
+        N[10 * p] += 1e-13 * (double)m;
+    for (int step = 0; step < 8; step++) {
+        double norm = 0;
+        memcpy(L, N, sizeof L);
+        solve_positive(9, L, h, 1, 1e-300);
+        for (int p = 0; p < 9; p++)
+            norm += h[p] * h[p];
+        for (int p = 0; p < 9; p++)
+            h[p] /= sqrt(norm);
+    }
+    for (int r = 0; r < 3; r++) {
+        h[3 * r] *= in;
+        h[3 * r + 1] *= in;
+        h[3 * r + 2] -= h[3 * r] * c[0] + h[3 * r + 1] * c[1];
+    }
+    for (int p = 0; p < 9; p++)
+        H[p] = (p < 6 ? h[p] / out + d[p / 3] * h[6 + p % 3] : h[p]) / h[8];
+}
+
+int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H)
+{
+    enum { ROUNDS = 2 }; /* offsets of up to a pixel are known to 3e-3 px after one, and to 4e-5 px after two */
+    double *points = malloc((size_t)(2 * m + 1) * sizeof *points), middle[2], scale;
+    if (!points)
+        return NO_MEMORY;
+    for (int64_t i = 0; i < m; i++) {
+        memcpy(points + 2 * i, dots[matches[i].dot].xyz, 2 * sizeof *points);
+        memcpy(corrected + 2 * i, blobs[matches[i].blob].center, 2 * sizeof *corrected);
+    }
+    const int good = in_general_position(points, m);
+    if (good)
+        solve_homography(points, corrected, m, H);
+    normalization(points, m, middle, &scale);
+    for (int round = 0; round < ROUNDS && good; round++) {
+        /* Of H and -H, the one that maps the middle of the dots to the front. The dual conic is D = r^2 (h1 h1' + h2 h2') -
+           p p', with p = H (X, Y, 1). */
+        const double sign = H[6] * middle[0] + H[7] * middle[1] + H[8] < 0 ? -1 : 1;
+        for (int64_t i = 0; i < m; i++) {
+            const double r = dots[matches[i].dot].radius, place[3] = {sign * points[2 * i], sign * points[2 * i + 1], sign};
+            double p[3];
+            rotated(H, place, p);
+            const double last = p[2] * p[2] - r * r * (H[6] * H[6] + H[7] * H[7]);
+            for (int a = 0; a < 2; a++) {
+                const double center = (p[a] * p[2] - r * r * (H[3 * a] * H[6] + H[3 * a + 1] * H[7])) / last;
+                corrected[2 * i + a] = blobs[matches[i].blob].center[a] - (center - p[a] / p[2]);
+            }
+        }
+        solve_homography(points, corrected, m, H);
+    }
+    free(points);
+    return good;
+}
+
+/* ---- with a camera ---- */
+
+int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel)
+{
+    Outline drawn;
+    double ray[2];
+    outline_of(dot, dot->place, pose, &drawn);
+    for (int a = 0; a < 2; a++)
+        ray[a] = blob->at[a] - (drawn.center[a] - drawn.point[a]);
+    lens_pixel(camera, ray, pixel, NULL);
+    return isfinite(pixel[0]) && isfinite(pixel[1]);
+}
+
+/* The homography of the plane through a dot, from (x, y) in the body to px of an image without lens distortion: there,
+   z = (n'X - n_x x - n_y y) / n_z. Returns 0 if it is along z. */
+static int plane_homography(const Dot *dot, const Pose *pose, const Camera *camera, double *H)
+{
+    const double *n = dot->normal, along[3] = {-n[0] / n[2], -n[1] / n[2], product(n, dot->xyz) / n[2]};
+    for (int k = 0; k < 3; k++) {
+        double column[3];
+        for (int a = 0; a < 3; a++)
+            column[a] = (k < 2 ? pose->R[3 * a + k] : pose->t[a]) + along[k] * pose->R[3 * a + 2];
+        H[k] = camera->fx * column[0] + camera->cx * column[2];
+        H[3 + k] = camera->fy * column[1] + camera->cy * column[2];
+        H[6 + k] = column[2];
+    }
+    for (int p = 0; p < 9; p++)
+        H[p] /= p < 8 ? H[8] : 1;
+    H[8] = 1;
+    return n[2] != 0;
+}
 
 static int by_dot(const void *a, const void *b)
 {
@@ -8,51 +141,22 @@ static int by_dot(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Fills in `pixels` and H from the pose, or without a camera from the homography; `corrected` (m, 2) is scratch. */
-static int places(const Layout *layout, const Camera *camera, int calibrated, const Blob *blobs, const Match *matches,
-                  double *corrected, Finding *finding)
-{
-    const int64_t m = finding->count;
-    int good = 0;
-    if (!calibrated) {
-        good = correct_centers(layout->dots, blobs, matches, m, finding->pixels, finding->H);
-        finding->plane = good > 0;
-        return good < 0 ? good : 0;
-    }
-    for (int64_t i = 0; i < m; i++) {
-        const Blob *blob = blobs + matches[i].blob;
-        Outline drawn;
-        double *pixel = finding->pixels + 2 * i;
-        if (!dot_pixel(layout->dots + matches[i].dot, blob, &finding->estimate.pose, camera, pixel))
-            memcpy(pixel, blob->center, 2 * sizeof *pixel);
-        outline_of(layout->dots + matches[i].dot, layout->dots[matches[i].dot].place, &finding->estimate.pose, &drawn);
-        corrected[2 * i] = camera->fx * (blob->at[0] - drawn.center[0] + drawn.point[0]) + camera->cx;
-        corrected[2 * i + 1] = camera->fy * (blob->at[1] - drawn.center[1] + drawn.point[1]) + camera->cy;
-    }
-    if (layout->flat)
-        good = fit_homography(layout->dots, matches, m, corrected, finding->H);
-    finding->plane = good > 0;
-    return good < 0 ? good : 0;
-}
-
 int complete_finding(const Layout *layout, const Camera *camera, int calibrated, const Blob *blobs, Finding *finding)
 {
     static const Errors NONE = {0, NULL, NULL, NULL, 0};
+    const Errors *errors = layout->errors ? layout->errors : &NONE;
+    const Dot *dots = layout->dots;
     const int64_t m = finding->count;
     int64_t kept = m, status = 0;
     Match *matches = malloc((size_t)(m + 1) * sizeof *matches);
-    double *corrected = malloc((size_t)(2 * m + 1) * sizeof *corrected);
     finding->pixels = malloc((size_t)(2 * m + 1) * sizeof *finding->pixels);
-    if (!matches || !corrected || !finding->pixels)
-        status = NO_MEMORY;
-    for (int64_t i = 0; i < m && !status; i++)
+    if (!matches || !finding->pixels)
+        kept = NO_MEMORY;
+    for (int64_t i = 0; i < m && kept > 0; i++)
         matches[i] = (Match){finding->dots[i], finding->blobs[i]};
-    if (calibrated && !status) {
-        kept = estimate_pose(layout->dots, blobs, matches, m, camera, layout->errors ? layout->errors : &NONE, &finding->pose,
-                             &finding->estimate);
-        status = kept < 0 ? kept : 0;
-    }
-    if (!status && kept > 0) {
+    if (calibrated && kept > 0)
+        kept = estimate_pose(dots, blobs, matches, m, camera, errors, &finding->pose, &finding->estimate);
+    if (kept > 0) {
         qsort(matches, (size_t)kept, sizeof *matches, by_dot);
         for (int64_t i = 0; i < m; i++) {
             finding->dots[i] = matches[i].dot;
@@ -60,15 +164,22 @@ int complete_finding(const Layout *layout, const Camera *camera, int calibrated,
         }
         finding->count = kept;
         finding->dropped = m - kept;
-        status = places(layout, camera, calibrated, blobs, matches, corrected, finding);
-        if (calibrated && !status)
-            status = judge(layout->dots, blobs, matches, camera, layout->errors ? layout->errors : &NONE, layout->plates,
-                           layout->plate_count, &finding->estimate, &finding->verdict);
-    } else if (!status && finding->state == FOUND) {
+    } else if (kept == 0 && finding->state == FOUND) {
         finding->state = UNFIT;
         finding->count = 0;
     }
+    if (kept > 0 && calibrated) {
+        const Pose *pose = &finding->estimate.pose;
+        for (int64_t i = 0; i < kept; i++)
+            if (!dot_pixel(dots + matches[i].dot, blobs + matches[i].blob, pose, camera, finding->pixels + 2 * i))
+                memcpy(finding->pixels + 2 * i, blobs[matches[i].blob].center, 2 * sizeof *finding->pixels);
+        finding->plane = layout->flat && plane_homography(dots, pose, camera, finding->H);
+        status = judge(dots, blobs, matches, camera, errors, layout->plates, layout->plate_count, &finding->estimate,
+                       &finding->verdict);
+    } else if (kept > 0) {
+        status = correct_centers(dots, blobs, matches, kept, finding->pixels, finding->H);
+        finding->plane = status > 0;
+    }
     free(matches);
-    free(corrected);
-    return (int)status;
+    return kept < 0 || status < 0 ? NO_MEMORY : 0;
 }

@@ -5,9 +5,9 @@
    seen; then each inner cell is compared with the levels of border and quiet zone near it, and the code with the largest
    likelihood is taken. */
 
-#include "detector.h"
+#include "numbers.h"
 
-enum { MOST_CELLS = 10, NODES = MOST_CELLS + 3, PROFILES = 16, STEPS = 8, ORIENTATIONS = 8, BYTES = 8 };
+enum { MOST_CELLS = 10, TONES = MOST_CELLS + 2, PROFILES = 16, STEPS = 8, ORIENTATIONS = 8, BYTES = 8 };
 
 /* Half the length of a profile across an edge: in cells, short of the next edge by its blur; px, as long as the blur of
    images in which tags are read. */
@@ -34,10 +34,11 @@ enum { CELLS_PER_ERROR = 12 };
 
 typedef struct {
     const Image *image;
-    int64_t n;                          /* cells along a side */
-    double node[NODES][NODES][2];       /* px of whole u and v from -1 to n + 1, by v, then u */
-    double side[4][2];                  /* top, right, bottom, left: cells by which the edge is farther in v or u, at 0 and n */
-    double tone[NODES][NODES];          /* mean grey level of cells, by row and column from -1; nan outside the image */
+    const Camera *camera;
+    int64_t n;                           /* cells along a side */
+    double focal, corner[3], cell[2][3]; /* of the pose; top left corner, and one cell to the right and down from it: camera's frame */
+    double side[4][2];                   /* top, right, bottom, left: cells by which the edge is farther in v or u, at 0 and n */
+    double tone[TONES][TONES];           /* mean grey level of cells, by row and column from -1; nan outside the image */
 } View;
 
 /* Grey level between pixels, nan outside the image. */
@@ -60,16 +61,15 @@ static double level(const Image *image, double x, double y)
     return image->inverted ? (image->wide ? 65535.0 : 255.0) - grey : grey;
 }
 
-/* Pixel of a place in the cells of the grid of nodes, within -1 and n + 1. */
+/* Pixel of a place in cells; nan where there is none. */
 static void pixel_of(const View *view, double u, double v, double *pixel)
 {
-    double last = (double)view->n + 1.999;
-    double x = fmin(fmax(u + 1, 0), last), y = fmin(fmax(v + 1, 0), last);
-    int column = (int)x, row = (int)y;
-    double a = x - column, b = y - row;
+    double X[3], ray[2];
+    for (int k = 0; k < 3; k++)
+        X[k] = view->corner[k] + u * view->cell[0][k] + v * view->cell[1][k];
     for (int k = 0; k < 2; k++)
-        pixel[k] = (1 - b) * ((1 - a) * view->node[row][column][k] + a * view->node[row][column + 1][k]) +
-                   b * ((1 - a) * view->node[row + 1][column][k] + a * view->node[row + 1][column + 1][k]);
+        ray[k] = X[2] > 0 ? view->focal * X[k] / X[2] : NAN;
+    lens_pixel(view->camera, ray, pixel, NULL);
 }
 
 /* Farther in v at the top or bottom edge, in u at the right or left one, in cells, at a place along it. */
@@ -85,19 +85,6 @@ static void seen_at(const View *view, double u, double v, double *pixel)
     double x = u / (double)view->n, y = v / (double)view->n;
     pixel_of(view, u + (1 - x) * moved(view, 3, v) + x * moved(view, 1, v),
              v + (1 - y) * moved(view, 0, u) + y * moved(view, 2, u), pixel);
-}
-
-/* Median of a few numbers, which it sorts. */
-static double median(double *values, int64_t count)
-{
-    for (int64_t i = 1; i < count; i++) {
-        double value = values[i];
-        int64_t k = i;
-        for (; k > 0 && values[k - 1] > value; k--)
-            values[k] = values[k - 1];
-        values[k] = value;
-    }
-    return count % 2 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
 }
 
 /* Moves one edge to where it is seen: across it at places along it, with light and dark the means at the profile's ends, it is
@@ -167,7 +154,7 @@ static void sharpen(View *view, int across)
     double share = fmin(0.5 * erfc(0.5 * cell / BLUR_PX / sqrt(2)), 0.15), factor = share / (1 - 4 * share);
     for (int64_t i = 0; i < n; i++) {
         double *tone = across ? view->tone[i] : &view->tone[0][i], before = tone[0];
-        int64_t step = across ? 1 : NODES;
+        int64_t step = across ? 1 : TONES;
         for (int64_t k = 1; k < n - 1; k++) {
             double here = tone[k * step];
             tone[k * step] = here + factor * (2 * here - before - tone[(k + 1) * step]);
@@ -332,34 +319,27 @@ static int decode(const TagFamily *family, const double *dark, double sigma, Tag
 int read_tag(const Image *image, const Camera *camera, const Pose *pose, const double (*corners)[3],
              const TagFamily *family, double least_px, TagReading *reading)
 {
-    View view = {.image = image, .n = family->cells};
+    View view = {.image = image, .camera = camera, .n = family->cells, .focal = pose->focal};
     Ring ring;
-    double dark[MOST_CELLS * MOST_CELLS], place[4][2];
-    int64_t n = family->cells;
+    double dark[MOST_CELLS * MOST_CELLS], place[4][2], seen[4][3], area = 0, longest = 0;
+    const int64_t n = family->cells;
     *reading = (TagReading){.id = -1, .state = TAG_OUTSIDE};
     if (n < 3 || n > MOST_CELLS)
         return 0;
-    for (int64_t row = 0; row < n + 3; row++) {
-        for (int64_t column = 0; column < n + 3; column++) {
-            double u = (double)(column - 1) / (double)n, v = (double)(row - 1) / (double)n, X[3], ray[2];
-            for (int k = 0; k < 3; k++)
-                X[k] = pose->t[k];
-            for (int i = 0; i < 3; i++) {
-                double x = corners[0][i] + u * (corners[1][i] - corners[0][i]) + v * (corners[3][i] - corners[0][i]);
-                for (int k = 0; k < 3; k++)
-                    X[k] += pose->R[3 * k + i] * x;
-            }
-            if (!(X[2] > 0))
-                return 0;
-            ray[0] = pose->focal * X[0] / X[2], ray[1] = pose->focal * X[1] / X[2];
-            lens_pixel(camera, ray, view.node[row][column], NULL);
-            if (!isfinite(view.node[row][column][0] + view.node[row][column][1]))
-                return 0;
-        }
-    }
-    double area = 0, longest = 0;
     for (int k = 0; k < 4; k++)
-        pixel_of(&view, k == 1 || k == 2 ? (double)n : 0, k > 1 ? (double)n : 0, place[k]);
+        rotated(pose->R, corners[k], seen[k]);
+    for (int a = 0; a < 3; a++) {
+        view.corner[a] = seen[0][a] + pose->t[a];
+        view.cell[0][a] = (seen[1][a] - seen[0][a]) / (double)n;
+        view.cell[1][a] = (seen[3][a] - seen[0][a]) / (double)n;
+    }
+    for (int k = 0; k < 4; k++) {
+        const double u = k == 1 || k == 2 ? (double)n : 0, v = k > 1 ? (double)n : 0;
+        pixel_of(&view, u > 0 ? u + 1 : -1, v > 0 ? v + 1 : -1, place[k]); /* of the quiet zone */
+        if (!isfinite(place[k][0]))
+            return 0;
+        pixel_of(&view, u, v, place[k]);
+    }
     for (int k = 0; k < 4; k++) {
         const double *p = place[k], *q = place[(k + 1) % 4];
         reading->corners[k][0] = p[0], reading->corners[k][1] = p[1];

@@ -35,242 +35,154 @@ static const struct {
                       {5, 3, 3}, {0, 0, 0}};
 
 enum { ROUNDS = 20, WIDTH = 6 /* most parameters of a cause */ };
-static const double SETTLED = 1e-3; /* share of chi2 by which a step must lower it for another one */
+static const double TOLERANCE = 1e-5;
 
 typedef struct {
-    int32_t kind, plate;
-    double v[PARAMETERS];
-} Trial;
-
-typedef struct {
-    const Dot *dots;
-    const Blob *blobs;
-    const Match *matches;
-    int64_t m;
-    const Camera *camera;
+    Sight s;
     const Plate *plates;
     double low[2], high[2]; /* of the dots on their plates, m */
-    int common;
-    double *weight, *columns; /* (m, 3): S^-1, px^-2; (m, 2, common): A, px */
-    double *error;            /* (common): c */
-    double *memory;           /* normal equations and steps */
+    int32_t kind, plate;    /* the cause that is tried */
+    int k;                  /* number of common errors */
+    double *weight;         /* (m, 3) */
+    double *columns;        /* (m, 2, k): the image's displacement by each error */
+    double *memory;         /* of `descend`, then two rows, then the unknowns beside the pose */
 } Case;
 
-/* Where a dot is with what is wrong. */
-static void caused_place(const Case *c, const Dot *dot, const Trial *trial, double *place)
+/* A dot's offset from its plate's origin in the body, and its x and y on the plate. */
+static void on_plate(const Case *c, const Dot *dot, double *offset, double *at)
 {
-    const double *v = trial->v;
     const Plate *plate = c->plates + dot->plate;
-    double from[3], at[2], share[2];
     for (int a = 0; a < 3; a++)
-        from[a] = dot->place[a] - plate->t[a];
-    for (int a = 0; a < 2; a++) {
-        at[a] = plate->R[a] * from[0] + plate->R[3 + a] * from[1] + plate->R[6 + a] * from[2];
+        offset[a] = dot->place[a] - plate->t[a];
+    for (int a = 0; a < 2; a++)
+        at[a] = plate->R[a] * offset[0] + plate->R[3 + a] * offset[1] + plate->R[6 + a] * offset[2];
+}
+
+/* Moves a dot to where it is with what is wrong. */
+static void move_dot(const Case *c, const double *v, Dot *dot)
+{
+    const double *R = c->plates[dot->plate].R, *bend = v + BENDS, *motion = v + MOTION;
+    double offset[3], at[2], share[2], turned[3];
+    on_plate(c, dot, offset, at);
+    for (int a = 0; a < 2; a++)
         share[a] = (2 * at[a] - c->high[a] - c->low[a]) / fmax(c->high[a] - c->low[a], 1e-12);
-    }
-    const double *bend = v + BENDS, *w = v + MOTION;
     const double rise = bend[0] * share[0] * share[0] + bend[1] * share[1] * share[1] + bend[2] * share[0] * share[1];
+    cross(motion, offset, turned);
     for (int a = 0; a < 3; a++) {
-        const double *R = plate->R + 3 * a;
-        place[a] = dot->place[a] + v[3] * at[0] * R[0] + v[4] * at[1] * R[1] + rise * R[2];
-        if (dot->plate == trial->plate)
-            place[a] += w[3 + a] + w[(a + 1) % 3] * from[(a + 2) % 3] - w[(a + 2) % 3] * from[(a + 1) % 3];
+        dot->place[a] += v[3] * at[0] * R[3 * a] + v[4] * at[1] * R[3 * a + 1] + rise * R[3 * a + 2];
+        if (dot->plate == c->plate)
+            dot->place[a] += motion[3 + a] + turned[a];
     }
 }
 
-/* Measured less predicted center of a dot, px, without the common errors. The offset from its blob is carried by the lens's
-   derivatives, which know the bias of a center where the lens bends the outline. */
-static int caused_residual(const Case *c, int64_t i, const Pose *pose, const Trial *trial, double *residual)
+/* The row of a match with what is wrong, without common errors. The offset from its blob is taken in normalized coordinates, which
+   know the bias of a center where the lens bends the outline. */
+static int caused_row(const Case *c, int64_t i, const Pose *pose, const double *values, Row *row)
 {
-    const Dot *dot = c->dots + c->matches[i].dot;
-    const double *at = c->blobs[c->matches[i].blob].at, *v = trial->v;
-    double place[3], pixel[2], D[4];
-    Outline o;
-    caused_place(c, dot, trial, place);
-    outline_of(dot, place, pose, &o);
-    lens_pixel(c->camera, o.center, pixel, D);
-    const double x = pixel[0] - c->camera->cx, y = pixel[1] - c->camera->cy;
-    const double u = x / c->camera->fx, w = y / c->camera->fy, bent = 1 + v[2] * (u * u + w * w);
+    const Camera *camera = c->s.camera;
+    Dot dot = c->s.dots[c->s.matches[i].dot];
+    double v[PARAMETERS] = {0}, pixel[2], D[4];
+    memcpy(v + FREE[c->kind].first, values, (size_t)FREE[c->kind].width * sizeof *v);
+    move_dot(c, v, &dot);
+    derive_row(&dot, c->s.blobs + c->s.matches[i].blob, pose, row);
+    lens_pixel(camera, row->drawn.center, pixel, D);
+    invert_two(D, D);
+    const double x = pixel[0] - camera->cx, y = pixel[1] - camera->cy;
+    const double bent = 1 + v[2] * (x * x / (camera->fx * camera->fx) + y * y / (camera->fy * camera->fy));
     const double moved[2] = {x * (exp(v[0]) * bent - 1) + y * v[SHUTTERS], y * (exp(v[0] + v[1]) * bent - 1)};
     for (int a = 0; a < 2; a++)
-        residual[a] = D[2 * a] * (at[0] - o.center[0]) + D[2 * a + 1] * (at[1] - o.center[1]) - moved[a];
-    return o.seen && isfinite(residual[0]) && isfinite(residual[1]);
+        row->residual[a] -= D[2 * a] * moved[0] + D[2 * a + 1] * moved[1];
+    return row->drawn.seen && isfinite(row->residual[0]) && isfinite(row->residual[1]);
 }
 
-/* chi2 with the normal equations of pose, common errors and the cause; INFINITY where dots are not seen. */
-static double equations(const Case *c, const Pose *pose, const Trial *trial, const double *error, double *N, double *g)
+/* Of pose, common errors and the cause's parameters. */
+static double equations(const Problem *problem, const Pose *pose, const double *more, double *normal, double *gradient)
 {
-    const int k = c->common, width = FREE[trial->kind].width, first = FREE[trial->kind].first, n = POSE + k + width;
-    double *rows = g + n, chi2 = 0;
-    memset(N, 0, sizeof *N * (size_t)(n * n));
-    memset(g, 0, sizeof *g * (size_t)n);
+    const Case *c = problem->of;
+    const int k = c->k, width = FREE[c->kind].width, n = problem->n;
+    double *rows = c->memory + 3 * n * n + 4 * n, values[WIDTH + 1], chi2 = 0;
+    Row row, other;
+    memset(normal, 0, sizeof *normal * (size_t)(n * n));
+    memset(gradient, 0, sizeof *gradient * (size_t)n);
+    memcpy(values, more + k, sizeof *values * (size_t)width);
     for (int p = 0; p < k; p++) {
-        chi2 += error[p] * error[p];
-        N[(n + 1) * (POSE + p)] = 1;
-        g[POSE + p] = -error[p];
+        chi2 += more[p] * more[p];
+        normal[(n + 1) * (POSE + p)] = 1;
+        gradient[POSE + p] = -more[p];
     }
-    for (int64_t i = 0; i < c->m; i++) {
-        Dot dot = c->dots[c->matches[i].dot];
-        const double *W = c->weight + 3 * i, *A = c->columns + 2 * k * i;
-        double J[2][POSE], M[2][3], D[4], pixel[2], r[2], ray[2], place[3];
-        if (!caused_residual(c, i, pose, trial, r))
+    for (int64_t i = 0; i < c->s.m; i++) {
+        const double *A = c->columns + 2 * k * i;
+        if (!caused_row(c, i, pose, values, &row))
             return INFINITY;
-        caused_place(c, &dot, trial, place);
-        memcpy(dot.place, place, sizeof place);
-        dot_rows(&dot, pose, J, M);
-        for (int a = 0; a < 2; a++)
-            ray[a] = c->blobs[c->matches[i].blob].at[a];
-        lens_pixel(c->camera, ray, pixel, D);
-        for (int a = 0; a < 2; a++)
-            for (int p = 0; p < POSE; p++)
-                rows[n * a + p] = D[2 * a] * J[0][p] + D[2 * a + 1] * J[1][p];
-        for (int p = 0; p < k; p++)
-            for (int a = 0; a < 2; a++)
-                rows[n * a + POSE + p] = A[k * a + p];
         for (int p = 0; p < width; p++) {
-            double by[2];
-            Trial other = *trial;
-            other.v[first + p] += STEP[first + p];
-            caused_residual(c, i, pose, &other, by);
+            const double before = values[p], step = STEP[FREE[c->kind].first + p];
+            values[p] += step;
+            caused_row(c, i, pose, values, &other);
+            values[p] = before;
             for (int a = 0; a < 2; a++)
-                rows[n * a + POSE + k + p] = (r[a] - by[a]) / STEP[first + p];
+                rows[n * a + POSE + k + p] = (row.residual[a] - other.residual[a]) / step;
         }
-        for (int p = 0; p < k; p++)
-            for (int a = 0; a < 2; a++)
-                r[a] -= A[k * a + p] * error[p];
-        const double x = W[0] * r[0] + W[1] * r[1], y = W[1] * r[0] + W[2] * r[1];
-        chi2 += x * r[0] + y * r[1];
-        for (int p = 0; p < n; p++) {
-            const double u = W[0] * rows[p] + W[1] * rows[n + p], v = W[1] * rows[p] + W[2] * rows[n + p];
-            g[p] += x * rows[p] + y * rows[n + p];
-            for (int q = 0; q <= p; q++)
-                N[n * p + q] += u * rows[q] + v * rows[n + q];
+        for (int a = 0; a < 2; a++) {
+            memcpy(rows + n * a, row.J[a], sizeof row.J[a]);
+            memcpy(rows + n * a + POSE, A + k * a, sizeof *A * (size_t)k);
+            for (int p = 0; p < k; p++)
+                row.residual[a] -= A[k * a + p] * more[p];
         }
+        chi2 += add_rows(n, rows, rows + n, row.residual, c->weight + 3 * i, normal, gradient);
     }
     return chi2;
 }
 
-/* Least chi2 with a cause, from the estimate and values of 0, by steps of Levenberg and Marquardt. Its value, with the
-   standard deviation at unit weight, is one of its parameters, or the length of several. */
-static double adjusted(const Case *c, const Pose *start, Trial trial, double *value, double *sigma)
+/* Least chi2 with a cause. Its value, with the standard deviation at unit weight, is one of its parameters, or the length of
+   several. */
+static double adjusted(Case *c, const Pose *start, Cause *cause)
 {
-    const int k = c->common, first = FREE[trial.kind].first, width = FREE[trial.kind].width, n = POSE + k + width;
-    const int several = FREE[trial.kind].valued, from = several ? width - several : 0, to = several ? width : width > 0;
-    double *N = c->memory, *L = N + n * n, *kept = L + n * n, *g = kept + n * n, *step = g + 3 * n;
-    double *error = c->error, *moved = error + k, *along = step + n, best = INFINITY, damping = 1e-5;
-    Pose pose = *start, next = pose;
-    Trial tried = trial;
-    memset(error, 0, sizeof *error * (size_t)(2 * k));
-    for (int round = 0; round < ROUNDS; round++) {
-        const double chi2 = equations(c, &next, &tried, moved, N, g);
-        const int settled = best < INFINITY && fabs(chi2 - best) <= SETTLED * best;
-        if (chi2 < best) {
-            best = chi2;
-            pose = next;
-            trial = tried;
-            damping /= 10;
-            memcpy(error, moved, sizeof *error * (size_t)k);
-            memcpy(kept, N, sizeof *N * (size_t)(n * n));
-            memcpy(along, g, sizeof *g * (size_t)n);
-        } else
-            damping *= 10;
-        if (settled || !(best < INFINITY))
-            break;
-        memcpy(L, kept, sizeof *L * (size_t)(n * n));
-        memcpy(step, along, sizeof *step * (size_t)n);
-        for (int p = 0; p < n; p++)
-            L[(n + 1) * p] *= 1 + damping;
-        solve_positive(n, L, step, 1, 1e-300);
-        turn(step, pose.R, next.R);
-        for (int a = 0; a < 3; a++)
-            next.t[a] = pose.t[a] + step[3 + a];
-        for (int p = 0; p < k; p++)
-            moved[p] = error[p] + step[POSE + p];
-        for (int p = 0; p < width; p++)
-            tried.v[first + p] = trial.v[first + p] + step[POSE + k + p];
-    }
-    double length = 0, variance = 0;
+    const int k = c->k, width = FREE[cause->kind].width, n = POSE + k + width, several = FREE[cause->kind].valued;
+    const int from = several ? n - several : POSE + k, to = several || !width ? n : from + 1;
+    double *N = c->memory, *along = N + n * n, *more = N + 3 * n * n + 6 * n, *values = more - POSE, length = 0, variance = 0;
+    const Problem problem = {n, equations, c};
+    Pose pose = *start;
+    c->kind = cause->kind;
+    c->plate = cause->plate;
+    memset(more, 0, sizeof *more * (size_t)n);
+    cause->chi2 = descend(&problem, ROUNDS, TOLERANCE, &pose, more, N);
     for (int p = from; p < to; p++)
-        length += trial.v[first + p] * trial.v[first + p];
+        length += values[p] * values[p];
     length = sqrt(length);
-    *value = to - from == 1 ? trial.v[first + from] : length;
-    *sigma = 0;
-    if (!(best < INFINITY) || !(length > 0))
-        return best;
+    cause->value = to - from == 1 ? values[from] : length;
+    cause->sigma = 0;
+    if (!(cause->chi2 < INFINITY) || !(length > 0))
+        return cause->chi2;
     /* N^-1 times the direction of the value. */
     memset(along, 0, sizeof *along * (size_t)n);
     for (int p = from; p < to; p++)
-        along[POSE + k + p] = to - from == 1 ? 1 : trial.v[first + p] / length;
-    memcpy(step, along, sizeof *step * (size_t)n);
+        along[p] = values[p] = values[p] / length;
     for (int p = 0; p < n; p++)
-        kept[(n + 1) * p] *= 1 + 1e-12;
-    solve_positive(n, kept, step, 1, 1e-300);
-    for (int p = 0; p < n; p++)
-        variance += along[p] * step[p];
-    *sigma = sqrt(variance);
-    return best;
+        N[(n + 1) * p] *= 1 + 1e-12;
+    solve_positive(n, N, along, 1, 1e-300);
+    for (int p = from; p < to; p++)
+        variance += values[p] * along[p];
+    cause->sigma = sqrt(variance);
+    return cause->chi2;
 }
 
-/* The factor L, S = L L', of a covariance that may be singular: columns without variance of their own are zero. */
-static void factorize(const double *S, int n, double *L)
+/* Fills in weights, columns and the extent of the dots at a pose. */
+static void prepare(Case *c, const Pose *pose)
 {
-    memset(L, 0, sizeof *L * (size_t)(n * n));
-    for (int j = 0; j < n; j++)
-        for (int i = j; i < n; i++) {
-            double sum = S[n * i + j];
-            for (int p = 0; p < j; p++)
-                sum -= L[n * i + p] * L[n * j + p];
-            if (i == j)
-                L[n * j + j] = sum > 1e-12 * S[n * j + j] ? sqrt(sum) : 0;
-            else
-                L[n * i + j] = L[n * j + j] > 0 ? sum / L[n * j + j] : 0;
-        }
-}
-
-/* Fills in weights, columns and the extent of the dots at the estimate. */
-static void prepare(Case *c, const Errors *errors, const Pose *pose)
-{
-    const int width = errors->calibration ? 4 + c->camera->count : 0, shared = (int)errors->common, k = c->common;
-    double L[CAMERA * CAMERA], rows[2 * CAMERA];
-    if (width)
-        factorize(errors->calibration, width, L);
-    for (int64_t i = 0; i < c->m; i++) {
-        const int64_t number = c->matches[i].dot;
-        const Dot *dot = c->dots + number;
-        double J[2][POSE], M[2][3], MD[2][3], D[4], pixel[2], S[3], print[3], *W = c->weight + 3 * i, *A = c->columns + 2 * k * i;
-        Outline o;
-        outline_of(dot, dot->place, pose, &o);
-        lens_pixel(c->camera, o.center, pixel, D);
-        dot_rows(dot, pose, J, M);
-        for (int a = 0; a < 2; a++)
-            for (int q = 0; q < 3; q++)
-                MD[a][q] = D[2 * a] * M[0][q] + D[2 * a + 1] * M[1][q];
-        through_place(MD, errors->alone ? errors->alone + 9 * number : dot->print, print);
-        pixel_covariance(dot, c->blobs + c->matches[i].blob, pose, c->camera, errors, S);
-        for (int e = 0; e < 3; e++)
-            S[e] += print[e] + (e == 1 ? 0 : OUTLIER_PX * OUTLIER_PX);
-        const double det = S[0] * S[2] - S[1] * S[1];
-        W[0] = S[2] / det, W[1] = -S[1] / det, W[2] = S[0] / det;
-        for (int p = 0; p < shared; p++)
-            for (int a = 0; a < 2; a++) {
-                const double *d = errors->moved + 3 * shared * number + p;
-                A[k * a + p] = MD[a][0] * d[0] + MD[a][1] * d[shared] + MD[a][2] * d[2 * shared];
-            }
-        if (width)
-            camera_rows(c->camera, o.point, rows);
-        for (int p = 0; p < width; p++)
-            for (int a = 0; a < 2; a++) {
-                A[k * a + shared + p] = 0;
-                for (int q = p; q < width; q++)
-                    A[k * a + shared + p] += rows[width * a + q] * L[width * q + p];
-            }
-        const Plate *plate = c->plates + dot->plate;
+    const Errors *errors = c->s.errors;
+    double offset[3], at[2];
+    Row row;
+    for (int64_t i = 0; i < c->s.m; i++) {
+        const int64_t number = c->s.matches[i].dot;
+        fill_row(&c->s, i, pose, &row);
+        if (errors->alone)
+            through_place(&row, errors->alone + 9 * number, row.print);
+        weight_of(&row, OUTLIER_PX, c->weight + 3 * i);
+        fill_columns(&c->s, i, &row, c->columns + 2 * c->k * i);
+        on_plate(c, c->s.dots + number, offset, at);
         for (int a = 0; a < 2; a++) {
-            double at = 0;
-            for (int b = 0; b < 3; b++)
-                at += plate->R[3 * b + a] * (dot->place[b] - plate->t[b]);
-            c->low[a] = i ? fmin(c->low[a], at) : at;
-            c->high[a] = i ? fmax(c->high[a], at) : at;
+            c->low[a] = i ? fmin(c->low[a], at[a]) : at[a];
+            c->high[a] = i ? fmax(c->high[a], at[a]) : at[a];
         }
     }
 }
@@ -284,15 +196,13 @@ static double chi2_point(double freedom)
 
 /* Tries a cause, and puts it in its place by what is left of chi2 for each degree of freedom, `by`, if it explains something;
    the last one falls out when all are taken. */
-static void try_cause(const Case *c, const Estimate *estimate, int32_t kind, int32_t plate, Verdict *verdict, double *by)
+static void try_cause(Case *c, const Pose *pose, int32_t kind, int32_t plate, Verdict *verdict, double *by)
 {
-    const Trial trial = {kind, plate, {0}};
     const double freedom = (double)(verdict->freedom - FREE[kind].width);
     Cause cause = {kind, plate, 0, 0, 0};
     if (!(freedom > 0))
         return;
-    cause.chi2 = adjusted(c, &estimate->pose, trial, &cause.value, &cause.sigma);
-    const double left = cause.chi2 / freedom, scale = fmax(1, left);
+    const double left = adjusted(c, pose, &cause) / freedom, scale = fmax(1, left);
     cause.sigma *= sqrt(scale);
     if (!((verdict->chi2 - cause.chi2) / FREE[kind].width > TELLING * scale))
         return;
@@ -319,42 +229,40 @@ int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera
           const Plate *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict)
 {
     const int64_t m = estimate->count;
-    const int k = (int)errors->common + (errors->calibration ? 4 + camera->count : 0), n = POSE + k + WIDTH;
+    const int k = common_count(camera, errors), n = POSE + k + WIDTH;
+    const Pose *pose = &estimate->pose;
     int64_t *seen = calloc((size_t)plate_count + 1, sizeof *seen), plates_seen = 0;
-    double *memory = malloc(sizeof *memory * ((size_t)m * (size_t)(3 + 2 * k) + (size_t)(2 * k + 3 * n * n + 5 * n)));
-    double by[MOST_CAUSES], value, sigma;
+    double *memory = malloc(sizeof *memory * ((size_t)m * (size_t)(3 + 2 * k) + (size_t)(3 * n * n + 7 * n))), by[MOST_CAUSES];
+    const int memoryless = !memory || !seen;
     memset(verdict, 0, sizeof *verdict);
-    if (!memory || !seen) {
-        free(memory);
-        free(seen);
-        return NO_MEMORY;
-    }
-    Case c = {dots, blobs, matches, m, camera, plates, {0, 0}, {0, 0}, k, memory, memory + 3 * m, NULL, NULL};
-    c.error = c.columns + 2 * k * m;
-    c.memory = c.error + 2 * k;
-    prepare(&c, errors, &estimate->pose);
-    const Trial none = {CAUSES, -1, {0}};
-    verdict->freedom = 2 * m - POSE;
-    verdict->chi2 = adjusted(&c, &estimate->pose, none, &value, &sigma);
-    verdict->limit = verdict->freedom > 0 ? fmax(chi2_point((double)verdict->freedom), USUAL * (double)verdict->freedom) : INFINITY;
-    verdict->consistent = verdict->chi2 <= verdict->limit;
-    for (int64_t i = 0; i < m; i++)
-        plates_seen += seen[dots[matches[i].dot].plate]++ == 0;
-    const int single = plates_seen == 1;
-    for (int32_t kind = 0; kind < MISPLACED && !verdict->consistent; kind++)
-        if (!(single ? kind == STRETCH_Y : kind == BEND_X || kind == BEND_Y))
-            try_cause(&c, estimate, kind, -1, verdict, by);
-    for (int32_t plate = 0; plate < plate_count && !single && !verdict->consistent; plate++)
-        if (seen[plate] >= 3)
-            try_cause(&c, estimate, MISPLACED, plate, verdict, by);
-    count_likely(verdict, by);
-    if (!verdict->likely && !verdict->consistent) {
-        try_cause(&c, estimate, CAMERA_FILE, -1, verdict, by);
-        if (single)
-            try_cause(&c, estimate, BENT, -1, verdict, by);
+    if (!memoryless) {
+        Case c = {{dots, blobs, matches, m, camera, errors}, plates, {0}, {0}, CAUSES, -1, k, memory, memory + 3 * m,
+                  memory + (3 + 2 * k) * m};
+        Cause none = {CAUSES, -1, 0, 0, 0};
+        prepare(&c, pose);
+        verdict->freedom = 2 * m - POSE;
+        verdict->chi2 = adjusted(&c, pose, &none);
+        const double freedom = (double)verdict->freedom;
+        verdict->limit = freedom > 0 ? fmax(chi2_point(freedom), USUAL * freedom) : INFINITY;
+        verdict->consistent = verdict->chi2 <= verdict->limit;
+        for (int64_t i = 0; i < m; i++)
+            plates_seen += seen[dots[matches[i].dot].plate]++ == 0;
+        const int single = plates_seen == 1;
+        for (int32_t kind = 0; kind < MISPLACED && !verdict->consistent; kind++)
+            if (!(single ? kind == STRETCH_Y : kind == BEND_X || kind == BEND_Y))
+                try_cause(&c, pose, kind, -1, verdict, by);
+        for (int32_t plate = 0; plate < plate_count && !single && !verdict->consistent; plate++)
+            if (seen[plate] >= 3)
+                try_cause(&c, pose, MISPLACED, plate, verdict, by);
         count_likely(verdict, by);
+        if (!verdict->likely && !verdict->consistent) {
+            try_cause(&c, pose, CAMERA_FILE, -1, verdict, by);
+            if (single)
+                try_cause(&c, pose, BENT, -1, verdict, by);
+            count_likely(verdict, by);
+        }
     }
     free(memory);
     free(seen);
-    return 0;
+    return memoryless ? NO_MEMORY : 0;
 }

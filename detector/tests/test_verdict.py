@@ -69,10 +69,9 @@ def test_chi2_is_that_of_the_whole_covariance(rng):
     dots, pose = rig(rng, 6)
     n, struct, moved, alone = len(dots), camera(RADTAN), common_errors(rng, dots), dots["print"].copy()
     factor = rng.normal(size=(9, 9)) * np.array([1, 1, 1, 1, 0.01, 0.01, 1e-3, 1e-3, 0.01])[:, None]
+    factor[1] = factor[0]  # fx and fy are one
     calibration = factor @ factor.T
-    calibration[:, 1] = calibration[:, 0]  # fx and fy are one
-    calibration[1] = calibration[0]
-    errors = ErrorsStruct(3, *(array.ctypes.data for array in (moved, alone, calibration)))
+    errors = ErrorsStruct(3, *(array.ctypes.data for array in (moved, alone, factor)))
     blobs = seen(rng, dots, pose, struct)
     found, verdict = judge(dots, blobs, struct, pose_of(*pose), errors)
     at = found["pose"]["R"], found["pose"]["t"]
