@@ -14,6 +14,8 @@ from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import Camera
 from markergen.read.cameras.document import Document, Fields, document_of
+from markergen.read.cameras.statements import remark_doubts, remark_unused_keys
+from markergen.read.cameras.unreadable import refuse_unreadable
 from markergen.registry import Registry
 
 __all__ = ["CAMERA_FORMATS", "CameraFormat", "CameraRecord", "load_camera", "read_camera"]
@@ -124,13 +126,26 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
 
 
 def format_of(document: Document) -> CameraFormat | None:
-    """Return the format of a document, if it is known."""
-    return next((CAMERA_FORMATS[name] for name in CAMERA_FORMATS if CAMERA_FORMATS[name].fits(document)), None)
+    """Return the format of a document, if it is known; raises InputError if it is none and no text of keys either."""
+    damage: InputError | None = None
+    for name in CAMERA_FORMATS:
+        try:
+            if CAMERA_FORMATS[name].fits(document):
+                return CAMERA_FORMATS[name]
+        except InputError as error:  # Another format may be no table of keys.
+            damage = error
+    if damage:
+        raise damage
+    return None
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:
+    refuse_unreadable(document)
     if (camera_format := format_of(document)) is not None:
-        return camera_format.read(document, choice)
+        camera = camera_format.read(document, choice)
+        remark_unused_keys(document, camera)
+        remark_doubts(document.name, camera)
+        return camera
     signs = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
     raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")
 

@@ -19,35 +19,89 @@ from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
 from markergen.read.cameras.document import Fields
+from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
+from markergen.read.remarks import remark
 
-MATRIX = ("camera_matrix", "K", "intrinsic_matrix", "mtx")
-COEFFICIENTS = ("distortion_coefficients", "D", "dist_coeffs", "distortion_coeffs", "dist")
+MATRIX = ("camera_matrix", "K", "intrinsic_matrix", "mtx", "M", "camera_intrinsics", "intrinsics_matrix", "intrinsic")
+COEFFICIENTS = ("distortion_coefficients", "D", "dist_coeffs", "distortion_coeffs", "dist", "dist_coeff", "coeffs",
+                "distortion_coeff")  # fmt: skip
 MODEL = ("distortion_model",)
-WIDTH, HEIGHT = ("image_width", "width"), ("image_height", "height")
-SIZE = ("image_size", "resolution", "img_size")
-"""Keys used by OpenCV, by ROS, and in hand-written files."""
+WIDTH, HEIGHT = (
+    ("image_width", "width", "img_width", "w", "cols"),
+    ("image_height", "height", "img_height", "h", "rows"),
+)
+SIZE = ("image_size", "resolution", "img_size", "camera_resolution", "image_resolution", "imagersize")
+FX, FY = ("fx", "fl_x", "focal_length_x"), ("fy", "fl_y", "focal_length_y")
+CX, CY = ("cx", "ppx", "principal_point_x"), ("cy", "ppy", "principal_point_y")
+"""Keys used by OpenCV, by ROS, by other programs, and in hand-written files."""
+
+NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Keys of single coefficients."""
 
 SHORTEST, LONGEST = 1e-3, 1e6
 """Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
 
 
-def calibrated_camera(table: Fields, model: str) -> Camera:
-    """Make a camera from a table with matrix, coefficients and image size; `model` names the distortion model."""
-    key = table.key(*MATRIX)
-    coefficients_key = table.find(*COEFFICIENTS)
-    model_key = table.find(*MODEL) or coefficients_key or ""
-    matrix = entries(table, key, (3, 3))
-    coefficients = [] if coefficients_key is None else entries(table, coefficients_key, None)
-    if coefficients_key is None:
+def calibrated_camera(table: Fields, around: Sequence[Fields] = (), corner: float = 0.0) -> Camera:
+    """Make a camera from a table with a matrix, or focal lengths and principal point; coefficients; and image size.
+
+    The lens is the one that any key of the table, or of those `around` it, names; without a name, that of OpenCV.
+    `corner` is the coordinate of a pixel's center from which the principal point counts.
+    """
+    tables = [*around, table]
+    model, model_place = stated_lens(tables)
+    check_statements(tables)
+    key = table.find(*MATRIX)
+    if key is not None and isinstance(table.values[key], list | dict | str):
+        pinhole = pinhole_of(entries(table, table.key(*MATRIX), (3, 3)), table.place(key))
+    else:
+        key = table.find(*FX) or table.key(*MATRIX)
+        fx, cx, cy = table.number(*FX), table.number(*CX), table.number(*CY)
+        pinhole = fx, table.number(*FY), cx, cy
+    size_key, width, height = _size(table)
+    distortion = _distortion(table, model, model_place, flat=key in map(table.find, FX))
+    fx, fy, cx, cy = pinhole
+    return make_camera(
+        width, height, (fx, fy, cx - corner, cy - corner), distortion, table.place(key), table.place(size_key)
+    )
+
+
+def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Distortion:
+    """Make the distortion from a list of coefficients, or from single ones; in a `flat` table these may be left out."""
+    model = "" if stated == BY_COUNT else stated
+    key = table.find(*COEFFICIENTS)
+    if key is not None:
+        coefficients = entries(table, table.key(*COEFFICIENTS), None)
+        if len(coefficients) == 4 and not stated and any(coefficients):
+            remark(
+                f"{table.place(key)}: four coefficients without a lens's name are taken as k1 k2 p1 p2 of radtan, not "
+                "as k1 k2 k3 k4 of a fisheye: add distortion_model"
+            )
+        return make_distortion(model, coefficients, model_place or table.place(key), table.place(key))
+    terms = {name: table.number(name) for name in NAMED if table.find(name)}
+    if not terms and not (flat and model):
         # A misspelled key must not yield a camera without distortion.
-        similar = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
+        similar = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE)]
+        similar = [key for key in similar if table.path_of(key) not in table.used]
         if similar or model not in ("", "none"):
             problem = f"only {brief(similar[0])}" if similar else "none"
             raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", problem, "add it, or check the path")
-    distortion = make_distortion(model, coefficients, table.place(model_key), table.place(coefficients_key or ""))
-    size_key, width, height = _size(table)
-    pinhole = pinhole_of(matrix, table.place(key))
-    return make_camera(width, height, pinhole, distortion, table.place(key), table.place(size_key))
+        if model != "none" and not (flat and model_place and not stated):
+            remark(f"{table.place()}: no distortion coefficients, which is taken as no distortion")
+        return Distortion()
+    if not model:
+        model = "rational" if {"k4", "k5", "k6"} & terms.keys() else "radtan"
+        if not {"p1", "p2"} & terms.keys() and "k4" in terms and not stated:
+            raise InputError(f"the lens's name beside k1 to k4 in {table.place()}", "none", "add distortion_model")
+    lists = [names for names in LENSES[model].coefficients if terms.keys() <= set(names)] or [()]
+    if not lists[0] and any(terms.values()):
+        names = ", ".join(LENSES[model].coefficients[-1]) or "none"
+        odd = next(name for name in terms if name not in LENSES[model].coefficients[-1])
+        raise InputError(f"the coefficients {names} of {model} in {table.place()}", odd, "correct the file")
+    if missing := [name for name in lists[0] if name not in terms]:
+        remark(f"{table.place()}: no {', '.join(missing)}, which is taken as 0")
+    with with_place(table.place()):
+        return Distortion(model if lists[0] else "none", tuple(terms.get(name, 0.0) for name in lists[0]))
 
 
 def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = False) -> Camera:
@@ -78,17 +132,32 @@ def _array(values: Any, name: str) -> "np.ndarray[Any, np.dtype[np.float64]]":
 
 
 def _size(table: Fields) -> tuple[str, int, int]:
-    if table.find(*WIDTH) is None and (key := table.find(*SIZE)) is not None:
-        size = table.numbers(key)
-        if len(size) != 2 or not all(side.is_integer() for side in size):
-            raise InputError(f"width and height at {table.place(key)}", brief(size), "correct the file")
-        return key, int(size[0]), int(size[1])
-    width, height = table.whole(*WIDTH), table.whole(*HEIGHT)
-    return f"{table.key(*WIDTH)} and {table.key(*HEIGHT)}", width, height
+    """Return the keys of the image size, and width and height; refuse sizes that contradict each other."""
+    sizes: dict[str, tuple[int, int]] = {}
+    if (key := table.find(*SIZE)) is not None:
+        if isinstance(table.values[key], dict):
+            sides: list[float] = [table.fields(*SIZE).whole(*WIDTH), table.fields(*SIZE).whole(*HEIGHT)]
+        else:
+            sides = table.numbers(*SIZE)
+        if len(sides) != 2 or not all(side.is_integer() for side in map(float, sides)):
+            raise InputError(f"width and height at {table.place(key)}", brief(sides), "correct the file")
+        sizes[key] = int(sides[0]), int(sides[1])
+    if table.find(*WIDTH) is not None or (not sizes and table.size is None):
+        width, height = table.whole(*WIDTH), table.whole(*HEIGHT)
+        sizes[f"{table.key(*WIDTH)} and {table.key(*HEIGHT)}"] = width, height
+    if table.size is not None:
+        sizes["--image-size"] = table.size
+    if len(set(sizes.values())) > 1:
+        texts = [f"{width}x{height} at {key}" for key, (width, height) in sizes.items()]
+        raise InputError(f"one image size in {table.place()}", " and ".join(texts), "remove the wrong one")
+    return next((key, *size) for key, size in sizes.items())
 
 
 def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[float]:
     """Entries, row by row, of a plain list or a mapping with rows, cols and data; a vector if `shape` is None."""
+    if isinstance(table.values[key], str) and not table.values[key].strip():
+        table.key(key)
+        return []
     if not isinstance(table.values[key], dict):
         return table.numbers(key)
     matrix = table.fields(key)
@@ -146,11 +215,11 @@ def _named(name: str, place: str) -> str:
         with with_place(place):
             LENSES[name]  # Raises if the model is a broken plug-in.
         return name
-    aliases = {alias: model for model in LENSES for alias in LENSES[model].aliases}
-    if name not in aliases:
+    if (model := lens_name(name)) in (None, ANY, BY_COUNT):
         names = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
         raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(names)}")
-    return aliases[name]
+    assert model is not None
+    return model
 
 
 def make_camera(

@@ -1,4 +1,4 @@
-"""COLMAP's cameras.txt: one camera per line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
+"""COLMAP's cameras.txt, one camera per line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS, and its cameras.bin.
 
 COLMAP measures pixels from the corner of the image, so that the center of the first is at (0.5, 0.5). It skips lines
 that begin with #, where a covariance is written.
@@ -7,6 +7,7 @@ that begin with #, where a covariance is written.
 # tests: tests/read/test_camera_files.py tests/read/test_cameras.py
 
 import re
+import struct
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,13 +36,61 @@ MODELS: dict[str, tuple[int, str, tuple[int, ...]]] = {
 }
 """Number of focal lengths, distortion model, and indices of its coefficients that are parameters; the rest are 0."""
 
+NUMBERED = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
+            "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE")  # fmt: skip
+"""Models by their numbers in cameras.bin."""
+
+MOST_CAMERAS = 10_000
+"""Maximum number of cameras; a file may have a camera for every image."""
+
+ORDER = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS"
+
 _LENGTHS = {"none": 0, "radtan": 4, "rational": 8, "equidistant": 4}
 _CAMERA = re.compile(r"\d+\s+[A-Z][A-Z0-9_]*\s")
 
 
+def _unpacked(data: bytes) -> list[str] | None:
+    """Lines of cameras.txt that hold what a cameras.bin does; None if it is none."""
+    if len(data) < 32 or not 1 <= (count := int.from_bytes(data[:8], "little")) <= MOST_CAMERAS:
+        return None
+    lines, place = [], 8
+    for _ in range(count):
+        if len(data) < place + 24:
+            return None
+        number, model, width, height = struct.unpack_from("<IiQQ", data, place)
+        if not 0 <= model < len(NUMBERED):
+            return None
+        focals, _, terms = MODELS.get(NUMBERED[model], (2, "", (0,) * (8 if NUMBERED[model][0] == "T" else 1)))
+        parameters = focals + 2 + len(terms)
+        place += 24 + 8 * parameters
+        if place > len(data):
+            return None
+        values = struct.unpack_from(f"<{parameters}d", data, place - 8 * parameters)
+        lines.append(" ".join(map(str, (number, NUMBERED[model], width, height, *values))))
+    return lines if place == len(data) else None
+
+
+def _lines(document: Document) -> list[str]:
+    unpacked = _unpacked(document.data)
+    if unpacked is not None:
+        return unpacked
+    for line in document.text.splitlines():
+        header = re.findall(r"[A-Z_]{5,}", line.partition("#")[2].upper())
+        if "CAMERA_ID" in header and header != ORDER.split():
+            raise InputError(f"columns {ORDER} in {document.name}", brief(" ".join(header)), "reorder the columns")
+    return document.lines
+
+
+def _fits(document: Document) -> bool:
+    if b"\0" in document.data[:8]:
+        return _unpacked(document.data) is not None
+    return bool(document.lines) and _CAMERA.match(document.lines[0]) is not None
+
+
 def _read(document: Document, choice: str | None) -> Camera:
-    numbers = [line.split(maxsplit=1)[0] for line in document.lines]
-    rows = dict(zip(numbers, document.lines, strict=True))
+    lines = _lines(document)
+    numbers = [line.split(maxsplit=1)[0] for line in lines]
+    rows = dict(zip(numbers, lines, strict=True))
     if len(rows) < len(numbers):
         twice = next(number for i, number in enumerate(numbers) if number in numbers[:i])
         raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "remove one")
@@ -93,6 +142,8 @@ def _camera(cells: Sequence[str], file: str, number: str) -> Camera:
 
 def _table(document: Document, choice: str | None) -> Fields:
     del choice
+    if b"\0" in document.data[:8]:
+        return Fields(document.name, {})
     comments = (line.strip().lstrip("# ").partition(":") for line in document.text.splitlines() if line[:1] == "#")
     # With several cameras, a comment does not say whose it is.
     values = {key: value.strip() for key, _, value in comments} if len(document.lines) == 1 else {}
@@ -123,7 +174,7 @@ def _write(record: CameraRecord, ending: str) -> str:
 CAMERA_FORMATS.register("colmap")(
     CameraFormat(
         "lines of CAMERA_ID MODEL WIDTH HEIGHT PARAMS",
-        lambda document: bool(document.lines) and _CAMERA.match(document.lines[0]) is not None,
+        _fits,
         _read,
         _table,
         ("cameras.txt", ".colmap.txt"),

@@ -22,6 +22,9 @@ TOLERANCE = 1e-6
 """Allowed asymmetry and negative eigenvalue of a covariance, as a correlation: files round to six digits."""
 
 
+DEVIATIONS, LENS_DEVIATIONS = ("camera_matrix_std_dev",), ("dist_coeffs_std_dev",)
+"""Keys of standard deviations of fx, fy, cx, cy, and of the coefficients."""
+
 EXACT = "none"
 """Word that stands for the covariance of an exact calibration."""
 
@@ -126,7 +129,7 @@ def _stored(document: Document, choice: str | None, camera: Camera) -> Array | N
     table = form.table(document, choice)
     key = table.find(COVARIANCE)
     if key is None:
-        return None
+        return _of_deviations(table, camera)
     rows, names = table.words(NAMES), camera.parameter_names
     if len(set(rows)) < len(rows):
         raise InputError(f"every parameter once at {table.place(NAMES)}", brief(" ".join(rows)), "correct the file")
@@ -145,6 +148,21 @@ def _stored(document: Document, choice: str | None, camera: Camera) -> Array | N
     places = [names.index(row) for row in rows if row in names]
     result[np.ix_(places, places)] = covariance[np.ix_(here, here)]
     return result
+
+
+def _of_deviations(table: Fields, camera: Camera) -> Array | None:
+    """Covariance from the standard deviations that OpenCV's interactive-calibration writes; None without them."""
+    if table.find(*DEVIATIONS) is None:
+        return None
+    sigmas = np.zeros(len(camera.parameter_names))
+    for keys, first, last in ((DEVIATIONS, 0, 4), (LENS_DEVIATIONS, 4, len(sigmas))):
+        values = entries(table, table.key(*keys), None) if table.find(*keys) else []
+        if any(values[last - first :]):
+            raise InputError(
+                f"{last - first} standard deviations at {table.place(keys[0])}", str(len(values)), "correct the file"
+            )
+        sigmas[first : first + len(values)] = values[: last - first]
+    return _of_sigmas(sigmas, table.place(DEVIATIONS[0]))
 
 
 def _of_sigmas(sigmas: Array, name: str) -> Array:

@@ -9,14 +9,15 @@ mappings. Numbers remain text until they are requested, since formats write them
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
 from typing import Any
 
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, text_of
+from markergen.read.remarks import remark
 
 DEEPEST = 20
 """Maximum nesting of lists and mappings; calibration files need four levels."""
@@ -68,10 +69,16 @@ def yaml_text(values: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Document:
-    """A file's name and bytes; raises InputError if a requested text or value is not in it."""
+    """A file's name and bytes; raises InputError if a requested text or value is not in it.
+
+    `size` is the width and height in px that the user gave, for files without them; `tables` are those that a reader
+    made of the file's values and read, if it did.
+    """
 
     name: str
     data: bytes
+    size: tuple[int, int] | None = None
+    tables: "list[Fields]" = field(default_factory=list, compare=False)
 
     @cached_property
     def text(self) -> str:
@@ -84,28 +91,54 @@ class Document:
         stripped = (line.strip() for line in self.text.splitlines())
         return [line for line in stripped if line and not line.startswith("#")]
 
-    @cached_property
+    @property
     def fields(self) -> "Fields":
         """Values by key; empty if the file has no keys and values."""
-        if self.text.lstrip().startswith("<"):
-            values = _xml(self.text, self.name)
-        elif self.lines and _TOML.match(self.lines[0]):
-            values = _toml(self.text, self.name)
-        else:
-            values = _yaml(self.text, self.name)
-        return Fields(self.name, values if isinstance(values, dict) else {})
+        if isinstance(self._parsed, InputError):
+            raise self._parsed
+        return self._parsed
+
+    @cached_property
+    def _parsed(self) -> "Fields | InputError":
+        """The values, or what is wrong with them, which every format asks for again."""
+        try:
+            if self.text.lstrip().startswith("<"):
+                values = _xml(self.text, self.name)
+            elif self.lines and _TOML.match(self.lines[0]):
+                values = _toml(self.text, self.name)
+            else:
+                values = _yaml(self.text, self.name)
+        except InputError as error:
+            return error
+        return Fields(self.name, values if isinstance(values, dict) else {}, size=self.size)
+
+    @property
+    def unused(self) -> list[tuple[str, Any]]:
+        """Places and values that a reader left, if it read by keys."""
+        parsed = self.__dict__.get("_parsed")
+        tables = [*self.tables, *([parsed] if isinstance(parsed, Fields) and parsed.used else [])]
+        return [place for table in tables for place in table.unused()]
+
+    def table(self, values: Mapping[str, Any], path: str = "") -> "Fields":
+        """Make a table of values of the file, at their places in it."""
+        used = self._parsed.used if isinstance(self._parsed, Fields) else set()
+        self.tables.append(Fields(self.name, values, path, used, self.size))
+        return self.tables[-1]
 
 
 @dataclass(frozen=True)
 class Fields:
     """A mapping at a place in a file; a missing or unfit value raises InputError with file and key.
 
-    A key is found by any of the names given, ignoring case, underscores and hyphens.
+    A key is found by any of the names given, ignoring case, underscores, hyphens and dots; keys that mean the same must
+    have the same value. The places of values that are read are kept in `used`, which inner mappings share.
     """
 
     file: str
     values: Mapping[str, Any]
     path: str = ""
+    used: set[str] = field(default_factory=set, compare=False, repr=False)
+    size: tuple[int, int] | None = None
 
     def place(self, key: str = "") -> str:
         """Return key and file, for messages."""
@@ -114,14 +147,33 @@ class Fields:
 
     def find(self, *names: str) -> str | None:
         """Return the key, as written in the file, for the first of these names that is present."""
-        return next((self._keys[_plain(name)] for name in names if _plain(name) in self._keys), None)
+        return next((self._keys[plain(name)][0] for name in names if plain(name) in self._keys), None)
 
     def key(self, *names: str) -> str:
-        """Return the key like `find`, but require it."""
-        key = self.find(*names)
-        if key is None:
-            raise InputError(f"the key {' or '.join(names)} in {self.place()}", "none", "add it, or check the path")
-        return key
+        """Return the key like `find`, but require it, and mark it as used; refuse others for it with another value."""
+        keys = [key for name in dict.fromkeys(map(plain, names)) for key in self._keys.get(name, [])]
+        if not keys:
+            raise InputError(f"the key {' or '.join(names[:2])} in {self.place()}", "none", "add it, or check the path")
+        for key in keys[1:]:
+            if _bare(self.values[key]) != _bare(self.values[keys[0]]):
+                raise InputError(
+                    f"one value at {self.place(keys[0])}", f"another at {brief(key)}", "remove the wrong one"
+                )
+        self.used.update(self.path_of(key) for key in keys)
+        return keys[0]
+
+    def unused(self) -> Iterator[tuple[str, Any]]:
+        """Yield places and values that were not read, of inner mappings only where something of them was read."""
+        for key, value in self.values.items():
+            path = self.path_of(key)
+            if path not in self.used:
+                yield path, value
+            elif isinstance(value, dict) and any(name.startswith(f"{path}.") for name in self.used):
+                yield from Fields(self.file, value, path, self.used).unused()
+
+    def path_of(self, key: str) -> str:
+        """Return the place of a key in the file, for `used`."""
+        return f"{self.path}.{key}" if self.path else key
 
     def number(self, *names: str) -> float:
         """Return a finite number."""
@@ -163,7 +215,7 @@ class Fields:
         value = self.values[key]
         if not isinstance(value, dict):
             raise InputError(f"keys and values at {self.place(key)}", brief(value), "correct the file")
-        return Fields(self.file, value, f"{self.path}.{key}" if self.path else key)
+        return Fields(self.file, value, self.path_of(key), self.used, self.size)
 
     def text(self, *names: str) -> str:
         """Return one piece of text."""
@@ -180,8 +232,12 @@ class Fields:
             raise InputError(f"only {', '.join(keys)} in {self.place()}", brief(unknown[0]), "correct the key")
 
     @cached_property
-    def _keys(self) -> dict[str, str]:
-        return {_plain(key): key for key in reversed(list(self.values)) if len(key) <= _LONGEST_KEY}
+    def _keys(self) -> dict[str, list[str]]:
+        keys: dict[str, list[str]] = {}
+        for key in self.values:
+            if len(key) <= _LONGEST_KEY:
+                keys.setdefault(plain(key), []).append(key)
+        return keys
 
     def _number(self, key: str, value: object) -> float:
         try:
@@ -202,8 +258,23 @@ def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> st
     return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"
 
 
-def _plain(key: str) -> str:
-    return key.lower().replace("_", "").replace("-", "")
+def plain(key: str) -> str:
+    """Return a key without what its spelling may vary in."""
+    return re.sub(r"[\W_]", "", key.lower())
+
+
+def _bare(value: Any) -> Any:
+    """Return a value such that equal ones are equal: its numbers without their layout, or its text."""
+    if isinstance(value, dict):
+        return _bare(value["data"]) if "data" in value else {key: _bare(item) for key, item in value.items()}
+    if isinstance(value, list):
+        items = [_bare(item) for item in value]
+        return [part for item in items for part in (item if isinstance(item, list) else [item])]
+    text = str(value).strip()
+    try:
+        return float(text) if " " not in text else [float(word) for word in text.split()]
+    except ValueError:
+        return text.lower()
 
 
 def _damaged(syntax: str, name: str, problem: str) -> InputError:
@@ -218,8 +289,14 @@ def _yaml(text: str, name: str) -> Any:
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     stack: list[tuple[Any, list[str]]] = [([], [])]
     anchors: dict[str, Any] = {}
+    ended = False
     try:
         for event in yaml.parse(_OPENCV_HEADER.sub("", text, count=1), Loader=loader):
+            if ended:  # What follows the last mark is an empty scalar.
+                if isinstance(event, (yaml.CollectionStartEvent, yaml.AliasEvent)) or getattr(event, "value", None):
+                    remark(f"not used of {name}: all documents but the first")
+                    break
+                continue
             if isinstance(event, yaml.ScalarEvent):
                 value: Any = event.value
             elif isinstance(event, yaml.SequenceStartEvent):
@@ -234,7 +311,8 @@ def _yaml(text: str, name: str) -> Any:
                 stack.pop()
                 continue
             elif isinstance(event, yaml.DocumentEndEvent):
-                break
+                ended = True
+                continue
             else:
                 continue
             problem: str | None = _put(value, *stack[-1])
@@ -287,6 +365,9 @@ def _xml(text: str, name: str) -> dict[str, Any]:
     for element in root:
         if element.tag in values:
             raise _damaged("XML", name, f"the key {brief(element.tag)} twice")
+        tags = [child.tag for child in element]
+        if len(set(tags)) < len(tags) and set(tags) != {"_"}:  # Underscores stand for the items of a list.
+            raise _damaged("XML", name, f"a key twice in {brief(element.tag)}")
         values[element.tag] = {child.tag: child.text or "" for child in element} or (element.text or "").strip()
     return values
 

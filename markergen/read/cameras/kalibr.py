@@ -9,6 +9,7 @@ from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import make_camera, make_distortion, without_k3
 from markergen.read.cameras.document import Document, Fields, yaml_text
+from markergen.read.cameras.statements import BY_COUNT, check_statements, lens_name, stated_lens
 
 _NAME = re.compile(r"cam\d{1,3}")
 
@@ -36,6 +37,7 @@ def _read(document: Document, choice: str | None) -> Camera:
             repr(model),
             "calibrate with pinhole-radtan or pinhole-equi",
         )
+    check_statements([table])
     intrinsics, size = table.numbers("intrinsics"), table.numbers("resolution")
     if len(intrinsics) != 4:
         raise InputError(f"fu, fv, pu, pv at {table.place('intrinsics')}", brief(intrinsics), "correct the file")
@@ -43,6 +45,13 @@ def _read(document: Document, choice: str | None) -> Camera:
         raise InputError(f"width and height at {table.place('resolution')}", brief(size), "correct the file")
     model = table.text("distortion_model")
     coefficients = [] if model == "none" else table.numbers("distortion_coeffs")
+    if table.find("distortion_coeffs") and model == "none":
+        table.key("distortion_coeffs")
+    stated, place = stated_lens([table])
+    if stated not in (BY_COUNT, "") and model and stated != lens_name(model):
+        raise InputError(
+            f"one lens at {table.place('distortion_model')}", f"another at {place}", "remove the wrong one"
+        )
     distortion = make_distortion(
         model or "none", coefficients, table.place("distortion_model"), table.place("distortion_coeffs")
     )

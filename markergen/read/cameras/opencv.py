@@ -16,22 +16,18 @@ from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import MATRIX, MODEL, calibrated_camera, no_choice
 from markergen.read.cameras.document import Document, Fields, opencv_matrix
 
-FISHEYE = ("fisheye_model", "fisheye")
 LENSES = ("none", "radtan", "rational", "equidistant")
 """Models that OpenCV and ROS have."""
 
 
 def _fits(document: Document) -> bool:
-    return document.fields.find(*MATRIX) is not None and document.fields.find(*MODEL) is None
+    fields = document.fields
+    return fields.find(*MATRIX) is not None and fields.find(*MODEL) is None and "cameraIntrinsics" not in fields.values
 
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    table = document.fields
-    key = table.find(*FISHEYE)
-    # A flag is a number in FileStorage and a word in hand-written files.
-    fisheye = key is not None and str(table.values[key]).strip().lower() not in ("0", "false", "no", "")
-    return calibrated_camera(table, "fisheye" if fisheye else "")
+    return calibrated_camera(document.fields)
 
 
 def _table(document: Document, choice: str | None) -> Fields:

@@ -6,7 +6,7 @@ import json
 
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, RMS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import make_camera, no_choice, with_place
+from markergen.read.cameras.calibration import COEFFICIENTS, make_camera, no_choice, with_place
 from markergen.read.cameras.document import Document, Fields
 
 
@@ -16,7 +16,8 @@ def _fields(document: Document) -> Fields:
 
 
 def _fits(document: Document) -> bool:
-    return "fx" in _fields(document).values
+    table = _fields(document)
+    return "fx" in table.values and not table.find("k1", "ppx", *COEFFICIENTS)
 
 
 def _read(document: Document, choice: str | None) -> Camera:

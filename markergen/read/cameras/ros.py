@@ -6,7 +6,7 @@ image has the K of the raw one.
 
 # tests: tests/read/test_camera_files.py tests/read/test_cameras.py
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH, calibrated_camera, no_choice
+from markergen.read.cameras.calibration import MATRIX, MODEL, calibrated_camera, make_camera, no_choice
 from markergen.read.cameras.document import Document, Fields, document_of, yaml_text
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
@@ -45,7 +45,8 @@ def _fits(document: Document) -> bool:
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    return _camera(_message(document))
+    table = _message(document)
+    return _camera(table, [] if table is document.fields else [document.fields])
 
 
 def _table(document: Document, choice: str | None) -> Fields:
@@ -98,29 +99,31 @@ def _attributes(message: Any, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _camera(table: Fields) -> Camera:
-    for axis in ("binning_x", "binning_y"):
-        if table.find(axis) is not None and table.whole(axis) > 1:
-            raise InputError(
-                f"a full image, not a binned one, at {table.place(axis)}", str(table.whole(axis)), "calibrate the image"
-            )
-    if table.find("roi") is not None:
-        _refuse_part(table, table.fields("roi"))
-    return calibrated_camera(table, table.text(*MODEL))
-
-
-def _refuse_part(table: Fields, roi: Fields) -> None:
-    """Refuse a region of interest: K is relative to the corner of the full image and would be shifted."""
-    for corner in ("x_offset", "y_offset"):
-        if roi.find(corner) is not None and roi.whole(corner) != 0:
-            raise InputError(
-                f"the full image, 0, at {roi.place(corner)}", str(roi.whole(corner)), "calibrate the image as it is"
-            )
-    for side, full in (("width", WIDTH), ("height", HEIGHT)):
-        if roi.find(side) is not None and roi.whole(side) not in (0, table.whole(*full)):
-            raise InputError(
-                f"the full image at {roi.place(side)}", f"{roi.whole(side)} px of it", "calibrate the image as it is"
-            )
+def _camera(table: Fields, around: Sequence[Fields] = ()) -> Camera:
+    """Make the camera of the image as it is sent: the part of the sensor in `roi`, in pixels binned together."""
+    camera = calibrated_camera(table, around)
+    size = np.array([camera.width, camera.height])
+    binning = [table.whole(axis) if table.find(axis) else 1 for axis in ("binning_x", "binning_y")]
+    roi = table.fields("roi") if table.find("roi") else Fields(table.file, {})
+    offset, part = ([roi.whole(key) if roi.find(key) else 0 for key in keys] for keys in (PART[:2], PART[:1:-1]))
+    # Zero is the full side.
+    part = [side or (0 if start else full) for side, start, full in zip(part, offset, size.tolist(), strict=True)]
+    if not ((np.array(offset) >= 0) & (np.array(part) > 0) & (np.array(offset) + part <= size)).all():
+        raise InputError(f"a part of the image of {size[0]}x{size[1]} px at {table.place('roi')}",
+                         f"{part[0]}x{part[1]} px at {offset[0]}, {offset[1]}", "correct the file")  # fmt: skip
+    if not all(0 <= count <= side for count, side in zip(binning, part, strict=True)):
+        raise InputError(f"a binning at {table.place('binning_x')}", brief(binning), "correct the file")
+    bx, by = (max(count, 1) for count in binning)
+    # The center of a binned pixel is that of its pixels: (b - 1)/2 from the first one's.
+    return make_camera(
+        part[0] // bx,
+        part[1] // by,
+        (camera.fx / bx, camera.fy / by, (camera.cx - offset[0] - (bx - 1) / 2) / bx,
+         (camera.cy - offset[1] - (by - 1) / 2) / by),
+        camera.distortion,
+        table.place(table.key(*MATRIX)),
+        table.place("roi"),
+    )  # fmt: skip
 
 
 CAMERA_FORMATS.register("ros")(
