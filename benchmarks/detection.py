@@ -13,8 +13,8 @@ memory:      peak memory in images of 4000x3000, above imports and image
 
 Markers, tags and grids stand in the same disk, in the same poses, before the same photographs, and every detector takes
 its turn on every frame. A wrong result has a wrong label or number (grids of OpenCV are often mirrored). Errors are
-those of dots or corners. ArUco's fast mode shrinks images to the smallest tag, 5 % of the longer side; then no dot is
-smaller than 5 px, which detectors are told that can use it.
+those of dots or corners. ArUco's fast mode shrinks images to the smallest tag, 5 % of the longer side. Dots in its disk
+are then not smaller than 1/128 of the longer side, 5 px of 640: detectors that can use it take this as the smallest.
 """
 
 import os
@@ -53,7 +53,7 @@ GRID = (5, 4)
 ARUCO = Tag("aruco:DICT_4X4_50", 7, np.sqrt(2) * scenes.RADIUS * 6 / 8)
 APRILTAG = Tag("apriltag:36h11", 7, np.sqrt(2) * scenes.RADIUS * 8 / 10)
 FAR_PX = 5.0
-SMALLEST_SHARE, SMALLEST_DOT_PX = 0.05, 5.0
+SMALLEST_SHARE, SMALLEST_DOT_SHARE = 0.05, 1 / 128
 FAMILY = 20
 NEAR = (0.53, 0.58), (0, 25)
 """Distances in m and tilts in deg in which tags of a board are seen in ArUco's fast mode: it takes 32 px more than the
@@ -130,7 +130,8 @@ def of_sizes(measure: Callable[[Camera, Any], Rows], title: str = "{}") -> Calla
 
 
 def detector_of(body: Any, camera: Any) -> Any:
-    return mg.Detector(body, camera, **scenes.supported(mg.Detector, smallest=SMALLEST_DOT_PX))
+    smallest = SMALLEST_DOT_SHARE * max(camera.width, camera.height)
+    return mg.Detector(body, camera, **scenes.supported(mg.Detector, smallest=smallest))
 
 
 @cache

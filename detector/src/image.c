@@ -73,16 +73,7 @@ double grey_noise(const Image *image)
             count += sum > 0;
         }
     }
-    double square = 0;
-    if (count) {
-        const double place = PLAIN * (double)(count - 1);
-        const int64_t low = (int64_t)place;
-        square = order_statistic(sums, count, low);
-        double next = low + 1 < count ? INFINITY : square;
-        for (int64_t i = low + 1; i < count; i++)
-            next = smaller(next, sums[i]);
-        square += (place - (double)low) * (next - square);
-    }
+    const double square = order_statistic(sums, count, (int64_t)(PLAIN * (double)count));
     free(sums);
     return sqrt(square / (PIECE - 1) / 2);
 }
@@ -108,39 +99,26 @@ static uint16_t wide_level(const Image *image, int64_t x, int64_t y)
     return (uint16_t)(image->inverted ? UINT16_MAX - level : level);
 }
 
-/* Linear between the neighbors in order of a quantile's place. */
-static double quantile_of(const uint32_t *counts, int64_t count, double share)
-{
-    const double place = share * (double)(count - 1);
-    const int64_t low = (int64_t)place;
-    int64_t below = 0;
-    int a = 0, b;
-    while (below + counts[a] <= low)
-        below += counts[a++];
-    b = a;
-    while (b < UINT16_MAX && below + counts[a] <= low + 1 && (b == a || !counts[b]))
-        b++;
-    return a + (place - (double)low) * (counts[b] ? b - a : 0);
-}
+/* The lowest level and the range to map to 8 bits. Of 16 bits, a thousandth is cut off at either end, of so many pixels. */
+enum { RANGE_PIXELS = 100000 };
 
-/* The lowest level and the range to map to 8 bits. Of 16 bits, a thousandth is cut off at either end. */
 static int set_range(const Image *image, Pyramid *p)
 {
+    const int64_t every = 1 + (int64_t)sqrt((double)(image->height * image->width) / RANGE_PIXELS);
+    int64_t count = 0;
     p->low = 0;
     p->unit = 1;
-    if (!image->wide || !image->height || !image->width)
+    if (!image->wide)
         return 0;
-    const int64_t by_size = (int64_t)sqrt((double)(image->height * image->width) / 1e6), every = by_size > 1 ? by_size : 1;
-    uint32_t *counts = calloc(UINT16_MAX + 1, sizeof *counts);
-    int64_t count = 0;
-    if (!counts)
+    double *levels = malloc(sizeof *levels * (size_t)((image->height / every + 1) * (image->width / every + 1)));
+    if (!levels)
         return NO_MEMORY;
     for (int64_t y = 0; y < image->height; y += every)
-        for (int64_t x = 0; x < image->width; x += every, count++)
-            counts[wide_level(image, x, y)]++;
-    p->low = quantile_of(counts, count, 0.001);
-    p->unit = larger(quantile_of(counts, count, 0.999) - p->low, 255) / 255;
-    free(counts);
+        for (int64_t x = 0; x < image->width; x += every)
+            levels[count++] = wide_level(image, x, y);
+    p->low = order_statistic(levels, count, count / 1000);
+    p->unit = larger(order_statistic(levels, count, count - 1 - count / 1000) - p->low, 255) / 255;
+    free(levels);
     return 0;
 }
 
@@ -267,28 +245,33 @@ typedef struct {
     int32_t into; /* itself, or the component that it was joined to; the next free one */
 } Component;
 
-/* An ellipse by its center and the symmetric matrix whose product with the unit circle is its outline relative to it:
-   points (x + a u + b v, y + b u + c v), e = x, y, a, b, c. */
+/* An even edge in pixels and grey levels of a level of the pyramid; of a component, the outline alone. That is an ellipse by its
+   center and the symmetric matrix whose product with the unit circle is its outline relative to it: points (x + a u + b v, y +
+   b u + c v), e = x, y, a, b, c. */
 typedef struct {
     double e[5];
-} Ellipse;
+    double light, step, uneven, rms; /* level outside; median step; its unevenness; distance of the edge from the ellipse */
+    double slope, middle;            /* difference of the mean levels 1 px outside and inside; level in the middle */
+    double inverse[3];               /* of the center's covariance if every crossing's variance were 1 */
+    double side;                     /* of the level's pixels, px of the image */
+} Edge;
 
 typedef struct {
-    Ellipse *all;
+    Edge *all;
     int64_t count, room;
-} Ellipses;
+} Edges;
 
-static int add_ellipse(Ellipses *list, const Ellipse *ellipse)
+static int add_edge(Edges *list, const Edge *edge)
 {
     if (list->count == list->room) {
         const int64_t room = 2 * list->room + 256;
-        Ellipse *more = realloc(list->all, sizeof *more * (size_t)room);
+        Edge *more = realloc(list->all, sizeof *more * (size_t)room);
         if (!more)
             return NO_MEMORY;
         list->all = more;
         list->room = room;
     }
-    list->all[list->count++] = *ellipse;
+    list->all[list->count++] = *edge;
     return 0;
 }
 
@@ -328,7 +311,7 @@ static int touches(double place, double side, double half)
    C give size and hole: with the semi-axes a and b of the outline and k times that of the hole, n = pi a b (1 - k^2) and C =
    S (1 + k^2) / 4, where S is the outline's spread. So with D = sqrt(det 4 C), 1 + k^2 = 2 pi D / (n + pi D), which is from
    1 for disks to 2 for thin bands. */
-static int is_elliptic(const Component *c, Ellipse *outline)
+static int is_elliptic(const Component *c, Edge *outline)
 {
     const uint64_t n = c->pixels, left = (uint64_t)c->left, top = (uint64_t)c->top;
     const uint64_t sum_x = c->x2 / 2 - n * left, sum_y = c->y - n * top;
@@ -351,7 +334,7 @@ static int is_elliptic(const Component *c, Ellipse *outline)
     /* The root of the spread. */
     const double scale = 4 / hollow, root = scale * sqrt(larger(determinant, 1e-12));
     const double size = sqrt(scale * (xx + yy) + 2 * root);
-    *outline = (Ellipse){{x + (double)c->left, y + (double)c->top, (scale * xx + root) / size, scale * xy / size,
+    *outline = (Edge){{x + (double)c->left, y + (double)c->top, (scale * xx + root) / size, scale * xy / size,
                           (scale * yy + root) / size}};
     return 1;
 }
@@ -447,10 +430,9 @@ static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width
 }
 
 /* Outlines of the components that could be dots, of the finest level that is searched or another one. */
-static int find_components(const Image *image, const Image *coarse, int finest, Ellipses *found)
+static int find_components(const Image *image, const Image *coarse, int finest, Edges *found)
 {
     const int64_t height = image->height, width = image->width;
-    found->count = 0;
     if (height < 3 || width < 3)
         return 0;
     double noise = grey_noise(image);
@@ -532,10 +514,10 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
         for (int32_t k = 0; k < above_count; k++) {
             const int32_t own = final(all, above[k].component);
             Component *c = all + own;
-            Ellipse outline;
+            Edge outline;
             if (c->bottom == y || !c->pixels)
                 continue;
-            if (c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_ellipse(found, &outline))
+            if (c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_edge(found, &outline))
                 status = NO_MEMORY;
             c->pixels = 0; /* once, although several runs may refer to it */
             c->left = joined;
@@ -608,15 +590,6 @@ static const float NOWHERE = 1e6f;
 /* Limits, px, beyond which a rough outline is none. */
 static const double SMALLEST_SEMI = 1e-6, FARTHEST = 1e9;
 
-/* An even edge in pixels and grey levels of a level of the pyramid. */
-typedef struct {
-    Ellipse outline;
-    double light, step, uneven, rms; /* level outside; median step; its unevenness; distance of the edge from the ellipse */
-    double slope, middle;            /* difference of the mean levels 1 px outside and inside; level in the middle */
-    double inverse[3];               /* of the center's covariance if every crossing's variance were 1 */
-    double side;                     /* of the level's pixels, px of the image */
-} Edge;
-
 /* Of the normals' angles; the sine is a quarter of them behind. */
 static const float COSINE[NORMALS] = {1,      0.96592583f,  0.8660254f,  0.70710678f,  0.5f,  0.25881905f,
                                       0,      -0.25881905f, -0.5f,       -0.70710678f, -0.8660254f, -0.96592583f,
@@ -656,14 +629,14 @@ static Four four_of(const Image *image, const Edge *edges, int64_t count)
     Four f = {.stride = image->stride, .inside = 1};
     double corner[LANES][2];
     for (int k = 0; k < LANES; k++) {
-        const double *e = edges[k < count ? k : count - 1].outline.e;
+        const double *e = edges[k < count ? k : count - 1].e;
         const double across = sqrt(e[2] * e[2] + e[3] * e[3]) + REACH, down = sqrt(e[3] * e[3] + e[4] * e[4]) + REACH;
         corner[k][0] = e[0] - across;
         corner[k][1] = e[1] - down;
         f.inside &= corner[k][0] >= 0 && corner[k][1] >= 0 && e[0] + across < right && e[1] + down < bottom;
     }
     for (int k = 0; k < LANES; k++) {
-        const double *e = edges[k < count ? k : count - 1].outline.e;
+        const double *e = edges[k < count ? k : count - 1].e;
         f.x[k] = (int64_t)between(f.inside ? corner[k][0] : e[0], 0, right);
         f.y[k] = (int64_t)between(f.inside ? corner[k][1] : e[1], 0, bottom);
         f.at[k] = image->rows + f.y[k] * image->stride + f.x[k];
@@ -759,11 +732,12 @@ static inline void sort_lanes(Lanes *values, int n)
                     }
 }
 
+/* Whether pixels outside of an outline are lighter than those inside, nearly all around; and how uneven these steps are. */
 static Flags stand_out(const Image *image, Edge *edges, int64_t count)
 {
     const Four f = four_of(image, edges, count);
     const Lanes inside = most_of(all(INSIDE_PX), -f.shorter);
-    Lanes step[8], sum = all(0);
+    Lanes step[8], sum = all(0), squares = all(0);
     Flags in_image[8], good = {0};
     for (int i = 0; i < 8; i++) {
         Lanes p[2], n[2];
@@ -771,11 +745,14 @@ static Flags stand_out(const Image *image, Edge *edges, int64_t count)
         step[i] = nearest_pixel(&f, p[0] + OUTSIDE_PX * n[0], p[1] + OUTSIDE_PX * n[1]) -
                   nearest_pixel(&f, p[0] + inside * n[0], p[1] + inside * n[1]);
         sum += step[i];
+        squares += step[i] * step[i];
         in_image[i] = is_within(&f, p[0], p[1]);
     }
     const Lanes enough = most_of(all(LEAST_STEP), STEP_SHARE / 8 * sum);
     for (int i = 0; i < 8; i++)
         good -= in_image[i] & (step[i] > enough);
+    for (int k = 0; k < LANES && k < count; k++)
+        edges[k].uneven = 8 * (double)squares[k] / ((double)sum[k] * (double)sum[k]) - 1;
     return good >= LEAST_EIGHTHS;
 }
 
@@ -929,7 +906,7 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
             found[k] = 0;
             continue;
         }
-        memcpy(edges[k].outline.e, own, sizeof own);
+        memcpy(edges[k].e, own, sizeof own);
         edges[k].light = (double)(light[normals / 2 - 1][k] + light[normals / 2][k]) / 2;
         edges[k].step = (double)median[k];
         edges[k].uneven = (double)(uneven[k] / median[k]);
@@ -943,14 +920,6 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
     return found;
 }
 
-/* How unlike those of dots an edge is, from 0: uneven, off the ellipse, or faint. */
-static double doubt_of(const Edge *edge)
-{
-    const double limit = (double)MAX_RMS[1][0] + (double)MAX_RMS[1][1] * shorter_semi(edge->outline.e);
-    const double uneven = edge->uneven / (double)MAX_UNEVEN[1], off = edge->rms / limit, faint = FAINT / edge->step;
-    return uneven * uneven + off * off + faint * faint;
-}
-
 /* ---- what is behind blurred outlines ----
 
    With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it, so
@@ -959,7 +928,7 @@ static double doubt_of(const Edge *edge)
    the directions to its outline at r. So the half of what is visible lies outside of the edge. Small dots do not tell blur
    and darkness of their ink apart: they are given about the blur of the others, which comes from the lens. */
 
-enum { QUARTERS = 12, SIZES = 14, STEPS = 3 };
+enum { QUARTERS = 12, STEPS = 3 };
 
 /* Variances along any direction, px^2: of the mean kernel of bilinear interpolation, and of a pixel's area. */
 static const double BILINEAR = 1. / 6, PIXEL = 1. / 12;
@@ -967,27 +936,17 @@ static const double LEAST_BLUR = 0.28;
 /* Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of the
    ink's darkness that is left of a small dot. */
 static const double LEAST_SHARE = 0.05, MAX_SHARE = 0.954, LEAST_DEPTH = 0.5;
-static const float MAX_INWARD = 1;
 /* Shorter semi-axis, in blurs, beyond which the middle is as dark as the ink. */
 static const double FAR_BLURS = 6;
 /* The usual blur is that at this quantile of the outlines that are certain and of at least that depth, if there are three;
    that of small ones may differ from it by this factor. */
 static const double WIDE = 0.97, USUAL = 0.5, BLUR_RATIO = 1.06, CLEAR_DOUBT = 0.5;
 enum { LEAST_WIDE = 3 };
-/* Level in the middle above which an outline may be a ring's, and below which the level expected of a ring is less and less
-   evidence; relative to the visible step. */
-static const double OPEN_ABOVE = 0.05, TELLING = 0.6;
-/* Of blurred rings with a hole of half their size: outer radius and radius where half of the visible step is seen, both in
-   blurs; visible step, as a share of that between paper and ink; and level in the middle relative to the visible step. Of a
-   disk of radius R, the ink seen at radius x has the noncentral chi-squared distribution with 2 degrees of freedom, of R^2
-   at x^2, both in blurs. */
-static const double RING_SIZE[SIZES] = {1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7, 8, 10, 14};
-static const double RING_SEEN[SIZES] = {1.391, 1.748, 2.334, 2.873, 3.343, 3.795, 4.244,
-                                        4.696, 5.15,  6.078, 7.026, 7.995, 9.968, 13.968};
-static const double RING_DEPTH[SIZES] = {0.276, 0.43,  0.474, 0.515, 0.577, 0.64,  0.699,
-                                         0.751, 0.798, 0.872, 0.923, 0.956, 0.988, 1};
-static const double RING_MIDDLE[SIZES] = {0,     0,     0.005, 0.196, 0.456, 0.665, 0.807,
-                                          0.894, 0.945, 0.987, 0.998, 1,     1,     1};
+/* Level in the middle above which an outline may be a ring's, below which the level expected of a ring is less and less
+   evidence, and the least one expected, without which noise tells; relative to the visible step. */
+static const double OPEN_ABOVE = 0.05, TELLING = 0.6, LEAST_LEVEL = 0.02;
+/* Radius of a ring, in blurs, below which it looks the same whatever its size. */
+static const double SMALLEST_RING = 1.2;
 /* Squared cosines of an ellipse's parameter at even steps over a quarter of it. */
 static const Lanes QUARTER[QUARTERS / LANES] = {{0.99572243f, 0.96193977f, 0.89667667f, 0.80438071f},
                                                 {0.69134172f, 0.5652631f, 0.4347369f, 0.30865828f},
@@ -1016,40 +975,6 @@ static double normal_quantile(double p)
              13.28068155288572) * r + 1);
 }
 
-static double between_entries(double x, const double *from, const double *to)
-{
-    int i = 0;
-    if (!(x > from[0]))
-        return to[0];
-    if (x >= from[SIZES - 1])
-        return to[SIZES - 1];
-    while (x >= from[i + 1])
-        i++;
-    return to[i] + (x - from[i]) * ((to[i + 1] - to[i]) / (from[i + 1] - from[i]));
-}
-
-/* By how much the semi-axes of the ellipse through the half-level are too short. It is moved inward by k s^2 / 2, k = a b /
-   D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse follows: near sharp tips it has the least squares of distances along
-   the normal. These change by b cos^2 / D with the longer semi-axis, and by a sin^2 / D with the shorter one. */
-static void moved_inward(double a, double b, double s, double *moved)
-{
-    const float longer = (float)a, shorter = (float)b, blur = (float)s;
-    Lanes sum_aa = all(0), sum_ab = all(0), sum_bb = all(0), sum_x = all(0), sum_y = all(0);
-    for (int i = 0; i < QUARTERS / LANES; i++) {
-        const Lanes along = shorter * QUARTER[i], across = longer * (1 - QUARTER[i]), square = shorter * along + longer * across;
-        const Lanes per_square = 1 / square, per_root = root_of(per_square);
-        const Lanes inward = blur * least_of(blur * longer * shorter * 0.5f * per_square * per_root, all(MAX_INWARD));
-        sum_aa += along * along * per_square;
-        sum_ab += along * across * per_square;
-        sum_bb += across * across * per_square;
-        sum_x += along * inward * per_root;
-        sum_y += across * inward * per_root;
-    }
-    const double aa = sum_of(sum_aa), ab = sum_of(sum_ab), bb = sum_of(sum_bb), x = sum_of(sum_x), y = sum_of(sum_y);
-    moved[0] = (bb * x - ab * y) / (aa * bb - ab * ab);
-    moved[1] = (aa * y - ab * x) / (aa * bb - ab * ab);
-}
-
 /* How dark the middle of a blurred ellipse is, from 0 to 1: at even steps of the ellipse's parameter, a direction counts by
    its angle, in proportion to 1/r^2. */
 static double darkness(double a, double b, double s)
@@ -1066,226 +991,64 @@ static double darkness(double a, double b, double s)
     return 1 - sum_of(light) / sum_of(whole);
 }
 
-/* What is behind a blurred disk or ring, with a blur within limits, px of its level. */
+/* How dark a blurred ring is at its darkest, with a hole of half its radius, in blurs; and its level in the middle, relative to
+   the visible step. The ink in the middle is exact, that of a straight band as wide is made up for curvature: in all, within
+   0.004 of the noncentral chi-squared distribution's. */
+static double ring_darkness(double radius, double *level)
+{
+    const double middle = exp(-radius * radius / 8) - exp(-radius * radius / 2);
+    const double band = erf(radius / 5.656854) * (1 + 1.5 / (radius * radius * radius));
+    const double depth = larger(middle, radius > 1.5 ? band : 0);
+    *level = 1 - middle / depth;
+    return larger(depth, LEAST_DEPTH);
+}
+
+/* What is behind a blurred disk or ring, with a blur within limits, px of its level. Two places beside a ring's edge are not at
+   its steepest part, and the rise to the hole's level begins. The ellipse through the half-level has the least squares of
+   distances along the normal to the edge moved inward by k s^2 / 2, which no ellipse follows. */
 static Behind unblurred(const Seen *seen, int ring, double least, double most, int steps)
 {
     const double a = seen->longer, b = seen->shorter, mean = a * b / sqrt((a * a + b * b) / 2);
-    double lost = 0, outside = 0, s = 1, moved[2];
+    double lost = 0, outside = 0, s = 1;
     Behind behind = {.depth = 1};
     for (int step = 0; step < steps; step++) {
         const double share = smaller(larger(seen->slope * behind.depth + lost, LEAST_SHARE), MAX_SHARE);
         s = smaller(larger(1 / normal_quantile((1 + share) / 2), least), most);
-        if (!ring) {
+        if (ring) {
+            const double at = larger((mean - outside) / s, 0), radius = larger(at / 2 + sqrt(at * at / 4 + 0.5), SMALLEST_RING);
+            behind.depth = ring_darkness(radius, &behind.level);
+            outside = -s * normal_quantile(behind.depth / 2) * (1 - 0.7 / (radius * radius));
+            const float inner = (float)((1 - outside) / s), outer = (float)((-1 - outside) / s), width = (float)(radius / 2);
+            Lanes density;
+            const Lanes edges = normal_at((Lanes){inner, outer, inner - width, outer - width}, &density);
+            lost = erf(0.70710678 / s) - (double)(edges[0] - edges[1] - edges[2] + edges[3]);
+        } else {
             behind.depth = larger(darkness(a, b, s), LEAST_DEPTH);
             outside = -s * normal_quantile(behind.depth / 2);
-            continue;
         }
-        const double at = mean / s, size = at < RING_SEEN[SIZES - 1] ? between_entries(at, RING_SEEN, RING_SIZE) : at;
-        behind.level = between_entries(size, RING_SIZE, RING_MIDDLE);
-        behind.depth = larger(between_entries(size, RING_SIZE, RING_DEPTH), LEAST_DEPTH);
-        outside = mean - s * (size - 0.5 / size);
-        /* Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins. */
-        const float inner = (float)((1 - outside) / s), outer = (float)((-1 - outside) / s), width = (float)(size / 2);
-        Lanes density;
-        const Lanes edges = normal_at((Lanes){inner, outer, inner - width, outer - width}, &density);
-        const Lanes straight = normal_at(all((float)(1 / s)), &density);
-        lost = (double)(2 * straight[0] - 1 - edges[0] + edges[1] + edges[2] - edges[3]);
     }
-    moved_inward(a, b, s, moved);
-    behind.semi[0] = a - outside + moved[0];
-    behind.semi[1] = b - outside + moved[1];
+    behind.semi[0] = a - outside + smaller(s * s * (a / b + 2 - b / a) / (4 * b), s);
+    behind.semi[1] = b - outside + larger(s * s * (b / a + 2 - a / b) / (4 * a), -s);
     behind.blur = s;
     return behind;
 }
 
-/* ---- blobs ---- */
-
-/* Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
-   better. */
-static const double MIN_COARSE = 3;
-/* Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels, where
-   their components are larger than they by up to a pixel. */
-static const double CLEAR_UNEVEN = 0.2, CLEAR_RMS = 0.15, GROWN_PX = 1;
-/* Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of coarser
-   levels, also if the semi-axes differ by a pixel of the level. Small ones, of which there may be many, are near few others;
-   those in between are in both groups. */
-static const double SAME_PLACE = 0.5, SAME_SIZE = 0.3, BLURRED_PX = 1, LARGE_PX = 8;
-/* Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24 degrees of
-   freedom went into it, and the largest distances count less. */
-static const double MISFIT = 1.6;
-/* Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
-   edges are neither straight nor of one width, and pixels are squares. */
-static const double CROSSING_PX = 0.04, CENTER_PX = 0.015;
-
-typedef struct {
-    Edge *all;
-    int64_t count, room;
-} Edges;
-
-static int add_edge(Edges *list, const Edge *edge)
-{
-    if (list->count == list->room) {
-        const int64_t room = 2 * list->room + 256;
-        Edge *more = realloc(list->all, sizeof *more * (size_t)room);
-        if (!more)
-            return NO_MEMORY;
-        list->all = more;
-        list->room = room;
-    }
-    list->all[list->count++] = *edge;
-    return 0;
-}
-
-/* Dots found so far that no coarser level shows better, in pixels of the present level, in lists by their pixel. */
-typedef struct {
-    double x, y, semi;
-    int64_t next;
-} Clear;
-
-typedef struct {
-    Clear *all;
-    int64_t count, room, *first, lists; /* a power of two */
-} Clears;
-
-static int64_t list_of(const Clears *clears, int64_t x, int64_t y)
-{
-    return (int64_t)(((uint64_t)x * 2654435761u ^ (uint64_t)y * 40503u * 65599u) >> 7) & (clears->lists - 1);
-}
-
-static void put_in_lists(Clears *clears)
-{
-    for (int64_t i = 0; i < clears->lists; i++)
-        clears->first[i] = -1;
-    for (int64_t i = 0; i < clears->count; i++) {
-        Clear *clear = clears->all + i;
-        int64_t *first = clears->first + list_of(clears, (int64_t)rint(clear->x), (int64_t)rint(clear->y));
-        clear->next = *first;
-        *first = i;
-    }
-}
-
-/* To the next coarser level, whose pixels are two by two of this one. */
-static int make_coarser(Clears *clears, int64_t room)
-{
-    for (int64_t i = 0; i < clears->count; i++) {
-        clears->all[i].x = (clears->all[i].x - 0.5) / 2;
-        clears->all[i].y = (clears->all[i].y - 0.5) / 2;
-        clears->all[i].semi /= 2;
-    }
-    if (room > clears->room) {
-        Clear *more = realloc(clears->all, sizeof *more * (size_t)room);
-        if (!more)
-            return NO_MEMORY;
-        clears->all = more;
-        clears->room = room;
-        int64_t lists = 256;
-        while (lists < 2 * room)
-            lists *= 2;
-        free(clears->first);
-        clears->first = malloc(sizeof *clears->first * (size_t)lists);
-        clears->lists = clears->first ? lists : 0;
-        if (!clears->first)
-            return NO_MEMORY;
-    }
-    put_in_lists(clears);
-    return 0;
-}
-
-/* Whether an outline has the size and, but for a pixel or two, the place of a dot found. */
-static int is_clear(const Clears *clears, const double *e)
-{
-    if (!clears->count)
-        return 0;
-    const int64_t x = (int64_t)rint(e[0]), y = (int64_t)rint(e[1]);
-    const double semi = mean_semi(e);
-    for (int64_t row = y - 1; row <= y + 1; row++)
-        for (int64_t column = x - 1; column <= x + 1; column++)
-            for (int64_t i = clears->first[list_of(clears, column, row)]; i >= 0; i = clears->all[i].next) {
-                const Clear *clear = clears->all + i;
-                if ((int64_t)rint(clear->x) == column && (int64_t)rint(clear->y) == row &&
-                    fabs(semi - clear->semi) < SAME_SIZE * clear->semi + GROWN_PX)
-                    return 1;
-            }
-    return 0;
-}
-
-/* The edges among `count` that a test passes, in front of the others. */
-static int64_t keep_passing(Flags (*test)(const Image *, Edge *, int64_t), const Image *image, Edge *edges, int64_t count)
-{
-    int64_t kept = 0;
-    for (int64_t i = 0; i < count; i += LANES) {
-        const Flags good = test(image, edges + i, count - i);
-        for (int64_t k = 0; k < LANES && i + k < count; k++)
-            if (good[k])
-                edges[kept++] = edges[i + k];
-    }
-    return kept;
-}
-
-static Flags first_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 0); }
-static Flags second_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 1); }
-
-/* Measures the edges near rough outlines of a level: in the finer level, if there is one, which gives more exact ellipses, and
-   where corners show. */
-static int measure(const Pyramid *p, int level, Edge *rough, int64_t count, Edges *edges, Clears *clears)
-{
-    const int finer = level > p->first ? level - 1 : level;
-    const double side = ldexp(1, level - finer), shift = (side - 1) / 2;
-    count = keep_passing(stand_out, p->level + level, rough, count);
-    count = keep_passing(first_pass, p->level + level, rough, count);
-    for (int64_t i = 0; i < count; i++) {
-        double *e = rough[i].outline.e;
-        for (int j = 0; j < UNKNOWNS; j++)
-            e[j] = side * e[j] + (j < 2 ? shift : 0);
-        rough[i].side = ldexp(1, finer);
-    }
-    count = keep_passing(second_pass, p->level + finer, rough, count);
-    for (int64_t i = 0; i < count; i++) {
-        const double *e = rough[i].outline.e;
-        if (rough[i].uneven < CLEAR_UNEVEN && rough[i].rms < CLEAR_RMS * side)
-            clears->all[clears->count++] = (Clear){(e[0] - shift) / side, (e[1] - shift) / side, mean_semi(e) / side, 0};
-        if (add_edge(edges, rough + i))
-            return NO_MEMORY;
-    }
-    return 0;
-}
-
-/* Even edges of all levels. */
-static int find_edges(const Pyramid *p, Edges *edges)
-{
-    enum { TOGETHER = 64 };
-    Ellipses rough = {NULL, 0, 0};
-    Clears clears = {NULL, 0, 0, NULL, 0};
-    Edge chosen[TOGETHER];
-    int status = 0;
-    for (int level = p->first; level < p->end && !status; level++) {
-        int64_t count = 0;
-        status = find_components(p->level + level, p->level + level + 1, level == p->first, &rough);
-        status = status ? status : make_coarser(&clears, clears.count + rough.count);
-        for (int64_t i = 0; i < rough.count && !status; i++) {
-            const double *e = rough.all[i].e;
-            if (is_ellipse(e) && (level == p->first || shorter_semi(e) > MIN_COARSE) && !is_clear(&clears, e))
-                chosen[count++] = (Edge){.outline = rough.all[i]};
-            if (count == TOGETHER || i + 1 == rough.count) {
-                status = measure(p, level, chosen, count, edges, &clears);
-                count = 0;
-            }
-        }
-    }
-    free(rough.all);
-    free(clears.all);
-    free(clears.first);
-    return status;
-}
-
 static Seen seen_edge(const Edge *edge)
 {
-    const double *e = edge->outline.e, shorter = shorter_semi(e);
+    const double *e = edge->e, shorter = shorter_semi(e);
     return (Seen){e[2] + e[4] - shorter, shorter, edge->slope / edge->step, 1 - (edge->light - edge->middle) / edge->step,
                   edge->side};
 }
 
 static double lens_square(double blur, double side) { return (blur * blur - BILINEAR - PIXEL) * side * side; }
+
+/* How unlike those of dots an edge is, from 0: uneven, off the ellipse, or faint. */
+static double doubt_of(const Edge *edge)
+{
+    const double limit = (double)MAX_RMS[1][0] + (double)MAX_RMS[1][1] * shorter_semi(edge->e);
+    const double uneven = edge->uneven / (double)MAX_UNEVEN[1], off = edge->rms / limit, faint = FAINT / edge->step;
+    return uneven * uneven + off * off + faint * faint;
+}
 
 /* The blur of wide outlines that are certain, px of the image squared, without sampling; NAN if there are too few. */
 static int usual_blur(const Edges *edges, double *usual)
@@ -1305,10 +1068,137 @@ static int usual_blur(const Edges *edges, double *usual)
     return 0;
 }
 
+/* ---- blobs ---- */
+
+/* Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
+   better. */
+static const double MIN_COARSE = 3;
+/* Dots whose edge is more even than this, and closer to the ellipse, in pixels of a coarser level, are not measured again there,
+   where their components are larger than they by up to a pixel. */
+static const double CLEAR_UNEVEN = 0.2, CLEAR_RMS = 0.075, GROWN_PX = 1;
+/* Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of coarser
+   levels, also if the semi-axes differ by a pixel of the level. */
+static const double SAME_PLACE = 0.5, SAME_SIZE = 0.3, BLURRED_PX = 1;
+/* Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24 degrees of
+   freedom went into it, and the largest distances count less. */
+static const double MISFIT = 1.6;
+/* Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
+   edges are neither straight nor of one width, and pixels are squares. */
+static const double CROSSING_PX = 0.04, CENTER_PX = 0.015;
+/* Most outlines of a level that are measured, those with the most even steps: three times as many as the dots of the largest
+   boards, of which no page of text has more. */
+enum { MOST_MEASURED = 1500 };
+
+/* Place of an edge's center along an axis in a level whose pixels have this side, px of the image. */
+static double place_in(const Edge *edge, double side, int axis) { return (edge->side * (edge->e[axis] + 0.5)) / side - 0.5; }
+
+/* The edges that no level with pixels of this side shows better, in lists by their row there: the first one of each of its rows,
+   then the next one of each edge; -1 at an end. NULL without memory. */
+static int64_t *list_clear(const Edges *edges, double side, int64_t height)
+{
+    int64_t *first = malloc(sizeof *first * (size_t)(height + edges->count + 1));
+    for (int64_t i = 0; first && i < height; i++)
+        first[i] = -1;
+    for (int64_t i = 0; first && i < edges->count; i++) {
+        const Edge *edge = edges->all + i;
+        const int64_t row = (int64_t)between(rint(place_in(edge, side, 1)), 0, (double)(height - 1));
+        if (edge->uneven < CLEAR_UNEVEN && edge->rms * edge->side < CLEAR_RMS * side) {
+            first[height + i] = first[row];
+            first[row] = i;
+        }
+    }
+    return first;
+}
+
+/* Whether an outline of the level has the size and, but for a pixel or two, the place of a dot in the lists. */
+static int is_clear(const Edges *edges, const int64_t *first, double side, int64_t height, const double *e)
+{
+    const int64_t row = (int64_t)between(rint(e[1]), 0, (double)(height - 1));
+    const double semi = mean_semi(e);
+    for (int64_t y = row > 0 ? row - 1 : 0; y <= row + 1 && y < height; y++)
+        for (int64_t i = first[y]; i >= 0; i = first[height + i]) {
+            const Edge *edge = edges->all + i;
+            const double size = mean_semi(edge->e) * edge->side / side;
+            if (fabs(place_in(edge, side, 0) - e[0]) < 1.5 && fabs(semi - size) < SAME_SIZE * size + GROWN_PX)
+                return 1;
+        }
+    return 0;
+}
+
+/* The edges among `count` that a test passes, in front of the others. */
+static int64_t keep_passing(Flags (*test)(const Image *, Edge *, int64_t), const Image *image, Edge *edges, int64_t count)
+{
+    int64_t kept = 0;
+    for (int64_t i = 0; i < count; i += LANES) {
+        const Flags good = test(image, edges + i, count - i);
+        for (int64_t k = 0; k < LANES && i + k < count; k++)
+            if (good[k])
+                edges[kept++] = edges[i + k];
+    }
+    return kept;
+}
+
+/* Those of the most even steps, if there are too many; their number, or NO_MEMORY. */
+static int64_t keep_even(Edge *edges, int64_t count)
+{
+    int64_t kept = 0;
+    double *uneven = count > MOST_MEASURED ? malloc(sizeof *uneven * (size_t)count) : NULL;
+    if (count <= MOST_MEASURED)
+        return count;
+    if (!uneven)
+        return NO_MEMORY;
+    for (int64_t i = 0; i < count; i++)
+        uneven[i] = edges[i].uneven;
+    const double most = order_statistic(uneven, count, MOST_MEASURED);
+    for (int64_t i = 0; i < count; i++)
+        if (edges[i].uneven < most)
+            edges[kept++] = edges[i];
+    free(uneven);
+    return kept;
+}
+
+static Flags first_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 0); }
+static Flags second_pass(const Image *image, Edge *edges, int64_t count) { return move_to_edges(image, edges, count, 1); }
+
+/* Even edges of all levels, of coarser ones measured in the finer level at last, which gives more exact ellipses, and where
+   corners show. */
+static int find_edges(const Pyramid *p, Edges *edges)
+{
+    Edges rough = {NULL, 0, 0};
+    int status = 0;
+    for (int i = p->first; i < p->end && !status; i++) {
+        const Image *level = p->level + i, *finer = i > p->first ? level - 1 : level;
+        const double side = ldexp(1, i), scale = finer == level ? 1 : 2;
+        int64_t count = 0, *clear = list_clear(edges, side, level->height);
+        rough.count = 0;
+        status = clear ? find_components(level, level + 1, finer == level, &rough) : NO_MEMORY;
+        for (int64_t k = 0; k < rough.count && !status; k++) {
+            const double *e = rough.all[k].e;
+            if (is_ellipse(e) && (finer == level || shorter_semi(e) > MIN_COARSE) && !is_clear(edges, clear, side, level->height, e))
+                rough.all[count++] = rough.all[k];
+        }
+        free(clear);
+        count = keep_even(rough.all, keep_passing(stand_out, level, rough.all, count));
+        status = count < 0 ? NO_MEMORY : status;
+        count = keep_passing(first_pass, level, rough.all, count);
+        for (int64_t k = 0; k < count; k++) {
+            double *e = rough.all[k].e;
+            for (int j = 0; j < UNKNOWNS; j++)
+                e[j] = scale * e[j] + (j < 2 ? (scale - 1) / 2 : 0);
+            rough.all[k].side = side / scale;
+        }
+        count = keep_passing(second_pass, finer, rough.all, count);
+        for (int64_t k = 0; k < count && !status; k++)
+            status = add_edge(edges, rough.all + k);
+    }
+    free(rough.all);
+    return status;
+}
+
 static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *blob)
 {
     const Seen seen = seen_edge(edge);
-    const double *e = edge->outline.e, side = edge->side;
+    const double *e = edge->e, side = edge->side;
     double least = 0, most = INFINITY, hole = seen.middle;
     Behind behind = unblurred(&seen, 0, least, most, 1);
     int wide = behind.depth > WIDE;
@@ -1323,7 +1213,7 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
     if (!wide || seen.middle > OPEN_ABOVE) {
         /* A blurred hole is less light, relative to the ink around it, than a wide one; of the smallest nothing is seen. */
         const Behind ring = unblurred(&seen, 1, least, most, STEPS);
-        const double expected = larger(ring.level, 1e-3), telling = smaller(expected / TELLING, 1);
+        const double expected = larger(ring.level, LEAST_LEVEL), telling = smaller(expected / TELLING, 1);
         const double share = between(seen.middle / expected, -0.2, 1.2);
         hole = 0.5 + (share - 0.5) * telling * telling;
         if (hole > 0.5)
@@ -1378,9 +1268,7 @@ static int64_t sort_distinct(Blob *blobs, int64_t count)
                 continue;
             const double same = SAME_SIZE * larger(a->semi[1], b->semi[1]) +
                                 (a->side == b->side ? 0 : BLURRED_PX * larger(a->side, b->side));
-            const int group = (a->semi[1] < 2 * LARGE_PX && b->semi[1] < 2 * LARGE_PX) ||
-                              (a->semi[1] > LARGE_PX && b->semi[1] > LARGE_PX);
-            if (group && fabs(a->semi[0] - b->semi[0]) < same && fabs(a->semi[1] - b->semi[1]) < same)
+            if (fabs(a->semi[0] - b->semi[0]) < same && fabs(a->semi[1] - b->semi[1]) < same)
                 (variance <= b->covariance[0] + b->covariance[2] ? b : a)->state = REFUSED;
         }
     }
