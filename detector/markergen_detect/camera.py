@@ -9,7 +9,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen_detect.core import constants, library, pointer, structures
+from markergen_detect.core import constants, library, pointer, struct
 from markergen_detect.description import DescriptionError, parsed
 
 LENSES = {
@@ -109,11 +109,8 @@ class Camera:
             return LARGEST_RADIUS
         # The eigenvalues (s r)' and s are lowered by at most 6 |p| r by p1 and p2, 2 |s| r + 4 |s'| r^3 by prisms.
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*self.coefficients, *[0.0] * 12)[:12]
-        above, below = (
-            np.polynomial.Polynomial([1, 0, k1, 0, k2, 0, k3]),
-            np.polynomial.Polynomial([1, 0, k4, 0, k5, 0, k6]),
-        )
-        r = np.polynomial.Polynomial([0, 1])
+        terms = [0, 1], [1, 0, k1, 0, k2, 0, k3], [1, 0, k4, 0, k5, 0, k6]
+        r, above, below = (np.polynomial.Polynomial(ascending) for ascending in terms)
         steep = above * below + r * (above.deriv() * below - above * below.deriv())
         loss = (6 * np.hypot(p1, p2) + 2 * np.hypot(s1, s3)) * r + 4 * np.hypot(s2, s4) * r**3
         conditions = (steep - loss * below**2, above - loss * below, below)
@@ -121,25 +118,22 @@ class Camera:
 
     def rays(self, pixels: "NDArray[np.float64]") -> "NDArray[np.float64]":
         """Normalized coordinates (n, 2) of pixels (n, 2); nan where no ray is."""
-        pixels, rays = np.array(pixels, dtype=float), np.full((len(pixels), 2), np.nan)
-        struct = self.packed()
+        rays, packed = np.full((len(pixels), 2), np.nan), self.packed()
         for pixel, ray in zip(pixels, rays, strict=True):
-            if not library().lens_ray(pointer(struct), *pixel.tolist(), ray.ctypes.data):
+            if not library().lens_ray(pointer(packed), *map(float, pixel), pointer(ray)):
                 ray[:] = np.nan
         return rays
 
     def packed(self) -> "NDArray[np.void]":
         """Return the camera's structure (1,) in the core; a map must outlive it."""
-        struct = np.zeros(1, structures()["Camera"])
-        for name in ("width", "height", "fx", "fy", "cx", "cy", "reach"):
-            struct[name] = getattr(self, name)
-        struct["lens"] = constants()["SAMPLED" if self.model == "sampled" else LENSES[self.model][0]]
-        struct["count"] = len(self.coefficients)
-        struct["c"][0, : len(self.coefficients)] = self.coefficients
+        numbers = {name: getattr(self, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "reach")}
+        coefficients = np.array([*self.coefficients, *[0.0] * constants()["COEFFICIENTS"]])[
+            : constants()["COEFFICIENTS"]
+        ]
+        kind = constants()["SAMPLED" if self.model == "sampled" else LENSES[self.model][0]]
         if self.map is not None:
-            struct["rows"], struct["columns"] = self.map.shape[:2]
-            struct["map"] = pointer(self.map)
-        return struct
+            numbers |= {"map": self.map, "rows": len(self.map), "columns": self.map.shape[1]}
+        return struct("Camera", [], lens=kind, count=len(self.coefficients), c=coefficients, **numbers)
 
 
 def _first_root(ascending: Any) -> float:

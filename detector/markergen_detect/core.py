@@ -88,9 +88,20 @@ def library() -> ctypes.CDLL:
     return loaded
 
 
-def pointer(array: "NDArray[Any] | None") -> int | None:
+def struct(name: str, kept: "list[NDArray[Any]]", **values: Any) -> "NDArray[np.void]":
+    """Return a structure (1,); arrays that its pointers take are kept alive in `kept`, as it is itself."""
+    result = np.zeros(1, structures()[name])
+    for field, value in values.items():
+        if isinstance(value, np.ndarray) and result.dtype[field] == _POINTER:
+            kept.append(np.ascontiguousarray(value))
+            result[field] = kept[-1].ctypes.data
+        else:
+            result[field] = value
+    kept.append(result)
+    return result
+
+
+def pointer(array: "NDArray[Any]") -> int:
     """Return the address of an array's first element; it must be kept alive, and in one piece."""
-    if array is None or not array.size:
-        return None
     assert array.flags.c_contiguous
     return array.ctypes.data

@@ -24,6 +24,8 @@ _DOMINANT = 4.0
 
 Source = Union[str, "os.PathLike[str]", Mapping[str, Any]]
 Array = NDArray[np.float64]
+_Part = tuple[str, Array, Array, Mapping[str, Any]]
+"""A marker on a body: its name, T_body_plate, and the content of its marker.json."""
 
 
 class DescriptionError(ValueError):
@@ -110,6 +112,12 @@ class Body:
     def normals(self) -> Array:
         """Normals (n, 3) of the dots' plates in the body."""
         return self.rotations[self.plates, :, 2]
+
+    @property
+    def flat(self) -> bool:
+        """Whether all dots are in one plane of one plate."""
+        heights = (self.xyz - self.xyz[0]) @ self.normals[0]
+        return len(self.rotations) == 1 and bool(np.ptp(heights) < 1e-9)
 
     def common_errors(self, sigma: float, scale_sigma: float = 0.0) -> "tuple[Array, Array] | None":
         """Errors that dots have in common, and those that each has alone; None if they err alone.
@@ -198,32 +206,28 @@ def read_bodies(source: "Source | Body | Sequence[Source | Body]") -> "list[Body
         if not bodies:
             raise DescriptionError("expected one body or more, found none: say what to look for")
         return bodies
-    name, folder = "body", Path()
-    if isinstance(source, Mapping):
-        content = source
-    else:
-        path = Path(source)
-        content, name, folder = parsed(path), path.name, path.parent
-        for ending in (".json", ".detector"):
-            name = name[: -len(ending)] if name.endswith(ending) else name
+    name, folder, content = "body", Path(), source
+    if not isinstance(content, Mapping):
+        path = Path(content)
+        content, name, folder = parsed(path), path.name.removesuffix(".json").removesuffix(".detector"), path.parent
+    kind = content.get("format")
     try:
-        if content.get("format") == FORMAT:
+        if kind == FORMAT:
             if content.get("version") != VERSION:
                 raise DescriptionError(f"version {content.get('version')!r} of {FORMAT} is not known to this release")
             return [_body(entry, content.get("tag_families", {})) for entry in content["bodies"]]
-        if content.get("format") == RIG:
-            return [_rig(content, name, folder)]
-        if content.get("format") == MARKER and content.get("plates"):
-            return [_marker_of_plates(content, name)]
-        if content.get("format") == MARKER:
-            return [_marker(content, name)]
+        if kind == RIG:
+            return [_of_markers(name, "rig", _mounted(content, folder), content.get("relation_covariance"))]
+        if kind == MARKER and content.get("plates"):
+            return [_of_markers(name, "rig", _on_plates(content, name))]
+        if kind == MARKER:
+            return [_of_markers(name, "marker", [("marker", np.eye(3), np.zeros(3), content)])]
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, DescriptionError):
             raise
-        raise DescriptionError(f"{name}: {_in_words(error)}") from error
-    raise DescriptionError(
-        f"{name}: expected a marker.detector.json, marker.json or rig.json, found format {content.get('format')!r}"
-    )
+        missing = f"the key {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+        raise DescriptionError(f"{name}: {missing}") from error
+    raise DescriptionError(f"{name}: expected a marker.detector.json, marker.json or rig.json, found format {kind!r}")
 
 
 def parsed(path: Path) -> "Mapping[str, Any]":
@@ -237,10 +241,6 @@ def parsed(path: Path) -> "Mapping[str, Any]":
     return content
 
 
-def _in_words(error: Exception) -> str:
-    return f"the key {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
-
-
 def _numbers(value: Any, shape: "tuple[int, ...]", what: str) -> Array:
     array = np.array(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
@@ -251,7 +251,7 @@ def _numbers(value: Any, shape: "tuple[int, ...]", what: str) -> Array:
 def _body(entry: "Mapping[str, Any]", families: "Mapping[str, Any]" = MappingProxyType({})) -> Body:
     dots, plates = entry["dots"], entry["plates"]
     n, k = len(dots), len(plates)
-    relation = entry.get("relation_covariance")
+    relation, unmeasured = entry.get("relation_covariance"), np.full((3, 3), np.nan)
     body = Body(
         str(entry["name"]),
         str(entry.get("frame", "marker")),
@@ -265,7 +265,7 @@ def _body(entry: "Mapping[str, Any]", families: "Mapping[str, Any]" = MappingPro
         _numbers([dot["diameter"] for dot in dots], (n,), "the dots' diameters"),
         _numbers([dot["xyz"] for dot in dots], (n, 3), "the dots' places"),
         _numbers([dot.get("place", dot["xyz"]) for dot in dots], (n, 3), "the dots' measured places"),
-        np.array([dot.get("covariance") or np.full((3, 3), np.nan) for dot in dots], dtype=float).reshape(n, 3, 3),
+        np.array([unmeasured if dot.get("covariance") is None else dot["covariance"] for dot in dots], dtype=float),
         [
             (
                 np.array(part["dots"], dtype=np.int64),
@@ -313,98 +313,75 @@ def _check(body: Body) -> None:
             raise DescriptionError(f"{body.name}: {message}")
 
 
-def _marker(content: "Mapping[str, Any]", name: str) -> Body:
-    """Body of a marker.json of one plate."""
-    points = content["control_points"]
-    features = [point["feature"] for point in points]
-    lights = {feature.get("polarity", "dark") == "light" for feature in features}
-    if len(lights) > 1:
-        raise DescriptionError(f"{name}: expected dots all dark or all light, found both")
-    spec = content.get("provenance", {}).get("spec")
-    sigma = spec.get("print_sigma") if isinstance(spec, Mapping) else None
-    places, relief = [[point[axis] for axis in "xyz"] for point in points], any(point["z"] for point in points)
-    sigma = sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT
-    dots = []
-    for point, place, feature in zip(points, places, features, strict=True):
-        height = point.get("designed_z")
-        dot = {"id": point["id"], "kind": feature["kind"], "diameter": feature["diameter"], "place": place}
-        dot["xyz"] = place if height is None else [*place[:2], height]
-        if point.get("covariance"):
-            xx, xy, yy = point["covariance"]
-            dot["covariance"] = [[xx, xy, 0], [xy, yy, 0], [0, 0, sigma**2 if relief else 0]]
-        dots.append(dot)
-    joint, parts = content.get("joint_covariance"), []
-    if joint:
-        row, axes, m = {point["id"]: i for i, point in enumerate(points)}, len(joint["axes"]), len(joint["order"])
-        matrix = np.zeros((m, 3, m, 3))
-        matrix[:, :axes, :, :axes] = np.reshape(joint["matrix"], (m, axes, m, axes))
-        parts = [{"dots": [row[number] for number in joint["order"]], "matrix": matrix.reshape(3 * m, 3 * m)}]
-    scale = content.get("print_correction") or {"scale_x": 1, "scale_y": 1}
-    tags = []
-    if content.get("tag"):
-        tag = content["tag"]
-        corners = np.array(tag["corners"]) * [scale["scale_x"], scale["scale_y"], 1]
-        tags = [{"family": tag["family"], "id": tag["id"], "corners": corners, "bits": tag.get("bits")}]
-    plate = {"name": "marker", "rotation": np.eye(3), "translation": np.zeros(3)}
-    body = {"name": name, "light": lights == {True}, "plates": [plate], "dots": dots, "print_sigma": sigma}
-    return _body({**body, "joint_covariances": parts, "tags": tags})
+def _mounted(content: "Mapping[str, Any]", folder: Path) -> "list[_Part]":
+    """Markers of a rig.json, which are in it or in files beside it."""
+    parts = []
+    for entry in content["markers"]:
+        pose, marker = entry["T_rig_marker"], entry.get("marker") or parsed(folder / entry["file"])
+        parts.append((entry["name"], np.array(pose["rotation"]), np.array(pose["translation"]), marker))
+    return parts
 
 
-def _marker_of_plates(content: "Mapping[str, Any]", name: str) -> Body:
-    """Body of a marker.json whose dots, in its frame, stand on several plates."""
-    place, parts = {point["id"]: point for point in content["control_points"]}, []
+def _on_plates(content: "Mapping[str, Any]", name: str) -> "list[_Part]":
+    """Markers of a marker.json whose dots, in its frame, stand on several plates."""
+    place, parts = {point["id"]: point for point in content["control_points"]}, list[_Part]()
     if content.get("joint_covariance") or any(point.get("covariance") for point in place.values()):
         raise DescriptionError(
             f"{name}: dots of several plates were measured: write it as .detector.json with markergen"
         )
     for plate in content["plates"]:
         R, t = np.array(plate["pose"]["rotation"]), np.array(plate["pose"]["translation"])
-        points = [dict(place[number]) for number in plate["control_points"]]
-        for point in points:
-            xyz = [point["x"], point["y"], point["z"] if point.get("designed_z") is None else point["designed_z"]]
-            point["x"], point["y"], point["z"] = ((np.array(xyz) - t) @ R).tolist()
-            point["z"], point["designed_z"] = round(point["z"], 9), None
-        marker = {**content, "control_points": points, "tag": plate.get("tag"), "plates": []}
-        parts.append((plate["name"], R, t, _marker(marker, name)))
-    return _assembled(name, parts, None)
+        points = []
+        for point in map(place.__getitem__, plate["control_points"]):
+            z = point["z"] if point.get("designed_z") is None else point["designed_z"]
+            x, y, z = ((np.array([point["x"], point["y"], z]) - t) @ R).tolist()
+            points.append({**point, "x": x, "y": y, "z": round(z, 9), "designed_z": None})
+        parts.append((plate["name"], R, t, {**content, "control_points": points, "tag": plate.get("tag")}))
+    return parts
 
 
-def _rig(content: "Mapping[str, Any]", name: str, folder: Path) -> Body:
-    """Body of a rig.json, whose markers are in it or in files beside it."""
-    parts = []
-    for entry in content["markers"]:
-        marker = entry.get("marker") or parsed(folder / entry["file"])
-        pose = entry["T_rig_marker"]
-        parts.append((entry["name"], np.array(pose["rotation"]), np.array(pose["translation"]), _marker(marker, name)))
-    return _assembled(name, parts, content.get("relation_covariance"))
-
-
-def _assembled(name: str, parts: "list[tuple[str, Array, Array, Body]]", relation: Any) -> Body:
-    """Rig of markers with their poses; its dots are numbered through them."""
-    if len({body.light for *_, body in parts}) > 1:
-        raise DescriptionError(f"{name}: expected dots all dark or all light, found both")
+def _of_markers(name: str, frame: str, parts: "list[_Part]", relation: Any = None) -> Body:
+    """Body of the contents of marker.json in their poses; the dots of several are numbered through."""
     dots: list[dict[str, Any]] = []
-    joint, tags, sigma = [], [], max(body.print_sigma for *_, body in parts)
-    for k, (_, R, t, body) in enumerate(parts):
-        first = len(dots)
-        for i in range(len(body.ids)):
-            dot = {
-                "id": len(dots),
-                "plate": k,
-                "kind": "ring" if body.rings[i] else "dot",
-                "diameter": body.diameters[i],
-            }
-            dot.update(xyz=R @ body.xyz[i] + t, place=R @ body.places[i] + t)
-            if not np.isnan(body.measured[i]).any():
-                dot["covariance"] = (R @ body.measured[i] @ R.T).tolist()
+    joints, tags, lights, sigmas = [], [], set[bool](), []
+    for k, (_, R, t, content) in enumerate(parts):
+        points, first = content["control_points"], len(dots)
+        spec = content.get("provenance", {}).get("spec")
+        sigma = spec.get("print_sigma") if isinstance(spec, Mapping) else None
+        sigmas.append(sigma if isinstance(sigma, float) and sigma > 0 else USUAL_PRINT)
+        across = sigmas[-1] ** 2 if any(point["z"] for point in points) else 0
+        for point in points:
+            feature, place = point["feature"], [float(point[axis]) for axis in "xyz"]
+            height = point.get("designed_z")
+            dot = {"id": point["id"] if frame == "marker" else len(dots), "plate": k, "diameter": feature["diameter"]}
+            dot |= {"kind": feature["kind"], "place": R @ place + t}
+            dot["xyz"] = R @ (place if height is None else [*place[:2], height]) + t
+            if point.get("covariance"):
+                xx, xy, yy = point["covariance"]
+                dot["covariance"] = R @ np.array([[xx, xy, 0], [xy, yy, 0], [0, 0, across]]) @ R.T
+            lights.add(feature.get("polarity", "dark") == "light")
             dots.append(dot)
-        for index, matrix in body.joint:
-            out = np.kron(np.eye(len(index)), R)
-            joint.append({"dots": index + first, "matrix": out @ matrix @ out.T})
-        for tag in body.tags:
-            tags.append(
-                {"family": tag.family, "id": tag.id, "plate": k, "corners": tag.corners @ R.T + t, "bits": tag.bits}
+        joint = content.get("joint_covariance")
+        if joint:
+            row, axes, m = (
+                {point["id"]: first + i for i, point in enumerate(points)},
+                len(joint["axes"]),
+                len(joint["order"]),
             )
+            matrix = np.einsum(
+                "ai,minj,bj->manb", R[:, :axes], np.reshape(joint["matrix"], (m, axes, m, axes)), R[:, :axes]
+            )
+            numbers = [row[number] for number in joint["order"]]
+            joints.append({"dots": numbers, "matrix": matrix.reshape(3 * m, 3 * m)})
+        if content.get("tag"):
+            scale, tag = content.get("print_correction") or {"scale_x": 1, "scale_y": 1}, content["tag"]
+            corners = np.array(tag["corners"]) * [scale["scale_x"], scale["scale_y"], 1] @ R.T + t
+            tags.append(
+                {"family": tag["family"], "id": tag["id"], "plate": k, "corners": corners, "bits": tag.get("bits")}
+            )
+    if len(lights) > 1:
+        raise DescriptionError(f"{name}: expected dots all dark or all light, found both")
     plates = [{"name": title, "rotation": R, "translation": t} for title, R, t, _ in parts]
-    entry = {"name": name, "frame": "rig", "light": parts[0][3].light, "plates": plates, "dots": dots, "tags": tags}
-    return _body({**entry, "print_sigma": sigma, "joint_covariances": joint, "relation_covariance": relation})
+    body = {"name": name, "frame": frame, "light": lights == {True}, "plates": plates, "dots": dots, "tags": tags}
+    errors = {"print_sigma": max(sigmas), "joint_covariances": joints, "relation_covariance": relation}
+    return _body({**body, **errors})

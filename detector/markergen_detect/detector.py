@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen_detect.camera import Camera, CameraLike
-from markergen_detect.core import constants, library, pointer, structures
+from markergen_detect.core import constants, library, pointer, struct, structures
 from markergen_detect.description import Body, DescriptionError, Source, read_bodies
 from markergen_detect.model import Model, pack
 from markergen_detect.verdict import Verdict, read_verdict
@@ -19,21 +19,12 @@ MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 60_000
 """Largest numbers of copies of a body, of blobs that are looked at, and of steps of the search for one."""
 LARGEST_IMAGE = 2**28
 """Largest number of pixels."""
+_MEMORY = "not enough memory to search this image"
 
-STATES = {
-    "FOUND": "found",
-    "FEW": "few",
-    "UNFIT": "unfit",
-    "UNSURE": "unsure",
-    "AMBIGUOUS": "ambiguous",
-    "CLAIMED": "claimed",
-    "MIRRORED": "mirrored",
-    "OTHER_TAG": "other tag",
-    "HIDDEN_TAG": "hidden tag",
-    "CONTRADICTED": "contradicted",
-}
-"""Names of the core's states in results."""
-
+STATES = (
+    "found", "few", "unfit", "unsure", "ambiguous", "claimed", "mirrored", "other tag", "hidden tag", "contradicted",
+)  # fmt: skip
+"""Names of the core's states, in its order."""
 
 TAG_STATES = ("read", "small", "outside", "faint", "covered", "unclear", "none")
 """What became of a body's tag, in the core's order; the last one stands for -1: it has none."""
@@ -195,12 +186,10 @@ class Detector:
             raise DescriptionError(f"expected 1 to {MOST_COPIES} copies, and a diameter in px")
         self._errors = print_sigma, calibration, scale_sigma
         self._models = pack(self.bodies, *self._errors)
-        self._options = {"smallest": smallest, "copies": copies, "blobs": MOST_BLOBS, "steps": MOST_STEPS}
-        self._options["symmetric"] = symmetric
+        limits = {"blobs": MOST_BLOBS, "steps": MOST_STEPS, "copies": copies}
+        self._options = {**limits, "smallest": smallest, "symmetric": symmetric}
         for body in self.bodies:
-            if self.camera is None and (
-                len(body.rotations) > 1 or np.ptp((body.xyz - body.xyz[0]) @ body.normals[0]) > 1e-9
-            ):
+            if self.camera is None and not body.flat:
                 raise DescriptionError(f"{body.name}: expected a camera for a rig, or a marker with relief, found none")
         self.notes = tuple(
             f"{body.name}: its tag {tag.family}:{tag.id} is not read, since the file has no bits: "
@@ -238,8 +227,6 @@ class Detector:
             If it is no grey image, or of another size than the camera's.
         """
         camera = self._camera_of(image)
-        if image.strides[1] != image.itemsize or image.strides[0] < 0:
-            image = np.ascontiguousarray(image)
         findings = [finding for model in self._models for finding in self._find(model, image, camera, near, deadline)]
         return sorted(findings, key=lambda finding: (not finding.ok, -len(finding.ids)))
 
@@ -261,32 +248,18 @@ class Detector:
     def _find(
         self, model: Model, image: "NDArray[Any]", camera: Camera, near: "Sequence[Finding]", deadline: "float | None"
     ) -> "list[Finding]":
-        kinds = structures()
-        picture, options, found = (np.zeros(1, kinds[name]) for name in ("Image", "Options", "Findings"))
-        picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
-        picture["stride"], picture["wide"] = image.strides[0], image.itemsize == 2
-        picture["inverted"] = model.struct["light"]
-        for name, value in self._options.items():
-            options[name] = value
+        kept = list[Any]()
+        picture, options = _picture(image, model.struct["light"], kept), struct("Options", kept, **self._options)
         options["deadline"] = 0 if deadline is None else max(deadline, 1e-9)
-        packed, calibrated = camera.packed(), self.camera is not None
-        tracks = self._tracks(model, near)
-        status = library().detect_frame(
-            pointer(model.struct),
-            pointer(packed),
-            calibrated,
-            pointer(picture),
-            pointer(options),
-            pointer(tracks),
-            len(tracks),
-            pointer(found),
-        )
+        found, tracks = struct("Findings", kept), self._tracks(model, near)
+        inputs = model.struct, camera.packed(), self.camera is not None, picture, options, tracks, len(tracks)
+        arguments = (pointer(value) if isinstance(value, np.ndarray) else value for value in (*inputs, found))
         try:
-            if status < 0:
-                raise MemoryError("not enough memory to search this image")
-            blobs = _copied(found["blobs"][0], kinds["Blob"], found["blob_count"][0])
-            rows = _copied(found["findings"][0], kinds["Finding"], found["count"][0])
-            return [self._finding(model, row, blobs, calibrated, bool(found["tracked"][0])) for row in rows]
+            if library().detect_frame(*arguments) < 0:
+                raise MemoryError(_MEMORY)
+            blobs = _copied(found["blobs"][0], structures()["Blob"], found["blob_count"][0])
+            rows = _copied(found["findings"][0], structures()["Finding"], found["count"][0])
+            return [self._finding(model, row, blobs, bool(found["tracked"][0])) for row in rows]
         finally:
             library().findings_free(pointer(found))
 
@@ -299,29 +272,20 @@ class Detector:
             track["pose"] = finding.placed
         return tracks
 
-    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", calibrated: bool, tracked: bool) -> Finding:
+    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", tracked: bool) -> Finding:
         number = model.bodies[int(row["member"])]
-        body = self.bodies[number]
-        ok, labeled = row["state"] == constants()["FOUND"], bool(row["pixels"]) and row["count"] > 0
+        body, state, estimate = self.bodies[number], STATES[int(row["state"])], row["estimate"]
+        ok, labeled = state == "found", bool(row["pixels"]) and row["count"] > 0
         count, dropped = (int(row["count"]), int(row["dropped"])) if labeled else (0, 0)
-        dots = _copied(row["dots"], np.dtype("i8"), count + dropped)
-        own = blobs[_copied(row["blobs"], np.dtype("i8"), count)]
-        guess = body.ids[dots[:count]]
-        estimate = row["estimate"]
-        posed = labeled and calibrated and estimate["count"] > 0
-        matrices = [
-            estimate[name].reshape(6, 6) if posed else None for name in ("covariance", "image", "print", "calibration")
-        ]
-        second = None
-        if posed and estimate["likelihood"] > 0:
-            other = estimate["other"]
-            second = Second(other["R"].reshape(3, 3), other["t"], float(estimate["likelihood"]))
-        names = {constants()[name]: title for name, title in STATES.items()}
+        dots, own = (_copied(row[name], np.dtype("i8"), count + dropped) for name in ("dots", "blobs"))
+        ids, seen = body.ids[dots], blobs[own[:count]]
+        posed, likelihood, other = estimate["count"] > 0, float(estimate["likelihood"]), estimate["other"]
         facts: dict[str, Any] = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
-        own_plates = zip(row["plates"], row["places"], row["plate_turns"], strict=True)
         facts["misplaced"] = [
             (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
-            for plate, place, turn in list(own_plates)[: int(row["misplaced"])]
+            for plate, place, turn in zip(
+                *(row[name][: int(row["misplaced"])] for name in ("plates", "places", "plate_turns")), strict=True
+            )
         ]
         facts["tags"] = [f"{tag.family}:{tag.id}" for tag in body.tags[:1]]
         if row["tag"] >= 0:
@@ -329,38 +293,44 @@ class Detector:
         if row["rival"] >= 0:
             facts["rival"] = model.bodies[int(row["rival"])]
         return Finding(
-            ok=bool(ok),
-            state=names[int(row["state"])],
+            ok=ok,
+            state=state,
             facts=facts,
             body=number,
             name=body.name,
-            ids=guess if ok else guess[:0],
+            ids=ids[: count if ok else 0],
             pixels=_copied(row["pixels"], np.dtype("f8"), 2 * count).reshape(-1, 2),
-            pixel_covariance=own["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2),
-            ellipse_centers=own["center"],
-            guess=guess,
-            dropped=np.sort(body.ids[dots[count:]]),
+            pixel_covariance=seen["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2),
+            ellipse_centers=seen["center"],
+            guess=ids[:count],
+            dropped=np.sort(ids[count:]),
             rotation=estimate["pose"]["R"].reshape(3, 3) if posed else None,
             translation=estimate["pose"]["t"] if posed else None,
-            covariance=matrices[0],
-            image_covariance=matrices[1],
-            print_covariance=matrices[2],
-            camera_covariance=matrices[3],
-            second=second,
-            homography=row["H"].reshape(3, 3) if labeled and row["plane"] else None,
-            chi2=float(estimate["chi2"]),
+            covariance=estimate["covariance"].reshape(6, 6) if posed else None,
+            image_covariance=estimate["image"].reshape(6, 6) if posed else None,
+            print_covariance=estimate["print"].reshape(6, 6) if posed else None,
+            camera_covariance=estimate["calibration"].reshape(6, 6) if posed else None,
+            second=Second(other["R"].reshape(3, 3), other["t"], likelihood) if likelihood > 0 else None,
+            homography=row["H"].reshape(3, 3) if row["plane"] else None,
             degrees_of_freedom=int(estimate["freedom"]),
-            scale=float(estimate["scale"]),
             misfit=float(row["sigma"]),
-            evidence=float(row["evidence"]),
-            margin=float(row["margin"]),
             tag_state=TAG_STATES[int(row["tag_state"])],
             tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
             turns=row["turn"][: int(row["turns"])].copy(),
             placed=row["pose"].copy() if ok else None,
             tracked=tracked,
             verdict=read_verdict(row["verdict"], body.plate_names) if posed else None,
+            **{name: float(estimate[name]) for name in ("chi2", "scale")},
+            **{name: float(row[name]) for name in ("evidence", "margin")},
         )
+
+
+def _picture(image: "NDArray[Any]", light: Any, kept: "list[Any]") -> "NDArray[np.void]":
+    if image.strides[1] != image.itemsize or image.strides[0] < 0:
+        image = np.ascontiguousarray(image)
+        kept.append(image)
+    size = {"height": image.shape[0], "width": image.shape[1], "stride": image.strides[0], "wide": image.itemsize == 2}
+    return struct("Image", kept, rows=image.ctypes.data, inverted=light, **size)
 
 
 class Dots(NamedTuple):
@@ -381,19 +351,15 @@ class Dots(NamedTuple):
 
 def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0) -> Dots:
     """Find the dark, or light, dots of a grey image (h, w) of uint8 or uint16: those with an even outline."""
-    image = np.ascontiguousarray(image)
-    picture, address = np.zeros(1, structures()["Image"]), np.zeros(1, np.uint64)
-    picture["rows"], (picture["height"], picture["width"]) = image.ctypes.data, image.shape
-    picture["stride"], picture["wide"], picture["inverted"] = image.strides[0], image.itemsize == 2, light
+    kept, address = list[Any](), np.zeros(1, np.uint64)
+    picture = _picture(image, light, kept)
     count = library().find_blobs(pointer(picture), smallest, MOST_BLOBS, pointer(address))
     if count < 0:
-        raise MemoryError("not enough memory to search this image")
-    kind = structures()["Blob"]
-    blobs = _copied(address[0], kind, count)
+        raise MemoryError(_MEMORY)
+    blobs, which = _copied(address[0], structures()["Blob"], count), np.arange(count)
     library().blobs_free(ctypes.c_void_p(int(address[0]) or None))
-    which = np.arange(count)
-    if count and library().fit_blobs(pointer(picture), pointer(blobs), pointer(which), count) < 0:
-        raise MemoryError("not enough memory to search this image")
+    if library().fit_blobs(pointer(picture), pointer(blobs), pointer(which), count) < 0:
+        raise MemoryError(_MEMORY)
     blobs = blobs[blobs["state"] == constants()["FITTED"]]
     covariance = blobs["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
     return Dots(blobs["center"], blobs["semi"], blobs["angle"], covariance)

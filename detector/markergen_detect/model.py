@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen_detect.core import pointer, structures
+from markergen_detect.core import struct, structures
 from markergen_detect.description import Body, DescriptionError, Tag, root
 
 Array = NDArray[np.float64]
@@ -68,28 +68,30 @@ def pack(
     for light in sorted({body.light for body in bodies}):
         kept: list[NDArray[Any]] = []
         chosen = tuple(k for k, body in enumerate(bodies) if body.light == light)
-        families = _Families([tag for k in chosen for tag in bodies[k].tags])
-        layouts, of = list[NDArray[np.void]](), dict[bytes, int]()
+        layouts, of, families = list[NDArray[np.void]](), dict[bytes, int](), dict[str, tuple[int, list[int]]]()
         members = np.zeros(len(chosen), structures()["Member"])
         for member, k in zip(members, chosen, strict=True):
             body = bodies[k]
             sigma = body.print_sigma if print_sigma is None else print_sigma
-            key = b"".join(
-                np.ascontiguousarray(part).tobytes() for part in (*_geometry(body), body.print_blocks(sigma))
-            )
+            blocks = body.print_blocks(sigma)
+            key = b"".join(np.ascontiguousarray(part).tobytes() for part in (*_geometry(body), blocks))
             if key not in of:
                 of[key] = len(layouts)
-                layouts.append(_layout(body, sigma, calibration, scale_sigma, kept))
+                layouts.append(_layout(body, blocks, _errors(body, sigma, calibration, scale_sigma, kept), kept))
             member["layout"], member["family"], member["tag"] = of[key], -1, -1
             for tag in body.tags[:1]:
                 if tag.bits is not None:
-                    member["family"], member["tag"], member["corners"] = *families.place(tag), tag.corners
-        struct = np.zeros(1, structures()["Model"])
-        packed = {"layouts": np.concatenate(layouts), "members": members, "families": families.packed(kept)}
-        for name, count in (("layouts", "layout_count"), ("members", "member_count"), ("families", "family_count")):
-            struct[name], struct[count] = pointer(packed[name]) or 0, len(packed[name])
-        struct["light"] = light
-        models.append(Model(chosen, struct, families.names, [*kept, *packed.values()]))
+                    member["family"], member["tag"], member["corners"] = *_place(tag, families), tag.corners
+        tables = [
+            struct("TagFamily", kept, cells=cells, count=len(codes), codes=np.array(codes, dtype=np.uint64))
+            for cells, codes in families.values()
+        ]
+        packed = struct(
+            "Model", kept, light=light, layout_count=len(layouts), layouts=np.concatenate(layouts),
+            member_count=len(members), members=members, family_count=len(tables),
+            families=np.concatenate(tables or [np.zeros(0, structures()["TagFamily"])]),
+        )  # fmt: skip
+        models.append(Model(chosen, packed, list(families), kept))
     return models
 
 
@@ -98,14 +100,12 @@ def _geometry(body: Body) -> "tuple[NDArray[Any], ...]":
     return body.xyz, body.places, body.plates, body.rotations, body.translations, body.diameters, body.rings, body.ids
 
 
-def _layout(
-    body: Body, sigma: float, calibration: "Array | None", scale_sigma: float, kept: "list[NDArray[Any]]"
-) -> "NDArray[np.void]":
-    """Pack one body's geometry."""
+def _layout(body: Body, blocks: Array, errors: "NDArray[np.void]", kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
+    """Pack one body's geometry; `blocks` are the covariances (n, 3, 3) of its places."""
     n = len(body.ids)
     dots, plates = np.zeros(n, structures()["Dot"]), np.zeros(len(body.rotations), structures()["Plate"])
     dots["xyz"], dots["place"], dots["normal"] = body.xyz, body.places, body.normals
-    dots["radius"], dots["print"] = body.diameters / 2, body.print_blocks(sigma).reshape(n, 9)
+    dots["radius"], dots["print"] = body.diameters / 2, blocks.reshape(n, 9)
     dots["ring"], dots["plate"], dots["id"] = body.rings, body.plates, body.ids
     plates["R"], plates["t"] = body.rotations.reshape(-1, 9), body.translations
     parts = list[NDArray[np.void]]()
@@ -116,45 +116,27 @@ def _layout(
         raise DescriptionError(
             f"{body.name}: expected dots that span a plane on one of its plates, found them on a line"
         )
-    layout = np.zeros(1, structures()["Layout"])
-    packed = {"dots": dots, "plates": plates, "constellations": np.concatenate(parts)}
-    kept.extend(packed.values())
-    for name, array in packed.items():
-        layout[name] = pointer(array)
-    layout["count"], layout["plate_count"], layout["constellation_count"] = n, len(plates), len(parts)
-    apart = _distances(body.xyz).min(axis=-1)
-    layout["reach"] = min(LARGEST_REACH, 0.5 * float((apart / dots["radius"]).min()))
-    layout["middle"] = middle = body.xyz.mean(axis=0)
-    layout["extent"] = np.linalg.norm(body.xyz - middle, axis=-1).max()
-    layout["print"] = np.sqrt(np.median(np.trace(dots["print"].reshape(n, 3, 3), axis1=1, axis2=2)) / 2)
-    heights = (body.xyz - body.xyz[0]) @ body.normals[0]
-    layout["flat"] = bool(len(plates) == 1 and np.ptp(heights) < 1e-9)
-    layout["ringed"] = body.rings.any()
-    if "errors" in (layout.dtype.names or ()):
-        layout["errors"] = pointer(_errors(body, sigma, len(parts), calibration, scale_sigma, kept))
-    return layout
+    errors["several"] = len(parts) > 1
+    middle, apart = body.xyz.mean(axis=0), _distances(body.xyz).min(axis=-1)
+    return struct(
+        "Layout", kept, count=n, dots=dots, plate_count=len(plates), plates=plates,
+        constellation_count=len(parts), constellations=np.concatenate(parts), errors=errors,
+        reach=min(LARGEST_REACH, 0.5 * float((apart / dots["radius"]).min())),
+        middle=middle, extent=np.linalg.norm(body.xyz - middle, axis=-1).max(),
+        print=np.sqrt(np.median(np.trace(blocks, axis1=1, axis2=2)) / 2),
+        flat=body.flat, ringed=body.rings.any(),
+    )  # fmt: skip
 
 
 def _errors(
-    body: Body,
-    sigma: float,
-    parts: int,
-    calibration: "Array | None",
-    scale_sigma: float,
-    kept: "list[NDArray[Any]]",
+    body: Body, sigma: float, calibration: "Array | None", scale_sigma: float, kept: "list[NDArray[Any]]"
 ) -> "NDArray[np.void]":
     """Pack the errors that a body's dots have in common, and those of the camera."""
-    errors, common = np.zeros(1, structures()["Errors"]), body.common_errors(sigma, scale_sigma)
+    values = {} if calibration is None else {"calibration": root(calibration)}
+    common = body.common_errors(sigma, scale_sigma)
     if common is not None:
-        moved, alone = (np.ascontiguousarray(part) for part in common)
-        errors["common"], errors["moved"], errors["alone"] = moved.shape[2], pointer(moved), pointer(alone)
-        kept += [moved, alone]
-    if calibration is not None:
-        kept.append(np.ascontiguousarray(root(calibration)))
-        errors["calibration"] = pointer(kept[-1])
-    errors["several"] = parts > 1
-    kept.append(errors)
-    return errors
+        values |= {"moved": common[0], "alone": common[1]}
+    return struct("Errors", kept, common=0 if common is None else common[0].shape[2], **values)
 
 
 def constellations(body: Body) -> "list[Indices]":
@@ -196,22 +178,12 @@ def _constellation(body: Body, index: Indices, kept: "list[NDArray[Any]]") -> "N
     long = lateral > (SHORTEST * lateral.max() if n <= MANY_DOTS else 0)
     pairs, ratio = pairs[long], lateral[long] / (body.diameters[index[pairs[long, 0]]] / 2)
     order = np.argsort(ratio, kind="stable")
-    arrays = {
-        "dots": index.astype(np.int64),
-        "points": points,
-        "pairs": pairs[order].astype(np.int64),
-        "ratio": ratio[order],
-        "near": near.astype(np.int64),
-    }
-    part = np.zeros(1, structures()["Constellation"])
-    for name, array in arrays.items():
-        arrays[name] = np.ascontiguousarray(array)
-        part[name] = pointer(arrays[name])
-    kept.extend(arrays.values())
-    part["plate"], part["count"], part["pair_count"], part["near_count"] = plate, n, len(pairs), near.shape[1]
-    part["flat"] = np.ptp(points[:, 2]) < 1e-9
-    part["sizes"] = np.log(body.diameters[index].max() / body.diameters[index].min())
-    return part
+    return struct(
+        "Constellation", kept, plate=plate, count=n, dots=index.astype(np.int64), points=points,
+        pair_count=len(pairs), pairs=pairs[order].astype(np.int64), ratio=ratio[order],
+        near_count=near.shape[1], near=near.astype(np.int64), flat=np.ptp(points[:, 2]) < 1e-9,
+        sizes=np.log(body.diameters[index].max() / body.diameters[index].min()),
+    )  # fmt: skip
 
 
 def _distances(points: Array) -> Array:
@@ -220,40 +192,18 @@ def _distances(points: Array) -> Array:
     return distance
 
 
-class _Families:
-    """Families of tags, and the codes of their inner cells: row by row from the lowest bit, 1 for black."""
-
-    def __init__(self, tags: "Sequence[Tag]") -> None:
-        self.names, self.codes, self.cells = list[str](), list[list[int]](), list[int]()
-        for tag in tags:
-            if tag.bits is not None and tag.family not in self.names:
-                self.names.append(tag.family)
-                self.codes.append(list(tag.codes))
-                self.cells.append(len(tag.bits))
-
-    def place(self, tag: Tag) -> "tuple[int, int]":
-        """Return the number of a tag's family, and the row of its code."""
-        assert tag.bits is not None
-        family = self.names.index(tag.family)
-        code, codes = code_of(tag.bits), self.codes[family]
-        if len(tag.bits) != self.cells[family]:
-            raise DescriptionError(f"two tags of {tag.family} have different numbers of cells")
-        if code not in codes:
-            codes.append(code)
-        return family, codes.index(code)
-
-    def packed(self, kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
-        """Return the families' structures."""
-        if "TagFamily" not in structures():
-            return np.zeros(0, "u1")
-        families = np.zeros(len(self.names), structures()["TagFamily"])
-        for family, codes, cells in zip(families, self.codes, self.cells, strict=True):
-            table = np.array(codes, dtype=np.uint64)
-            family["cells"], family["count"], family["codes"] = cells, len(table), pointer(table)
-            kept.append(table)
-        return families
+def _place(tag: Tag, families: "dict[str, tuple[int, list[int]]]") -> "tuple[int, int]":
+    """Return the number of a tag's family, and the row of its code; families have cells and codes, by name."""
+    assert tag.bits is not None
+    cells, codes = families.setdefault(tag.family, (len(tag.bits), list(tag.codes)))
+    if len(tag.bits) != cells:
+        raise DescriptionError(f"two tags of {tag.family} have different numbers of cells")
+    code = code_of(tag.bits)
+    if code not in codes:
+        codes.append(code)
+    return list(families).index(tag.family), codes.index(code)
 
 
 def code_of(bits: "NDArray[np.bool_]") -> int:
-    """Code of a tag's inner cells."""
+    """Code of a tag's inner cells: row by row from the lowest bit, 1 for black."""
     return sum(1 << i for i, black in enumerate(bits[1:-1, 1:-1].ravel().tolist()) if black)
