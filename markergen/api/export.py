@@ -86,7 +86,7 @@ def export(
     inputs = files_among(*sources, asked.get("outline"))
     loaded = [load_marker_or_rig(source) for source in sources]
     frame = frame_of(loaded)
-    bodies = [_with_plates(body, asked) for body in loaded]
+    bodies = [with_plates(body, asked) for body in loaded]
     if choices.net and frame != "rig":
         raise InputError("a rig.json for --net", "markers", "give what markergen rig wrote, or leave out --net")
     check_exports(outputs, choices, frame=frame)
@@ -110,13 +110,13 @@ def to_cadquery(body: Marker | Rig, **options: Unpack[ExportKeywords]) -> Any:
     from markergen.workshop.formats.solids import assembly_of
 
     asked = given(options, ExportKeywords)
-    body = _with_plates(body, asked)
+    body = with_plates(body, asked)
     for plate in body.plates:
         check_supported(plate.marker, "for a solid", light=False)
     return assembly_of(body, choices_of(asked))
 
 
-def _with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:
+def with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:
     """Return a marker or a rig with plate options applied."""
     if isinstance(body, Marker):
         return with_plate(body, asked)

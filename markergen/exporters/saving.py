@@ -95,10 +95,21 @@ def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[W
     files = {path: output.data for path, output in outputs.items()}
     beside = _beside(outputs)
     check_files(list(outputs), inputs)
+    notes = {path: (*output.notes, *_of_others(path, output)) for path, output in outputs.items()}
     with folders_for(beside):
         check_files(list(beside), inputs)
         write_all({**files, **beside})
-    return [Written(path, output.notes) for path, output in outputs.items()] + [Written(path) for path in beside]
+    return [Written(path, notes[path]) for path in outputs] + [Written(path) for path in beside]
+
+
+def _of_others(path: Path, output: Output) -> list[str]:
+    """Notes about accompanying files of another model in the same folder, which are replaced."""
+    targets = [path.parent / name for name in output.beside if stem_of(path) not in name]
+    return [
+        f"{target} was that of another model, and is now that of {path.name}: give each model a folder of its own."
+        for target in targets
+        if target.is_file() and path.name.encode() not in target.read_bytes()
+    ]
 
 
 def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:

@@ -29,6 +29,7 @@ from markergen.options.shared import (
     Aggregate,
     Calibrated,
     Camera,
+    MadeKeywords,
     PlateKeywords,
     Printed,
     ProcessKeyword,
@@ -279,7 +280,7 @@ OUTSIDE_FILES = ("template", "output", "trace", "coverage")
 """Design options that a spec file does not have."""
 
 
-class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
+class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
     """Options of an export."""
 
     net: Annotated[
@@ -298,35 +299,6 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             "Draw a rescaled marker so that the measured printer prints it as designed.",
             False,
             flags="--compensate",
-        ),
-    ]
-    depth: Annotated[
-        Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="depends on the process")
-    ]
-    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="depends on the process")]
-    fit: Annotated[
-        str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
-    ]
-    through: Annotated[
-        bool,
-        Option(SOLID, "Make dots as through holes, instead of milled pockets with discs.", False, flags="--through"),
-    ]
-    tool: Annotated[
-        Length, Option(SOLID, "Diameter of the nozzle, end mill or beam.", otherwise="depends on the process")
-    ]
-    dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
-    draft: Annotated[
-        float,
-        Option(SOLID, "Draft angle of the pillars of a relief, which widen toward the plate.", 0, metavar="DEGREES"),
-    ]
-    foot: Annotated[Length, Option(SOLID, "Radius of the fillet around a pillar's foot.", "1mm")]
-    engrave: Annotated[
-        bool,
-        Option(
-            SOLID,
-            "Engrave name, spec, numbers, origin and x axis on the back of the plate.",
-            True,
-            flags="--engrave/--no-engrave",
         ),
     ]
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
@@ -400,13 +372,14 @@ class CompareKeywords(TypedDict, total=False):
     workers: Workers
 
 
-class VerifyKeywords(TypedDict, total=False):
-    """Options of a verification, besides the marker and the files."""
+class VerifyKeywords(MadeKeywords, PlateKeywords, total=False):
+    """Options of a verification, besides the marker and the files; those of solids are what a file was made with."""
 
     tolerance: Annotated[
         Length,
         Option(RUN, "Maximum deviation.", otherwise="20 um; a quarter of a pixel in a coarse PNG"),
     ]
+    unit: Annotated[str, Option(RUN, "Unit of a DXF that does not say it: mm, cm, m, in.", metavar="UNIT")]
 
 
 class DetectorKeywords(TypedDict, total=False):

@@ -139,3 +139,37 @@ class ProcessKeyword(TypedDict, total=False):
             metavar="NAME",
         ),
     ]
+
+
+class MadeKeywords(ProcessKeyword, total=False):
+    """Options for how a solid is made, besides its plate."""
+
+    depth: Annotated[
+        Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="depends on the process")
+    ]
+    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="depends on the process")]
+    fit: Annotated[
+        str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
+    ]
+    through: Annotated[
+        bool,
+        Option(SOLID, "Make dots as through holes, instead of milled pockets with discs.", False, flags="--through"),
+    ]
+    tool: Annotated[
+        Length, Option(SOLID, "Diameter of the nozzle, end mill or beam.", otherwise="depends on the process")
+    ]
+    dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
+    draft: Annotated[
+        float,
+        Option(SOLID, "Draft angle of the pillars of a relief, which widen toward the plate.", 0, metavar="DEGREES"),
+    ]
+    foot: Annotated[Length, Option(SOLID, "Radius of the fillet around a pillar's foot.", "1mm")]
+    engrave: Annotated[
+        bool,
+        Option(
+            SOLID,
+            "Engrave name, spec, numbers, origin and x axis on the back of the plate.",
+            True,
+            flags="--engrave/--no-engrave",
+        ),
+    ]

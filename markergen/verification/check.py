@@ -23,7 +23,6 @@ from markergen.verification.findings import (
     Verdict,
     change_findings,
     extras,
-    frame_findings,
     judge,
     judge_copies,
 )
@@ -37,7 +36,7 @@ from markergen.verification.placement import (
     stretched,
     turned_solids,
 )
-from markergen.verification.reading import Page, Reading, known_suffix, reader_of
+from markergen.verification.reading import Page, Reading, Settings, reader_of
 from markergen.verification.result import Check
 from markergen.verification.solids import (
     DARK,
@@ -52,22 +51,8 @@ from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
 from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
 
-OF_PLATES = (
-    ".pdf",
-    ".svg",
-    ".png",
-    ".dxf",
-    ".urdf",
-    ".sdf",
-    ".mjcf.xml",
-    ".stl",
-    ".3mf",
-    ".glb",
-    ".step",
-    ".stp",
-    ".brep",
-)
-"""Suffixes of the files that can hold several plates."""
+USUAL = Settings()
+"""Nothing said."""
 
 SAME = 1e-3
 """Distance in mm below which dots of unknown size are one."""
@@ -80,24 +65,22 @@ ABOUT_DOTS = ("shifted", "missing", "extra", "height", "diameter", "kind", "twic
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
 
-TAG_ALONE = "it holds the tag alone, and no dots"
-
 Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
 
 
-def verify(body: Body, path: Path, tolerance: float | None = None) -> Check:
-    """Read a file back and compare every dot in it with a marker or a rig.
+def verify(body: Body, path: Path, settings: Settings = USUAL) -> Check:
+    """Read a file back and compare everything in it with a marker or a rig.
 
-    The dots are aligned with the marker's by the best rotation and translation only: scaling and mirroring are reported
-    as findings. The origin of the file counts in lists of points and models for simulators only; labels are ignored.
-    In solids and models the relation of several plates counts; sheets show each by itself, on any page.
+    The dots of sheets and solids are aligned with the marker's by the best rotation and translation only: scaling and
+    mirroring are reported as findings. In solids the relation of several plates counts; sheets show each by itself, on
+    any page. Files that only markergen writes are made again and compared value by value.
 
     Parameters
     ----------
-    tolerance : float or None
-        Allowed distance in m; None takes the format's own: 20 um, which no printer shows, or a quarter of a
-        pixel where that is more.
+    settings : Settings
+        Its tolerance is in m; None takes the format's own: 20 um, which no printer shows, or a quarter of a pixel where
+        that is more.
 
     Raises
     ------
@@ -108,24 +91,19 @@ def verify(body: Body, path: Path, tolerance: float | None = None) -> Check:
     """
     for plate in body.plates:
         check_supported(plate.marker, "to verify a file against")
-    check_tolerance(tolerance)
+    check_tolerance(settings.tolerance)
     reader = reader_of(path)
-    if body.frame != "marker" and known_suffix(path) not in OF_PLATES:
-        expected = f"a sheet or a solid of a rig ({', '.join(OF_PLATES)})"
-        raise InputError(expected, str(path), "verify it against the one marker in it")
     # Numbers in a file that overflow become infinite and are left out.
     with np.errstate(all="ignore"):
-        reading = reader(read(path, "artifact").data, str(path), body)
-        allowed = reading.tolerance if tolerance is None else tolerance
+        reading = reader(read(path, "artifact").data, str(path), body, settings)
+        if isinstance(reading, Check):
+            return replace(reading, path=str(path))
+        allowed = reading.tolerance if settings.tolerance is None else settings.tolerance
         return replace(_checked(body, reading, allowed), path=str(path), tolerance=allowed)
 
 
 def _checked(body: Body, reading: Reading, tolerance: float) -> Check:
-    """Check a sheet, a solid or a list."""
-    if not reading.pages:
-        return Check(
-            "", reading.kind, findings=tuple(Finding("tag", gap) for gap in reading.tag_gaps), notes=(TAG_ALONE,)
-        )
+    """Check a sheet or a solid."""
     surface, marker = reading.pages[0].surface, body.plates[0].marker
     if body.frame != "marker":
         return check_sides(body, reading, tolerance) if surface else _several(body, reading, tolerance)
@@ -158,7 +136,7 @@ def verify_all(check: Callable[[Path], Check], paths: Sequence[Path]) -> list[Ch
 
 def best_check(marker: Marker, reading: Reading, tolerance: float) -> Check:
     """Check a reading as it is, as the design or as a print of it, whichever has fewer findings."""
-    checks = [_against(wanted, reading, tolerance) for wanted in _wanted(marker, reading)]
+    checks = [_against(wanted, reading, tolerance) for wanted in _wanted(marker)]
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
@@ -252,10 +230,8 @@ def _placed(marker: Marker, reading: Reading, surface: Surface, plain: Check, to
     return None
 
 
-def _wanted(marker: Marker, reading: Reading) -> list[Wanted]:
+def _wanted(marker: Marker) -> list[Wanted]:
     """Return what the file may hold: the design, or a print of it with the printer's scale compensated."""
-    if not reading.drawn:
-        return [(marker, (1.0, 1.0), "")]
     design = marker.as_designed
     wanted: list[Wanted] = [(design, (1.0, 1.0), "")]
     if marker.print_scale != (1.0, 1.0):
@@ -278,8 +254,6 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     ids = [point.id for point in marker.control_points]
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
-    findings += [Finding("tag", gap) for gap in reading.tag_gaps]
-    findings += [Finding("ids", gap, "export it again") for gap in reading.id_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
@@ -308,16 +282,13 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             here = with_tag(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
             here = [_made(verdict, marker, page.surface, None if room else dots, tolerance) for verdict in here]
-        elif reading.drawn:
+        else:
             here, said_of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
             findings += said_of_page
             notes += remarks
         verdicts += here
         explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
         findings += extras(dots, explained_dots, here[0].motion, holes)
-        explained = reading.flaws or any(finding.kind in UNTAGGED for finding in here[0].findings)
-        if reading.placed and here[0].motion is not None and not explained:
-            findings += frame_findings(expected, here[0].motion, tolerance)
     hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:

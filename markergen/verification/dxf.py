@@ -11,7 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
-from markergen.verification.reading import FARTHEST, READERS, Page, Reading, circles_of, round_shape
+from markergen.verification.reading import FARTHEST, READERS, Page, Reading, Settings, circles_of, round_shape
 
 Group = tuple[int, str]
 
@@ -36,7 +36,7 @@ MOST_ENTITIES, MOST_PIECES = 100_000, 500_000
 
 
 @READERS.register(".dxf")
-def read_dxf(data: bytes, name: str, body: Body) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read circles in the model space: CIRCLE, full ELLIPSE and round LWPOLYLINE entities, with layers, and lines."""
     groups = _groups(data, name)
     unit = _unit(groups, name)

@@ -158,22 +158,6 @@ def judge_copies(
     return verdicts or [verdict]
 
 
-def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: float) -> list[Finding]:
-    """Say how the file's frame differs from the marker's, where it moves a dot by more than the tolerance in m."""
-    rotation, translation = motion
-    off = np.linalg.norm(expected.centers @ rotation.T + translation - expected.centers, axis=-1).max()
-    if not off > 1e3 * tolerance:
-        return []
-    angle = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    ways = [f"turned by {angle:.4g} degrees"] if abs(angle) > 1e-5 else []
-    axes = [
-        f"{axis} {value:+.4g} mm" for axis, value in zip("xy", translation, strict=True) if abs(value) > tolerance * 100
-    ]
-    ways += [f"off by {' and '.join(axes)}"] if axes else []
-    sentence = f"its frame is not the marker's: the marker is {' and '.join(ways) or 'not in its place'} in it"
-    return [Finding("frame", sentence)]
-
-
 def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: bool) -> list[Finding]:
     """Findings about a change, upper triangular, in the marker frame."""
     half = np.ptp(expected.centers, axis=0) / 2

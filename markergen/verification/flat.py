@@ -307,7 +307,8 @@ def shown_findings(
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
     inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
     on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)
-    ink, paper = (picture.sample(sites.reshape(-1, 2)).reshape(len(dots), -1) for sites in (on, off))
+    hole = _spread(dots.centers, 0 * inner, np.maximum(dots.inner - edge, 0.1 * dots.inner))
+    ink, paper, middle = (picture.sample(sites.reshape(-1, 2)).reshape(len(dots), -1) for sites in (on, off, hole))
     hidden = np.isnan(ink).mean(axis=1) > COVERED
     findings = _cut_off([name for name, is_ in zip(names, hidden, strict=True) if is_])
     # There may be a fine cross in the middle of the marker.
@@ -327,12 +328,15 @@ def shown_findings(
     level = np.array([_level(row, paper) for row, paper in zip(ink[visible], ground, strict=True)])
     contrast_findings, notes, good = _contrasts(ground - level, [names[k] for k in visible.tolist()], picture)
     findings += contrast_findings
+    middle[(np.abs((hole - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
     for place in np.flatnonzero(good):
         k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
         if not picture.whole:
             continue
         stroked = [] if picture.measured else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
         most = STROKE if stroked else COVERED
+        if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > COVERED:
+            findings.append(Finding("kind", f"the middle of ring {names[k]} shows ink", "draw it as a ring"))
         more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
         findings += more if any(finding.kind == "covered" for finding in more) else stroked or more
     return findings[: 2 * MOST_LISTED], notes

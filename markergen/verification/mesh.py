@@ -1,29 +1,23 @@
-"""Read meshes in a child process and reduce them to a plan view: shells, level faces, circles, balls.
+"""Read meshes in a child process and reduce them to a plan view: shells, level faces, circles, balls."""
 
-Models for simulators show meshes in the frame of their link, with their colors. Unlike in other files, place and
-orientation count there: the link's frame has to be that of the marker or rig.
-"""
-
-# tests: tests/verification/test_mesh.py tests/verification/test_solid_readers.py
+# tests: tests/verification/test_solid_readers.py
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser
 
 import numpy as np
 from numpy.typing import NDArray
 
 import markergen.read.meshes
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
-from markergen.guard import MOST_TRIANGLES, Content, check_size, in_child, start_child
-from markergen.guard import read as read_content
+from markergen.errors import InputError
+from markergen.guard import MOST_TRIANGLES, Content, in_child, start_child
 from markergen.model.body import Body
 from markergen.read.meshes import MeshObject
 from markergen.read.meshes.step_parser import MOST_SIDES, SMALLEST_SIDE
-from markergen.verification.reading import READERS, Reading
+from markergen.verification.reading import READERS, Reading, Settings
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import (
     Ball,
@@ -33,7 +27,6 @@ from markergen.verification.surface import (
     Surface,
     rotation_up,
 )  # fmt: skip
-from markergen.verification.words import MOST_LISTED
 
 Indices = NDArray[np.int64]
 
@@ -67,7 +60,7 @@ MOST_PARTS, MOST_LEVEL, MOST_SHARED = 20_000, 100_000, 200_000
 """Maximum numbers of shells, of level faces, and of triangles' sides at edges where more than two triangles meet."""
 
 
-def _read(kind: str, data: bytes, name: str, body: Body) -> Reading:
+def _read(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the triangles of an STL, the objects in the build of a 3MF, or the meshes in the scene of a GLB, in mm."""
     return reading_of(kind, views_of(triangles_of(kind, data, name), body, name), body)
 
@@ -253,14 +246,6 @@ def _welded(corners: Array) -> tuple[Array, Indices]:
     key = bits @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     return points[first], index
-
-
-def is_watertight(corners: Array) -> bool:
-    """Tell whether every edge of triangles (m, 3, 3) is passed as often one way as the other."""
-    triangles = _welded(corners)[1].reshape(-1, 3)
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    count = int(triangles.max(initial=0)) + 1
-    return np.array_equal(np.sort(starts * count + ends), np.sort(ends * count + starts))
 
 
 def _grouped(label: Indices, total: int) -> list[Indices]:
@@ -493,233 +478,3 @@ def _top_edge(corners: Array, center: Array, radius: float, flatness: float) -> 
     if not high.any():
         return 0.0
     return float(np.median(np.linalg.norm(first[high][:, :2] - center[:2], axis=-1)))
-
-
-# --- Models for simulators --------------------------------------------------------------------------------------------
-
-LINK = "marker"
-"""Name of the link, or body in MJCF."""
-
-POSE_ANGLE, POSE_DISTANCE = 1e-6, 1e-9
-"""Rounding of a pose in a model: rad and m."""
-
-
-@dataclass(frozen=True)
-class ShownMesh:
-    """A mesh as a model shows it: its path, its color, and its place in the frame of the link, m."""
-
-    path: str
-    color: Color
-    rotation: Array
-    translation: Array
-    scale: Array
-
-
-class _Tree(TreeBuilder):
-    def doctype(self, *_: object) -> None:
-        """Refuse document types and thus entities."""
-        raise ValueError("a document type")
-
-
-@dataclass(frozen=True)
-class SimulatorModel:
-    """Meshes that a model shows, mm, in the frame of its link, and what is wrong with it; sites (3,) by name, m."""
-
-    meshes: tuple[MeshObject, ...]
-    flaws: tuple[str, ...]
-    sites: dict[str | None, Array] | None
-
-    @property
-    def whole(self) -> MeshObject:
-        """All meshes as one: a plate may be put together from two; its color is that of the widest."""
-        corners, colors = (
-            [mesh.corners for mesh in self.meshes],
-            [mesh.color or (0.5, 0.5, 0.5) for mesh in self.meshes],
-        )
-        paints = np.repeat(np.arange(len(corners)), [len(triangles) for triangles in corners])
-        widths = [float(np.ptp(triangles[..., 0])) if len(triangles) else 0.0 for triangles in corners]
-        return MeshObject(np.concatenate(corners), color=colors[int(np.argmax(widths))], paints=paints, palette=colors)
-
-    @property
-    def pieces(self) -> tuple[MeshObject, ...]:
-        """The meshes one by one if each is closed, which spares the work on edges that they share; else as one."""
-        return self.meshes if all(is_watertight(mesh.corners) for mesh in self.meshes) else (self.whole,)
-
-
-def _read_model(kind: str, data: bytes, name: str, body: Body) -> Reading:
-    """Read what the link of a URDF or SDF shows, or the body of an MJCF with the sites on its dots."""
-    model = model_of(kind, data, name)
-    meshes = [model.whole] if body.frame == "marker" else model.pieces
-    reading = reading_of(kind, views_of(meshes, body, name), body)
-    return replace(reading, placed=True, flaws=(*model.flaws, *_site_flaws(model, body), *reading.flaws))
-
-
-for _suffix, _kind in ((".urdf", "URDF"), (".sdf", "SDF"), (".mjcf.xml", "MJCF")):
-    READERS.register(_suffix)(partial(_read_model, _kind))
-
-
-def model_of(kind: str, data: bytes, name: str) -> SimulatorModel:
-    """Read a ``URDF``, ``SDF`` or ``MJCF`` of one link; raises InputError if it is none that can be read."""
-    check_size(Content(name, data), "list")
-    shown_in = {"URDF": _of_urdf, "SDF": _of_sdf, "MJCF": _of_mjcf}[kind]
-    parser = XMLParser(target=_Tree())
-    try:
-        parser.feed(data)
-        root = parser.close()
-        visuals, sites = shown_in(root), _sites(root) if kind == "MJCF" else None
-    except (ParseError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-        problem = brief(str(error)) if isinstance(error, ParseError) else "something else"
-        raise InputError(f"a {kind} of one link with meshes in {name}", problem, "export it again") from None
-    numbers = np.array([[*visual.rotation.flat, *visual.translation, *visual.scale] for visual in visuals])
-    if not len(visuals) or not np.isfinite(numbers).all():
-        raise InputError(f"meshes at finite places in {name}", "none" if not visuals else "others", "export it again")
-    meshes = tuple(MeshObject(_corners(visual, Path(name)), color=visual.color) for visual in visuals)
-    return SimulatorModel(meshes, tuple(_pose_flaws(visuals)), sites)
-
-
-def _corners(visual: ShownMesh, path: Path) -> Array:
-    """Triangles (m, 3, 3) of a mesh in mm, in the frame of the link."""
-    inner = visual.path
-    for scheme in ("package://", "model://"):
-        # The name of the package or the model is that of a folder which holds this file.
-        inner = inner.removeprefix(scheme).partition("/")[2] if inner.startswith(scheme) else inner
-    folder = path.parent.resolve()
-    target = (folder / inner).resolve()
-    if not target.is_relative_to(folder) or target.suffix.lower() != ".stl":
-        problem = brief(visual.path)
-        remedy = "export it again: other formats have axes of their own"
-        raise InputError(f"meshes as .stl in the folder of {path}", problem, remedy)
-    (mesh,) = triangles_of("STL", read_content(target, "artifact").data, str(path.parent / inner))
-    return 1e3 * (mesh.corners * visual.scale @ visual.rotation.T + visual.translation)
-
-
-def _pose_flaws(visuals: Sequence[ShownMesh]) -> list[str]:
-    from scipy.spatial.transform import Rotation
-
-    flaws = []
-    for visual in visuals:
-        angle, off = (
-            Rotation.from_matrix(visual.rotation).magnitude(),
-            float(np.linalg.norm(visual.translation)),
-        )
-        errors = [f"turned by {np.degrees(angle):.4g} degrees"] if angle > POSE_ANGLE else []
-        errors += [f"{1e3 * off:.4g} mm off"] if off > POSE_DISTANCE else []
-        if errors:
-            flaws.append(f"{visual.path} is {' and '.join(errors)} in the frame of its link")
-    return flaws
-
-
-def _sites(root: Element) -> dict[str | None, Array]:
-    return {site.get("name"): _numbers(site.get("pos"), 3) for site in _link(root, "body").iter("site")}
-
-
-def _site_flaws(model: SimulatorModel, body: Body) -> list[str]:
-    """Sites that a model lacks or has elsewhere: those on the dots and, on a rig, at the origins of its markers."""
-    flaws, sites = [], model.sites
-    if sites is None:
-        return []
-    names = ["" if body.frame == "marker" else f"{plate.name}/" for plate in body.plates]
-    wanted = {f"{name}dot-{point.id}": plate.to_body(np.array([point.x, point.y, point.z]))
-              for name, plate in zip(names, body.plates, strict=True)
-              for point in plate.marker.as_designed.control_points}  # fmt: skip
-    wanted |= {f"{name}marker": plate.translation_vector
-               for name, plate in zip(names, body.plates, strict=True) if name}  # fmt: skip
-    for name, place in wanted.items():
-        if name not in sites:
-            flaws.append(f"there is no site {name}")
-            continue
-        off = float(np.linalg.norm(sites[name] - place))
-        # Negated, so that nan fails too.
-        if not off <= POSE_DISTANCE:
-            flaws.append(f"the site {name} is {1e3 * off:.4g} mm off")
-    return flaws[:MOST_LISTED] if body.frame != "marker" else flaws
-
-
-def _of_urdf(root: Element) -> list[ShownMesh]:
-    named = {material.get("name"): material.find("color") for material in root.findall("material")}
-    visuals = []
-    for visual in _link(root, "link").findall("visual"):
-        mesh, origin, material = _mesh(visual), visual.find("origin"), visual.find("material")
-        color = material.find("color") if material is not None else None
-        if color is None and material is not None:
-            color = named.get(material.get("name"))
-        pose = [*_numbers(_get(origin, "xyz"), 3), *_numbers(_get(origin, "rpy"), 3)]
-        scale = _numbers(_get(mesh, "scale"), 3, 1.0)
-        visuals.append(_shown(mesh.attrib["filename"], _get(color, "rgba"), pose, scale))
-    return visuals
-
-
-def _of_sdf(root: Element) -> list[ShownMesh]:
-    visuals = []
-    for visual in _link(root, "link").findall("visual"):
-        mesh, pose = _mesh(visual), visual.find("pose")
-        place = _numbers(pose.text if pose is not None else None, 6)
-        if pose is not None and pose.get("degrees") == "true":
-            place[3:] = np.radians(place[3:])
-        scale = _numbers(mesh.findtext("scale"), 3, 1.0)
-        visuals.append(_shown(mesh.findtext("uri", "").strip(), visual.findtext("material/diffuse"), [*place], scale))
-    return visuals
-
-
-def _of_mjcf(root: Element) -> list[ShownMesh]:
-    from scipy.spatial.transform import Rotation
-
-    compiler = root.find("compiler")
-    folder = _get(compiler, "meshdir")
-    meshes = {mesh.get("name"): mesh for mesh in root.findall("asset/mesh")}
-    colors = {material.get("name"): material.get("rgba") for material in root.findall("asset/material")}
-    visuals = []
-    for geom in _link(root, "body").findall("geom"):
-        if geom.get("mesh") is None:
-            continue
-        mesh = meshes[geom.get("mesh")]
-        if {"axisangle", "xyaxes", "zaxis"} & set(geom.keys()) or {"refpos", "refquat"} & set(mesh.keys()):
-            raise ValueError("other orientations")
-        rotation = Rotation.from_quat(_numbers(geom.get("quat"), 4, first=1.0)[[1, 2, 3, 0]])
-        if geom.get("euler") is not None:
-            rotation = Rotation.from_euler("XYZ", _numbers(geom.get("euler"), 3), _get(compiler, "angle") != "radian")
-        color = _color(colors.get(geom.get("material")) or geom.get("rgba"))
-        path = f"{folder}/{mesh.attrib['file']}" if folder else mesh.attrib["file"]
-        translation, scale = _numbers(geom.get("pos"), 3), _numbers(mesh.get("scale"), 3, 1.0)
-        visuals.append(ShownMesh(path, color, rotation.as_matrix(), translation, scale))
-    return visuals
-
-
-def _link(root: Element, kind: str) -> Element:
-    """Return the marker's link: the only one, or the one of its name among several."""
-    links = list(root.iter(kind))
-    (link,) = links if len(links) == 1 else [link for link in links if link.get("name") == LINK]
-    return link
-
-
-def _mesh(visual: Element) -> Element:
-    mesh = visual.find("geometry/mesh")
-    if mesh is None:
-        raise KeyError("mesh")
-    return mesh
-
-
-def _shown(path: str, color: str | None, pose: list[float], scale: Array) -> ShownMesh:
-    """Make it of a pose x, y, z, roll, pitch, yaw: turns about the fixed axes x, y, z in this order."""
-    from scipy.spatial.transform import Rotation
-
-    return ShownMesh(path, _color(color), Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.array(pose[:3]), scale)
-
-
-def _get(element: Element | None, key: str) -> str | None:
-    return None if element is None else element.get(key)
-
-
-def _color(text: str | None) -> Color:
-    red, green, blue = (float(word) for word in (text or "0.5 0.5 0.5").split()[:3])
-    return red, green, blue
-
-
-def _numbers(text: str | None, count: int, default: float = 0.0, first: float | None = None) -> Array:
-    """Numbers of a text; without one all are the default, or the first has a value of its own."""
-    if text is None:
-        return np.array([default if first is None else first, *[default] * (count - 1)])
-    numbers = np.array([float(word) for word in text.split()])
-    if numbers.shape != (count,):
-        raise ValueError(f"{count} numbers")
-    return numbers

@@ -19,7 +19,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.body import Body
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import READERS, Page, Reading, circle_diameters
+from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
 
@@ -84,9 +84,9 @@ Grid = dict[tuple[int, int], tuple[int, TilePage]]
 
 
 @READERS.register(".fab.pdf")
-def read_fabrication_sheet(data: bytes, name: str, body: Body) -> Reading:
+def read_fabrication_sheet(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     """Refuse a drawing to scale, in which no dot can be measured."""
-    del data, body
+    del data, body, settings
     raise InputError(
         "a file with the marker at true size",
         f"the fabrication sheet {brief(name)}, a drawing to scale",
@@ -95,7 +95,7 @@ def read_fabrication_sheet(data: bytes, name: str, body: Body) -> Reading:
 
 
 @READERS.register(".pdf")
-def read_pdf(data: bytes, name: str, body: Body) -> Reading:
+def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
     reply = in_child(
         PARSER,

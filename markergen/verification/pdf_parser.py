@@ -144,7 +144,9 @@ class _Parser:
         fine = min(FINEST, (most / (width * height)) ** 0.5)
         if fine * min(width, height) < 2:
             return np.zeros((0, 0), dtype=np.uint8)
-        return np.ascontiguousarray(page.render(scale=fine * MM_PER_POINT, grayscale=True).to_numpy()[..., :]).squeeze()
+        # In print, layers and annotations show that may not on a screen, and the other way round.
+        printed = page.render(scale=fine * MM_PER_POINT, grayscale=True, optimize_mode="print")
+        return np.ascontiguousarray(printed.to_numpy()[..., :]).squeeze()
 
     def _objects(self, page: Any, paths: "_Paths") -> None:
         import pypdfium2.raw as pdfium

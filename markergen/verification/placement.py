@@ -278,7 +278,7 @@ def check_sides(body: Body, reading: Reading, tolerance: float) -> Check:
         findings = [scale_finding(stretch / factor, stretch / factor, np.maximum(half, 1.0), 1e3 * tolerance)]
         compared = _compared(plates, reading, undone, tolerance)
     # The kernel's checks of a solid depend on its size.
-    flaws = reading.flaws if reading.placed or not findings else ()
+    flaws = () if findings else reading.flaws
     errors = (*(Finding("solid", flaw) for flaw in flaws), *findings, *compared.check.findings)
     result = replace(compared.check, findings=errors, tolerance=tolerance)
     if findings:
@@ -329,7 +329,7 @@ def _stretch(compared: _Compared) -> float | None:
 
 
 def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface], tolerance: float) -> _Compared:
-    kind, framed = reading.kind, reading.placed
+    kind = reading.kind
     placements = [_placements(plate, views, tolerance) for plate in plates]
     motion = _motion(plates, placements, tolerance)
     if motion is None:
@@ -344,11 +344,8 @@ def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface
     )
     if mirrored:
         findings.append(Finding("mirrored", "mirrored", MIRRORED))
-    elif (at := _frame(motion, plates, tolerance)) and (framed or kind != "3MF" or "turned" in at):
-        if framed:
-            findings.append(Finding("frame", f"its frame is not the rig's: the rig is {at} in it", AGAIN))
-        else:
-            notes.append(f"the rig is {at} in the file")
+    elif (at := _frame(motion, plates, tolerance)) and (kind != "3MF" or "turned" in at):
+        notes.append(f"the rig is {at} in the file")
     for k, (plate, placed) in enumerate(zip(plates, chosen, strict=True)):
         if placed is None:
             findings.append(

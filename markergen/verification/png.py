@@ -27,6 +27,7 @@ from markergen.verification.reading import (
     ROUND,
     Page,
     Reading,
+    Settings,
     circle_diameters,
     circles_of,
 )
@@ -95,7 +96,7 @@ DRAWN_PX = 60
 
 
 @READERS.register(".png")
-def read_png(data: bytes, name: str, body: Body) -> Reading:
+def read_png(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)

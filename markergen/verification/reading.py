@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.model.body import Body
+from markergen.model.fabrication import Fabrication
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
+from markergen.verification.result import Check
 from markergen.verification.surface import Surface
 
 PRINTABLE = 20e-6
@@ -103,27 +105,18 @@ class Reading:
     kind : str
         Name of the format.
     pages : tuple of Page
-        Empty in a format that has tags alone.
     tolerance : float
         Default tolerance of the format, m.
-    drawn : bool
-        True if the file shows what is to be printed, False if it lists the positions of the dots in the print.
     ordered : bool
         True if the dots follow the marker's order unless an editor changed it.
     pixels : bool
         True if it is made of pixels, so that diameters are less accurate than centers.
     tagged : bool
         True if the file shows tags.
-    placed : bool
-        True if the file's frame has to be the marker's, instead of any that a rigid motion makes it.
     papers : tuple of (width, height)
         Sizes of the pages that were assembled into one, mm.
     gaps : tuple of str
         Errors in the fit between these pages.
-    tag_gaps : tuple of str
-        Errors of the tag in a list of points.
-    id_gaps : tuple of str
-        Errors of the ids in a list of points.
     flaws : tuple of str
         Defects of the solids themselves.
     """
@@ -131,20 +124,36 @@ class Reading:
     kind: str
     pages: tuple[Page, ...]
     tolerance: float = PRINTABLE
-    drawn: bool = True
     ordered: bool = True
     pixels: bool = False
     tagged: bool = False
-    placed: bool = False
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
-    tag_gaps: tuple[str, ...] = ()
-    id_gaps: tuple[str, ...] = ()
     flaws: tuple[str, ...] = ()
 
 
-Reader = Callable[[bytes, str, Body], Reading]
-"""Function that reads a file's bytes; the name is for messages, and the body gives the sizes of the dots."""
+@dataclass(frozen=True)
+class Settings:
+    """What a user says about a file that does not say it itself.
+
+    Attributes
+    ----------
+    tolerance : float or None
+        Allowed distance in m; None takes the format's own.
+    fabrication : Fabrication
+        Options with which a model that records none was made.
+    unit : float or None
+        Unit in mm of a drawing without one.
+    """
+
+    tolerance: float | None = None
+    fabrication: Fabrication = field(default_factory=Fabrication)
+    unit: float | None = None
+
+
+Reader = Callable[[bytes, str, Body, Settings], Reading | Check]
+"""Function that reads a file's bytes, or checks them; the name is for messages, and the body has the sizes of the dots.
+"""
 
 READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification")
 """Readers by suffix, dot included."""

@@ -17,7 +17,7 @@ from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import Content, in_child
 from markergen.model.body import Body
 from markergen.occt import missing_kernel
-from markergen.verification.reading import READERS, Reading
+from markergen.verification.reading import READERS, Reading, Settings
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface
 
@@ -27,7 +27,7 @@ HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
 """Quoted strings, to skip, and numbers beyond 1e10 outside of them, on which Open CASCADE never finishes."""
 
 
-def _read(kind: str, data: bytes, name: str, body: Body) -> Reading:
+def _read(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the parts of a STEP file with names and colors, placed as its assemblies have them, or of a BREP file."""
     views = partial(_views, kind, data, name)
     if body.frame != "marker":

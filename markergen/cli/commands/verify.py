@@ -20,11 +20,12 @@ def verify(
     json: Json = None,
     **options: Any,
 ) -> None:
-    """Read files back with independent readers, and compare every dot with marker.json.
+    """Read files back with independent readers, and compare everything in them with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
     mirrored, missing or from another marker are reported as such. In solids of a rig.json, its markers' places
-    count too. Status 1 if a file is wrong, 2 if one cannot be used.
+    count too. Lists of points and models for simulators are made again and compared value by value, with the options
+    that they record; give those of the export for others. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:

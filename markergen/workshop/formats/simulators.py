@@ -7,8 +7,9 @@ versions of RViz rotate it to z up, yourdfpy, Gazebo and older versions of RViz 
 """
 # tests: tests/workshop/formats/test_simulator.py tests/workshop/formats/test_rig_solids.py
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from hashlib import sha256
 from typing import Self
 from xml.sax.saxutils import escape, quoteattr
@@ -19,8 +20,10 @@ import markergen
 from markergen.arrays import Array
 from markergen.exporters import ExportOptions, Output
 from markergen.model.body import Body
+from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
+from markergen.model.substrate import Substrate
 from markergen.solid.primitives import COLORS
 from markergen.workshop.assembly import volume_of
 from markergen.workshop.mesh import MATERIALS, Mesh, Meshed, MeshedPart, meshed, stl_of
@@ -131,6 +134,8 @@ class Simulated:
         Inertia about the center of mass.
     engraved : bool
         True if a material is only seen on flat marks, a mesh without volume.
+    record : str
+        Comment with the options of the export that are not the defaults, by which `verify` makes it again.
     """
 
     name: str
@@ -143,6 +148,7 @@ class Simulated:
     collisions: tuple[Collision, ...]
     engraved: bool
     notes: tuple[str, ...]
+    record: str = ""
 
     @classmethod
     def of(cls, bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Self:
@@ -165,6 +171,7 @@ class Simulated:
                 f"({DENSITY:g} kg/m^3).",
                 *made.notes,
             ),
+            _record(made.subject, options.fabrication),
         )
 
     @property
@@ -177,6 +184,22 @@ class Simulated:
         return {
             f"i{a}{b}": decimal(self.inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j
         }
+
+
+def _record(body: Body, fabrication: Fabrication) -> str:
+    """Comment with the options that are not the defaults; empty for none."""
+    usual, entries = Fabrication(), ("material", "general_tolerance")
+    asked = {
+        field.name: getattr(fabrication, field.name)
+        for field in fields(fabrication)
+        if field.name not in entries and getattr(fabrication, field.name) != getattr(usual, field.name)
+    }
+    plates = [plate.marker.substrate for plate in body.plates]
+    if plates[0] != Substrate() and all(plate == plates[0] for plate in plates):
+        asked["substrate"] = plates[0].as_dict()
+    # Two hyphens would end the comment.
+    text = json.dumps(asked).replace("--", "-\\u002d")
+    return f"<!-- markergen export {text} -->\n" if asked else ""
 
 
 def _sites(body: Body) -> Iterator[Site]:
@@ -317,7 +340,7 @@ def _robot(body: Simulated) -> str:
         for item in body.collisions
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<robot name="{body.name}">
+{body.record}<robot name="{body.name}">
 {"" if body.engraved else FOR_MUJOCO}  <link name="{body.link}">
     <inertial>
       <origin xyz="{numbers(body.center)}" rpy="0 0 0"/>
@@ -363,7 +386,7 @@ def _model(body: Simulated) -> str:
         for item in body.collisions
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<sdf version="1.7">
+{body.record}<sdf version="1.7">
   <model name="{body.name}">
     <static>true</static>
     <link name="{body.link}">
@@ -442,7 +465,7 @@ def _body(body: Simulated) -> str:
         for item in body.sites
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<mujoco model="{body.name}">
+{body.record}<mujoco model="{body.name}">
   <default>
     <default class="seen"><geom type="mesh" group="2" contype="0" conaffinity="0"/></default>
     <default class="place"><site group="4"/></default>
