@@ -247,12 +247,13 @@ void update_blob(Scene *scene, int64_t k)
    image show, half of it near them, and a broad guess of what none shows. With s as half the trace of a root R, sizes s from 1
    to 500 px are equally likely on a logarithmic scale, and R - s I has a standard deviation of 0.3 s along each of two axes.
 
-   Equal disks in the plane of the labeling's own pose, such as another marker's: their shapes tell nothing, and their density
-   per px^2 is that of blobs whose shape is much like this one's, and of one that none shows.
+   Equal disks in the plane of the labeling's own pose, such as another marker's: their shapes tell nothing but that plane, and
+   their density per px^2 is that of blobs whose shape is much like this one's, and of one that none shows.
 
-   The dots of the labeling itself count a tenth: if it is an accident, they are clutter, too. Without them, a marker of 30 dots is
-   found in every five hundredth image of another one of 24. */
-static const double OWN = 0.1;
+   If the labeling is an accident, its own dots are clutter, too, and one leads to the next: each makes a quarter of another one
+   like it likely to follow, in the order of the blobs, so that labelings of the same blobs compare. Without this, a marker of
+   30 dots is found in every five hundredth image of another one of 24; with a half, four of eight dots are too few. */
+static const double FOLLOWS = 0.25;
 
 static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, double *alike)
 {
@@ -292,9 +293,10 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
     *alike = shown->alike;
     for (int64_t i = 0; i < n; i++)
         if (labels[i] >= 0 && labels[i] != k) {
+            const double less = labels[i] < k ? 1 - FOLLOWS : 1;
             density(scene, k, labels[i], &one, &other);
-            *shaped -= (1 - OWN) * one;
-            *alike -= (1 - OWN) * other;
+            *shaped -= less * one;
+            *alike -= less * other;
         }
     const double area = (double)scene->camera->width * (double)scene->camera->height;
     const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
@@ -311,15 +313,16 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
 static const double BEYOND[] = {0.04, 0.13, 0.4, 0.3}, BEYOND_SHARE[] = {0.4, 0.3, 0.2, 0.1}, BEYOND_EXTENT = 0.005;
 enum { BEYONDS = 4 };
 
+/* Logarithm of the range of distances that are equally likely, a factor of 100. */
+static const double RANGE = 4.6;
+
 /* Ink spreads, and bright surroundings eat into dark dots: standard deviation of the logarithm of a common factor. */
 static const double INK = 0.1;
 
-/* What the plane of equal disks has cost already: the logarithm of the share of directions and distances that outlines leave. */
-static const double PLANE = 6;
-
-/* A dot in plain view is missed for reasons other than its size in 1 % of cases (hidden, in a highlight); one seen flat or of
-   few pixels, in 30 %, of still fewer in 90 %. With 4 % for the first, a marker whose dots are all but two of another one is not told from that. */
-static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3, SEEN_BELOW = 0.1;
+/* A dot in plain view is missed for reasons other than its size in 1 % of cases (a highlight, a scratch); one seen flat or of
+   few pixels, in 30 %, of still fewer in 90 %. In one view of 25 something covers any share of a body: with one of ten, a marker
+   whose dots are all but two of another one is not told from that. */
+static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3, SEEN_BELOW = 0.1, COVERED = 0.04;
 static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.2, LIMIT_FACING = 0.08, EDGE_PX = 3;
 
 /* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
@@ -373,6 +376,16 @@ static void pixel_rows(const Scene *scene, const Dot *dot, const Pose *pose, dou
     }
 }
 
+/* The logarithm of the probability that of dots in plain view these `missing` ones are missed and `count` are not: each for
+   reasons of its own, or k of m where something covers any share of them, k! (m - k)! / (m + 1)!. */
+static double missed_together(int64_t missing, int64_t count)
+{
+    double covered = COVERED / (double)(missing + count + 1);
+    for (int64_t k = 1; k <= missing; k++)
+        covered *= (double)k / (double)(count + k);
+    return log((1 - COVERED) * pow(MISSED, (double)missing) * pow(1 - MISSED, (double)count) + covered + 1e-300);
+}
+
 /* The evidence for a labeling with a fitted pose: the logarithm of
 
        prod over dots N(r; S) N(dR; s) P(kind) / clutter  x  prod over missing dots P(missed)  x  (2 pi)^3 det(N)^-1/2 p(pose),
@@ -385,7 +398,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
 {
     const Pose *pose = &labeling->pose;
     const int parameters = scene->calibrated ? 6 : 7;
-    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, disks = PLANE, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
+    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, disks = 0, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
     double offset = 0;
     const double *middle = layout->middle, *turned = pose->R + 6;
     const double far = turned[0] * middle[0] + turned[1] * middle[1] + turned[2] * middle[2] + pose->t[2];
@@ -411,7 +424,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING;
             labeling->missing += plain;
             labeling->absent++;
-            missed += log(plain ? MISSED : MISSED_AT_LIMIT);
+            missed += plain ? 0 : log(MISSED_AT_LIMIT);
             continue;
         }
         if (!drawn->seen)
@@ -429,6 +442,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     common /= weights;
     shapes -= 0.5 * common * common / (INK * INK) + 0.5 * log(weights * INK * INK);
     const double factor = exp(common) * scene->px;
+    /* What the outlines alone tell of their plane's tilt, along it and across: information, and slope of its logarithm. */
+    double plane[2] = {0}, slope[2] = {0}, outlines = 0;
+    int64_t plain = 0;
     for (int64_t i = 0; i < layout->count; i++) {
         const int64_t k = labeling->labels[i];
         if (k < 0)
@@ -442,16 +458,28 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const double yy = shown->root[2] - factor * root[2];
         const double square = (xx * xx + 2 * xy * xy + yy * yy) / (shown->sigma * shown->sigma);
         /* One outline in ten is three times as far off. */
-        const double shape = log(0.9 * exp(-0.5 * square) + 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300) -
-                             1.5 * log(2 * PI * shown->sigma * shown->sigma);
+        const double usual = 0.9 * exp(-0.5 * square), coarse = 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300;
+        const double shape = log(usual + coarse) - 1.5 * log(2 * PI * shown->sigma * shown->sigma);
+        /* The root changes by -r sin(tilt) m m' with the tilt, m the minor axis, and is turned with the direction of it. */
+        const double cosine = smaller(drawn->facing, 1), sine = sqrt(1 - cosine * cosine), half = factor * (root[0] - root[2]) / 2;
+        const double q = hypot(half, factor * root[1]), along = q > 0 ? half / q : 1, across = q > 0 ? factor * root[1] / q : 0;
+        const double u = along * (xx - yy) / 2 + across * xy, v = along * xy - across * (xx - yy) / 2;
+        const double radius = factor * (root[0] + root[2]) / (1 + cosine), bend = 2 * radius * (1 - cosine) / larger(sine, 1e-9);
+        const double trust = (usual + coarse / 9) / ((usual + coarse) * shown->sigma * shown->sigma);
+        slope[0] -= trust * radius * sine * ((xx + yy) / 2 - u);
+        slope[1] += trust * bend * v;
+        plane[0] += trust * radius * radius * sine * sine / (1 + cosine * cosine);
+        plane[1] += trust * bend * bend / 2;
+        outlines += trust * radius * radius;
         const double kind = kind_evidence(scene, layout->dots + i, blob);
         double clutter, alike;
         clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
         shapes += shape - log(clutter);
         disks -= log(alike);
         /* Where most dots are too small to be seen, those that seem to be are others. */
-        const double across = 2 * shorter_px(scene, drawn->shape);
-        kinds += kind + log(across < LIMIT_PX ? SEEN_BELOW : across < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1 - MISSED);
+        const double px = 2 * shorter_px(scene, drawn->shape);
+        kinds += kind + log(px < LIMIT_PX ? SEEN_BELOW : px < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1);
+        plain += px > PLAIN_PX;
         chi2 += square;
         const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
         const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
@@ -483,7 +511,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         return -INFINITY;
     const Camera *camera = scene->camera;
     const double frustum = (double)camera->width / camera->fx * (double)camera->height / camera->fy / (pose->focal * pose->focal);
-    double prior = -log(4 * PI * PI) - log(4.6 * 2.25 * frustum * z * z * z);
+    double prior = -log(4 * PI * PI) - log(RANGE * 2.25 * frustum * z * z * z);
     if (parameters == 7)
         prior -= 0.5 * log(2 * PI) + 0.5 * log(pose->focal) * log(pose->focal);
     double total = -INFINITY;
@@ -507,6 +535,14 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             best = b;
         }
     }
+    /* Equal disks, too, have the outlines that they have by a plane that is one of many, and at a distance: what outlines tell
+       of these is no accident, and no evidence. At small tilts they change by its square. */
+    disks += log(RANGE / (sqrt(2 * PI) * INK)) - 0.5 * common * common / (INK * INK);
+    for (int i = 0; i < 2; i++) {
+        const double known = plane[i] + sqrt(outlines) / 2;
+        disks += 0.5 * log(known) - 0.5 * slope[i] * slope[i] / known;
+    }
+    missed += missed_together(labeling->missing, plain);
     double ratio = 0;
     for (int b = 0; b < BEYONDS; b++)
         ratio += exp(sum[b] - total);
@@ -808,11 +844,11 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
     }
     if (tried(work, labeling.labels, layout->count) && begins)
         return -1;
-    /* Half of what should be seen has to be; of several plates, some may not be where the first one has them. */
+    /* A quarter of what should be seen has to be; of several plates, some may not be where the first one has them. */
     int64_t inside = 0;
     for (int64_t i = 0; i < layout->count && layout->plate_count == 1; i++)
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
-    if (inside > count)
+    if (inside > 3 * count)
         return -1;
     TALLY(5);
     settle(scene, layout, &labeling, work);
