@@ -32,6 +32,9 @@ class Window:
     """
 
     def __init__(self, title: str) -> None:
+        no_display = InputError("a display for a window", "none", _REMEDY)
+        if not has_display():
+            raise no_display
         try:
             import tkinter
         except ImportError:
@@ -39,7 +42,7 @@ class Window:
         try:
             self._root = tkinter.Tk()
         except tkinter.TclError:
-            raise InputError("a display for a window", "none", _REMEDY) from None
+            raise no_display from None
         self._photo: Any = None
         self._label = tkinter.Label(self._root, borderwidth=0)
         self._label.pack()

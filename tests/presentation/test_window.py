@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.util import find_spec
 from shutil import which
 
 import pytest
@@ -35,6 +36,7 @@ print("fine")
 
 
 @pytest.mark.skipif(not which("xvfb-run"), reason="needs a display without a screen: xvfb-run")
+@pytest.mark.skipif(not find_spec("tkinter"), reason="needs a Python with Tk")
 def test_a_window_shows_frames_until_a_key_closes_it():
     command = ["xvfb-run", "-a", "-s", "-screen 0 800x600x24", sys.executable, "-c", SCRIPT]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -46,6 +48,7 @@ def test_without_a_display_or_tk_it_says_what_to_do(monkeypatch):
     assert not has_display()
     with pytest.raises(InputError, match=r"display for a window, .* --overlay out\.mp4"):
         Window("a video")
+    monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setitem(sys.modules, "tkinter", None)
     with pytest.raises(InputError, match=r"for a window, found none \(python3-tk\)"):
         Window("a video")
