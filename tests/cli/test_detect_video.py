@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,7 +108,7 @@ def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
     pipe, seen = tmp_path / "live.avi", tmp_path / "seen.mp4"
     os.mkfifo(pipe)
     command = [sys.executable, "-m", "markergen", "detect", str(pipe), *ALL, "--json", "-", "--overlay", str(seen)]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **streams, cwd=here, env=environment) as running:
         with pipe.open("wb") as stream:
