@@ -114,6 +114,11 @@ class Body:
         return self.rotations[self.plates, :, 2]
 
     @property
+    def readable_tags(self) -> "list[Tag]":
+        """Tags whose bits are known, in the order in which the core has them."""
+        return [tag for tag in self.tags if tag.bits is not None]
+
+    @property
     def flat(self) -> bool:
         """Whether all dots are in one plane of one plate."""
         heights = (self.xyz - self.xyz[0]) @ self.normals[0]

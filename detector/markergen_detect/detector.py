@@ -287,7 +287,8 @@ class Detector:
                 *(row[name][: int(row["misplaced"])] for name in ("plates", "places", "plate_turns")), strict=True
             )
         ]
-        facts["tags"] = [f"{tag.family}:{tag.id}" for tag in body.tags[:1]]
+        asked = body.readable_tags[int(row["tag_place"]) :] or body.tags
+        facts["tags"] = [f"{tag.family}:{tag.id}" for tag in asked[:1]]
         if row["tag"] >= 0:
             facts["tags"].append(f"{model.families[int(row['tag_family'])]}:{int(row['tag'])}")
         if row["rival"] >= 0:

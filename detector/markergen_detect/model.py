@@ -69,8 +69,8 @@ def pack(
         kept: list[NDArray[Any]] = []
         chosen = tuple(k for k, body in enumerate(bodies) if body.light == light)
         layouts, of, families = list[NDArray[np.void]](), dict[bytes, int](), dict[str, tuple[int, list[int]]]()
-        members = np.zeros(len(chosen), structures()["Member"])
-        for member, k in zip(members, chosen, strict=True):
+        members = list[NDArray[np.void]]()
+        for k in chosen:
             body = bodies[k]
             sigma = body.print_sigma if print_sigma is None else print_sigma
             blocks = body.print_blocks(sigma)
@@ -78,17 +78,18 @@ def pack(
             if key not in of:
                 of[key] = len(layouts)
                 layouts.append(_layout(body, blocks, _errors(body, sigma, calibration, scale_sigma, kept), kept))
-            member["layout"], member["family"], member["tag"] = of[key], -1, -1
-            for tag in body.tags[:1]:
-                if tag.bits is not None:
-                    member["family"], member["tag"], member["corners"] = *_place(tag, families), tag.corners
+            tags = [np.zeros(0, structures()["Tag"])]
+            for tag in body.readable_tags:
+                family, code = _place(tag, families)
+                tags.append(struct("Tag", kept, family=family, code=code, corners=tag.corners))
+            members.append(struct("Member", kept, layout=of[key], tag_count=len(tags) - 1, tags=np.concatenate(tags)))
         tables = [
             struct("TagFamily", kept, cells=cells, count=len(codes), codes=np.array(codes, dtype=np.uint64))
             for cells, codes in families.values()
         ]
         packed = struct(
             "Model", kept, light=light, layout_count=len(layouts), layouts=np.concatenate(layouts),
-            member_count=len(members), members=members, family_count=len(tables),
+            member_count=len(members), members=np.concatenate(members), family_count=len(tables),
             families=np.concatenate(tables or [np.zeros(0, structures()["TagFamily"])]),
         )  # fmt: skip
         models.append(Model(chosen, packed, list(families), kept))

@@ -173,7 +173,7 @@ static int has_tag(const Model *model, int64_t l)
 {
     int there = 0;
     for (int64_t k = 0; k < model->member_count; k++)
-        there |= model->members[k].layout == l && model->members[k].family >= 0;
+        there |= model->members[k].layout == l && model->members[k].tag_count > 0;
     return there;
 }
 
@@ -207,10 +207,10 @@ static void seek(Frame *frame, int64_t l)
     quest->ended = !(best->evidence > (has_tag(frame->model, l) ? 0 : SURE / 2));
 }
 
-/* Whether a member's tag faces the camera. */
-static int faces(const Member *member, const Pose *pose)
+/* Whether a tag faces the camera. */
+static int faces(const Tag *tag, const Pose *pose)
 {
-    const double(*c)[3] = member->corners, *R = pose->R;
+    const double(*c)[3] = tag->corners, *R = pose->R;
     double u[3], v[3], along = 0;
     for (int a = 0; a < 3; a++) {
         u[a] = c[1][a] - c[0][a];
@@ -223,52 +223,68 @@ static int faces(const Member *member, const Pose *pose)
     return along < 0;
 }
 
-/* What the tag says of a labeling: 1 if it is the one of a member, who becomes the finding's, -1 if it is another, or not where
-   or as it should be, 0 if none is read. */
-static int ask_tag(const Frame *frame, int64_t l, const Labeling *labeling, Finding *finding)
+/* What the tags say of a labeling: 1 if those that are read are the ones of a member, who becomes the finding's, -1 if one is
+   another, or not where or as it should be, 0 if none is read. */
+static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Finding *finding)
 {
     const Model *model = frame->model;
-    const Member *asked = NULL;
-    TagReading reading;
-    int answer = 0, members = 0;
+    const Tag *asked[PLATES];
+    TagReading readings[PLATES];
+    int answer = 0, members = 0, count = 0;
     finding->tag = -1;
     finding->tag_state = TAG_NONE;
     for (int64_t k = 0; k < model->member_count; k++) {
         const Member *member = model->members + k;
+        const TagReading *telling = NULL;
+        int64_t where = 0;
+        int right = 1;
         if (member->layout != l)
             continue;
         if (!members++)
             finding->member = (int32_t)k;
-        if (member->family < 0 || !frame->image || !faces(member, &labeling->pose))
-            continue;
-        if (!asked || asked->family != member->family || memcmp(asked->corners, member->corners, sizeof asked->corners)) {
-            asked = member;
-            read_tag(frame->image, frame->camera, &labeling->pose, member->corners, model->families + member->family,
-                     LEAST_CELL_PX, &reading);
+        for (int64_t t = 0; t < member->tag_count && right && frame->image; t++) {
+            const Tag *tag = member->tags + t;
+            int place = 0;
+            if (!faces(tag, &labeling->pose))
+                continue;
+            /* Members of a family have theirs at the same places. */
+            while (place < count && (asked[place]->family != tag->family || memcmp(asked[place]->corners, tag->corners, sizeof tag->corners)))
+                place++;
+            if (place == PLATES)
+                continue;
+            if (place == count) {
+                asked[count++] = tag;
+                read_tag(frame->image, frame->camera, &labeling->pose, tag->corners, model->families + tag->family, LEAST_CELL_PX,
+                         readings + place);
+            }
+            const TagReading *reading = readings + place;
+            if (reading->state != TAG_READ) {
+                if (finding->tag_state == TAG_NONE)
+                    finding->tag_state = reading->state;
+                continue;
+            }
+            right = reading->id == tag->code && !reading->mirrored && !reading->rotation;
+            if (!telling || !right) {
+                telling = reading;
+                where = t;
+            }
         }
-        if (reading.state != TAG_READ) {
-            if (finding->tag_state == TAG_NONE)
-                finding->tag_state = reading.state;
+        if (!telling || (answer && !right))
             continue;
-        }
+        answer = right ? 1 : -1;
+        finding->state = right ? FOUND : telling->mirrored ? MIRRORED : OTHER_TAG;
         finding->tag_state = TAG_READ;
-        finding->tag = reading.id;
-        finding->tag_family = (int32_t)member->family;
-        memcpy(finding->corners, reading.corners, sizeof finding->corners);
-        if (reading.mirrored || reading.rotation) {
-            finding->state = reading.mirrored ? MIRRORED : OTHER_TAG;
-            answer = -1;
-        } else if (reading.id == member->tag) {
+        finding->tag = telling->id;
+        finding->tag_place = where;
+        finding->tag_family = (int32_t)member->tags[where].family;
+        memcpy(finding->corners, telling->corners, sizeof finding->corners);
+        if (right) {
             finding->member = (int32_t)k;
-            finding->state = FOUND;
             return 1;
-        } else if (!answer) {
-            finding->state = OTHER_TAG;
-            answer = -1;
         }
     }
     /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
-    if (!answer && asked && (members > 1 || (finding->tag_state >= TAG_FAINT && model->layouts[l].plate_count == 1)))
+    if (!answer && count && (members > 1 || (finding->tag_state >= TAG_FAINT && model->layouts[l].plate_count == 1)))
         finding->state = HIDDEN_TAG;
     else if (!answer && members > 1)
         finding->state = CLAIMED;
@@ -466,7 +482,7 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
         }
         finding->state = FOUND;
         finding->margin = INFINITY;
-        const int answer = ask_tag(frame, l, quest->pool.best + chosen, finding);
+        const int answer = ask_tags(frame, l, quest->pool.best + chosen, finding);
         if (answer < 0) {
             if (!refuted.state) {
                 refuted = *finding;
@@ -501,7 +517,7 @@ static int64_t judge_labelings(Frame *frame, int64_t l, Finding *finding, int *s
                 !contradict(layout, quest->pool.best + chosen, rival))
                 continue;
             Finding second = *finding;
-            const int of_rival = ask_tag(frame, l, rival, &second);
+            const int of_rival = ask_tags(frame, l, rival, &second);
             if (of_rival > 0) {
                 *finding = second;
                 finding->margin = INFINITY;
@@ -612,6 +628,7 @@ static int next_finding(Frame *frame)
     if (finding.state == FOUND && finding.tag >= 0 && !quest->found) {
         quest->why.state = OTHER_TAG;
         quest->why.tag = finding.tag;
+        quest->why.tag_place = finding.tag_place;
         quest->why.tag_family = finding.tag_family;
         quest->why.tag_state = TAG_READ;
     }

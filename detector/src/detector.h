@@ -278,11 +278,16 @@ int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera
 
 /* ---- detect.c ---- */
 
-/* A body that is looked for: a layout with dark or light dots, and a tag or none. */
+/* A tag on a body: a row of the codes of its family, and the corners of its black square, m, in the body. */
 typedef struct {
-    int64_t layout;
-    int64_t family, tag; /* of its tag, which tells it from others of the layout; -1 for none */
-    double corners[4][3]; /* of the tag's black square, m, in the body */
+    int64_t family, code;
+    double corners[4][3];
+} Tag;
+
+/* A body that is looked for: a layout with dark or light dots, and the tags that tell it from others of the layout. */
+typedef struct {
+    int64_t layout, tag_count;
+    const Tag *tags;
 } Member;
 
 typedef struct {
@@ -328,6 +333,7 @@ typedef struct {
     int32_t tag_state;       /* of TagReading, TAG_NONE without a tag */
     int32_t tag_family;      /* of the tag that was read */
     int64_t rival, tag;      /* number of a member; code of the tag that was read, -1 for none */
+    int64_t tag_place;       /* which of the member's tags should be where that one was read */
     double corners[4][2];    /* of that tag, px */
     int64_t turns;           /* of other labelings that are about as likely */
     double turn[TURNS];      /* by which they are turned about the plate's normal, rad */

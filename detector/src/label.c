@@ -7,13 +7,6 @@
    image is that of A. Desolneux, L. Moisan and J.-M. Morel). */
 
 #include "label.h"
-#ifdef TALLIES
-#include <stdio.h>
-int64_t counts[8];
-#define TALLY(i) counts[i]++
-#else
-#define TALLY(i)
-#endif
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
    semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
@@ -815,7 +808,6 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
        2.5, boards of 300 dots lose their corners. */
     int64_t count = 0;
     int begins = 1;
-    TALLY(4);
     for (int round = 0; round < 40; round++) {
         count = label(scene, layout, &labeling.pose, layout->reach, GUESS_PX / scene->px, work->apart, within, work, labeling.labels);
         if (count < LEAST_DOTS && within < farthest) {
@@ -850,7 +842,6 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > 3 * count)
         return -1;
-    TALLY(5);
     settle(scene, layout, &labeling, work);
     return keep(pool, layout, &labeling);
 }
@@ -920,7 +911,6 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
         const double *p = first->position[side], *n = first->normal[side];
         const double toward = n[0] * x + n[1] * y + n[2];
         work->steps++;
-        TALLY(0);
         if (!(toward < 0) || !(stretched(e, second->area, x, y, n) < allowed))
             continue;
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
@@ -935,7 +925,6 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
             const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
             const Dot *A = layout->dots + part->dots[a], *C = layout->dots + part->dots[c];
             work->steps++;
-            TALLY(1);
             if ((A->ring ? scene->blobs[i].hole < DOUBTFUL : scene->blobs[i].hole > 1 - DOUBTFUL) ||
                 (C->ring ? scene->blobs[j].hole < DOUBTFUL : scene->blobs[j].hole > 1 - DOUBTFUL))
                 continue;
@@ -962,7 +951,6 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
             }
             int64_t votes = 0;
-            TALLY(2);
             for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
                 const int64_t b = part->near[part->near_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
@@ -995,7 +983,6 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 for (int column = 0; column < 3; column++)
                     guess.pose.t[row] -= guess.pose.R[3 * row + column] * plate->t[column];
             }
-            TALLY(3);
             add_guess(work, &guess);
         }
     }
@@ -1143,9 +1130,6 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
             if (!strong && follow_all(scene, layout, LAST_FOLLOWED, work, pool))
                 return;
         }
-#ifdef TALLIES
-        fprintf(stderr, "  search n=%d blobs=%d steps=%.0f best %.1f count %d thorough %d; pairs,windows,votes,guesses,follows,settles %.0f %.0f %.0f %.0f %.0f %.0f\n", (int)layout->count, (int)blobs, (double)(work->steps), best_of(pool)->evidence, (int)best_of(pool)->count, thorough, (double)counts[0], (double)counts[1], (double)counts[2], (double)counts[3], (double)counts[4], (double)counts[5]);
-#endif
         /* What is found is looked for among twice as many blobs, and no more. */
         if (work->cut || (after >= 0 && blobs >= after))
             return;

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rigs import face, mounted, plate
 
-from markergen.detect import detect, detect_all
+from markergen.detect import Detector, detect, detect_all
 from markergen.detect.presentation import as_dict
+from markergen.maths.rotation import exponential
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper, paper_roll
@@ -141,3 +143,23 @@ def test_a_tag_off_the_origin(pentagon):
     marker = replace(pentagon, tag=Tag(TAG.family, 4, 0.05, (0.02, -0.01)))
     found = detect(view(marker, 40, hidden=[0]), marker, PAPER_CAMERA)
     assert right(marker, 40, found)
+
+
+def test_each_plate_of_a_rig_has_its_tag():
+    """The plates have the same layout: tags tell which is which, and one that is not on its plate refutes the rig."""
+    marker = plate(10, n=5)
+    turns = [face(2, 1), face(0, 1)]
+
+    def rig(*numbers):
+        tags = [replace(marker, tag=parse_tag(f"aruco:DICT_4X4_50:{k}", 0.012)) for k in numbers]
+        return mounted(tags, turns, [turn[:, 2] * 0.04 for turn in turns])
+
+    detector, rng = Detector(rig(1, 2), PAPER_CAMERA), np.random.default_rng(0)
+    place = exponential(np.array([0.0, 0.65, 0.0])) @ np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.3])
+    (found,) = detector(render_view(rig(1, 2), PAPER_CAMERA, *place, Optics(), rng))
+    assert found.ok
+    assert found.tag_state == "read"
+    np.testing.assert_allclose(found.translation, place[1], atol=1e-3)
+    (refused,) = detector(render_view(rig(1, 9), PAPER_CAMERA, *place, Optics(), rng))
+    assert not refused.ok
+    assert all(f"aruco:DICT_4X4_50:{k}" in refused.reason for k in (2, 9))
