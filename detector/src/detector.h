@@ -171,17 +171,11 @@ enum { TAG_READ, TAG_SMALL, TAG_OUTSIDE, TAG_FAINT, TAG_COVERED, TAG_UNCLEAR };
 
 typedef struct {
     int64_t id;           /* row of the codes, -1 if not read */
-    int32_t state;        /* TAG_READ, or why not: cells below the least size; less than half in the image; contrast below the
-                             noise; border or quiet zone not seen; no code stands out */
+    int32_t state;        /* TAG_READ, or why not: cells below the least size where the square looks narrowest; less than half in
+                             the image; contrast below the noise; border or quiet zone not seen; no code stands out */
     int32_t rotation;     /* the place's corner k shows the tag's corner (k + rotation) % 4 */
     int32_t mirrored;     /* the tag is seen mirrored: its corners in the order 1, 0, 3, 2, then as for `rotation` */
-    int32_t errors;       /* cells that differ from the code */
-    int32_t sides;        /* of the square, whose edges were found, of 4 */
-    double margin;        /* log likelihood ratio of this code to the next, in whatever orientation */
-    double contrast;      /* grey levels between quiet zone and border */
-    double cell;          /* width of a cell where the square looks narrowest, px */
     double corners[4][2]; /* of the black square, px, from its edges where these were found; in the order of the place */
-    double offset;        /* largest distance of these from the place, px */
 } TagReading;
 
 /* Reads the tag whose black square has these corners (4) in the body, top left, top right, bottom right, bottom left, in a

@@ -89,11 +89,11 @@ static void seen_at(const View *view, double u, double v, double *pixel)
 
 /* Moves one edge to where it is seen: across it at places along it, with light and dark the means at the profile's ends, it is
    where an ideal step has the profile's sum. A line is fitted through these places, without those far from it. */
-static int move_edge(View *view, int side, int fine)
+static void move_edge(View *view, int side, int fine)
 {
     double n = (double)view->n, outer = side == 0 || side == 3 ? 0 : n, outward = outer > 0 ? 1 : -1;
     double along[PROFILES], farther[PROFILES], steps[PROFILES], sorted[PROFILES];
-    int count = 0, kept = 0;
+    int count = 0;
     for (int k = 0; k < PROFILES; k++) {
         double t = 0.6 + (n - 1.2) * k / (PROFILES - 1), edge = outer + moved(view, side, t), values[2 * STEPS + 1];
         double half = PROFILE_CELLS * outward, p[2], q[2], ends[2] = {0, 0}, sum = 0;
@@ -119,27 +119,25 @@ static int move_edge(View *view, int side, int fine)
         along[count] = t, farther[count] = outward * (dark - half), sorted[count] = steps[count] = step, count++;
     }
     if (count < PROFILES / 2)
-        return 0;
+        return;
     double least = median(sorted, count) / 2, a = 0, b = 0, far = INFINITY;
     for (int pass = 0; pass < 3; pass++) {
         double s = 0, st = 0, stt = 0, sw = 0, stw = 0;
-        kept = 0;
         for (int k = 0; k < count; k++) {
             double off = farther[k] - (a + b * along[k]);
             if (steps[k] < least || fabs(off) > far)
                 continue;
-            s += 1, st += along[k], stt += along[k] * along[k], sw += farther[k], stw += along[k] * farther[k], kept++;
+            s += 1, st += along[k], stt += along[k] * along[k], sw += farther[k], stw += along[k] * farther[k];
         }
         double det = s * stt - st * st;
-        if (kept < PROFILES / 2 || !(det > 1e-6 * s * stt))
-            return 0;
+        if (s < PROFILES / 2 || !(det > 1e-6 * s * stt))
+            return;
         a = (stt * sw - st * stw) / det, b = (s * stw - st * sw) / det;
         for (int k = 0; k < count; k++)
             sorted[k] = fabs(farther[k] - (a + b * along[k]));
         far = 3 * fmax(median(sorted, count), 0.005);
     }
     view->side[side][0] += a, view->side[side][1] += a + b * n;
-    return 1;
 }
 
 /* Takes back what blur has mixed along one axis: with a share a of each neighbor, a cell's level is (1 - 2a) x + a (x- + x+), and
@@ -183,20 +181,22 @@ static void see_cells(View *view)
     sharpen(view, 0), sharpen(view, 1);
 }
 
-/* The steps from the border to the quiet zone: place of the border's cell, its level and that beyond. */
+/* A step from the border to the quiet zone: place of the border's cell, its level and that beyond. */
 typedef struct {
-    int64_t count, places;
-    double u[4 * MOST_CELLS], v[4 * MOST_CELLS], dark[4 * MOST_CELLS], light[4 * MOST_CELLS];
+    double u, v, dark, light;
+} Step;
+
+typedef struct {
+    int64_t count;
+    Step steps[4 * MOST_CELLS];
     double contrast, noise;
 } Ring;
 
 /* Returns the state: steps that are not seen are left out. */
 static int see_ring(const View *view, Ring *ring)
 {
-    int64_t n = view->n, count = 0;
-    double steps[4 * MOST_CELLS], sorted[4 * MOST_CELLS], change[4 * MOST_CELLS], last = NAN;
-    int64_t changes = 0;
-    ring->places = 4 * n;
+    int64_t n = view->n, count = 0, changes = 0;
+    double sorted[4 * MOST_CELLS], change[4 * MOST_CELLS], last = NAN;
     for (int64_t k = 0; k < 4 * n; k++) {
         /* Around the square, with the corners' cells twice. */
         int64_t side = k / n, i = k % n, edge = side == 1 || side == 2 ? n - 1 : 0, beyond = edge ? n : -1;
@@ -205,13 +205,12 @@ static int see_ring(const View *view, Ring *ring)
         double light = side % 2 ? view->tone[row + 1][beyond + 1] : view->tone[beyond + 1][column + 1];
         if (!isfinite(light - dark))
             continue;
-        ring->u[count] = (double)column, ring->v[count] = (double)row, ring->dark[count] = dark, ring->light[count] = light;
-        steps[count] = sorted[count] = light - dark;
+        ring->steps[count] = (Step){(double)column, (double)row, dark, light};
+        sorted[count++] = light - dark;
         if (i && isfinite(last))
             change[changes++] = fabs(light - dark - last);
-        last = light - dark, count++;
+        last = light - dark;
     }
-    ring->count = 0, ring->contrast = 0, ring->noise = INFINITY;
     if (count < 2 * n || !changes)
         return TAG_OUTSIDE;
     ring->contrast = median(sorted, count);
@@ -219,12 +218,10 @@ static int see_ring(const View *view, Ring *ring)
     ring->noise = 0.74 * median(change, changes);
     if (!(ring->contrast > FAINT * ring->noise && ring->contrast > 1))
         return TAG_FAINT;
-    for (int64_t k = 0; k < count; k++) {
-        if (steps[k] < STEP_SHARE * ring->contrast)
-            continue;
-        int64_t to = ring->count++;
-        ring->u[to] = ring->u[k], ring->v[to] = ring->v[k], ring->dark[to] = ring->dark[k], ring->light[to] = ring->light[k];
-    }
+    ring->count = 0;
+    for (int64_t k = 0; k < count; k++)
+        if (ring->steps[k].light - ring->steps[k].dark >= STEP_SHARE * ring->contrast)
+            ring->steps[ring->count++] = ring->steps[k];
     return (double)(count - ring->count) > COVERED_SHARE * (double)count ? TAG_COVERED : TAG_READ;
 }
 
@@ -232,9 +229,9 @@ static int see_ring(const View *view, Ring *ring)
 static double darkness(const View *view, const Ring *ring, int64_t row, int64_t column)
 {
     double light = 0, dark = 0, total = 0, tone = view->tone[row + 1][column + 1];
-    for (int64_t k = 0; k < ring->count; k++) {
-        double x = (double)column - ring->u[k], y = (double)row - ring->v[k], weight = 1 / (x * x + y * y);
-        light += weight * ring->light[k], dark += weight * ring->dark[k], total += weight;
+    for (const Step *step = ring->steps; step < ring->steps + ring->count; step++) {
+        double x = (double)column - step->u, y = (double)row - step->v, weight = 1 / (x * x + y * y);
+        light += weight * step->light, dark += weight * step->dark, total += weight;
     }
     double value = (light - total * tone) / (light - dark);
     return isfinite(value) ? value : 0.5;
@@ -309,11 +306,10 @@ static int decode(const TagFamily *family, const double *dark, double sigma, Tag
     for (int64_t k = 0; k < count; k++) {
         int64_t at = seen_cell(bits, first, k / bits, k % bits);
         double sign = is_black(family, reading->id, k) ? 1 : -1, off = dark[at] - 0.5 - sign / 2;
-        reading->errors += sign * black[at] < 0, loss += fmax(-sign * black[at], 0), misfit += off * off / (double)count;
+        loss += fmax(-sign * black[at], 0), misfit += off * off / (double)count;
     }
     /* Cells that are neither dark nor light say less. */
-    reading->margin = (best - second) * fmin(1, MISFIT * MISFIT / misfit);
-    return reading->margin >= STANDS_OUT && loss <= CERTAIN * (double)count / CELLS_PER_ERROR;
+    return (best - second) * fmin(1, MISFIT * MISFIT / misfit) >= STANDS_OUT && loss <= CERTAIN * (double)count / CELLS_PER_ERROR;
 }
 
 int read_tag(const Image *image, const Camera *camera, const Pose *pose, const double (*corners)[3],
@@ -342,26 +338,18 @@ int read_tag(const Image *image, const Camera *camera, const Pose *pose, const d
     }
     for (int k = 0; k < 4; k++) {
         const double *p = place[k], *q = place[(k + 1) % 4];
-        reading->corners[k][0] = p[0], reading->corners[k][1] = p[1];
         area += (p[0] * q[1] - p[1] * q[0]) / 2, longest = fmax(longest, hypot(q[0] - p[0], q[1] - p[1]));
     }
-    reading->cell = longest > 0 ? fabs(area) / longest / (double)n : 0;
+    memcpy(reading->corners, place, sizeof place);
     reading->state = TAG_SMALL;
-    if (!(reading->cell >= least_px))
+    if (!(fabs(area) / (double)n >= least_px * longest) || !(longest > 0))
         return 0;
-    for (int pass = 0; pass < 2; pass++) {
-        reading->sides = 0;
-        for (int side = 0; side < 4; side++)
-            reading->sides += move_edge(&view, side, pass > 0);
-    }
-    for (int k = 0; k < 4; k++) {
-        double *p = reading->corners[k];
-        seen_at(&view, k == 1 || k == 2 ? (double)n : 0, k > 1 ? (double)n : 0, p);
-        reading->offset = fmax(reading->offset, hypot(p[0] - place[k][0], p[1] - place[k][1]));
-    }
+    for (int side = 0; side < 8; side++)
+        move_edge(&view, side % 4, side > 3);
+    for (int k = 0; k < 4; k++)
+        seen_at(&view, k == 1 || k == 2 ? (double)n : 0, k > 1 ? (double)n : 0, reading->corners[k]);
     see_cells(&view);
     reading->state = see_ring(&view, &ring);
-    reading->contrast = ring.contrast;
     if (reading->state != TAG_READ)
         return 0;
     for (int64_t row = 1; row < n - 1; row++)
