@@ -57,7 +57,7 @@ typedef struct {
 int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
 void blobs_free(Blob *blobs);
 
-/* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 64 rows; 0 if there are none. */
+/* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 32 rows; 0 if there are none. */
 double grey_noise(const Image *image);
 /* The k-th smallest of `count` values, which it puts in another order; 0 of none. */
 double order_statistic(double *values, int64_t count, int64_t k);

@@ -69,13 +69,9 @@ static const double ENOUGH = 3000;
 enum { ENOUGH_AT_FIRST = 300 };
 /* Width of an ellipse in blurs, above which no pixel near one side sees the other one. */
 static const double FAR_BLURS = 10;
-/* Moves of center and blur, px, that the tips are not computed anew for. */
-static const double TIPS_PX = 0.03;
 
 /* Ratio to the noise of the plainest image areas, accepted and maximum: noise grows with the light. */
 static const double NOISE_SLACK = 1.5, MOST_NOISE = 2;
-/* Rows enough to see the noise, of which every 8th is read. */
-enum { NOISE_ROWS = 240 };
 /* Half-width of the band of fitted pixels around the outline: beyond it the levels are flat and carry no information, and the
    next dot may begin. */
 static const double BAND_BLURS = 3, MIN_BAND = 2.5, MAX_BAND = 9;
@@ -186,9 +182,8 @@ static inline Lanes chords(const Shape *s, Lanes u, Lanes v, Lanes nx, Lanes ny)
    difference between its square and a Gaussian at a straight edge is added. The derivatives neglect changes of |grad rho| and
    the curvature: these are of second order at the outline, and affect only the path to the solution.
 
-   `tips`: what the quadrature adds to the expansion, evaluated if `fresh`: it takes several times as long as all else, and
-   changes little between the last steps of a fit. */
-static inline Seen blurred_ellipse(const Shape *s, Lanes x, Lanes y, int fresh, float *tips)
+   `exact`: whether tips are integrated, which takes several times as long as all else. */
+static inline Seen blurred_ellipse(const Shape *s, Lanes x, Lanes y, int exact)
 {
     const Lanes dx = x - s->x, dy = y - s->y, u = s->m11 * dx + s->m12 * dy, v = s->m12 * dx + s->m22 * dy;
     const Lanes gx = s->m11 * u + s->m12 * v, gy = s->m12 * u + s->m22 * v;
@@ -198,16 +193,15 @@ static inline Seen blurred_ellipse(const Shape *s, Lanes x, Lanes y, int fresh, 
     /* Curvatures above 1/s, at the tips of thin ellipses, are out of the expansion's range. */
     const Lanes inward = least_of(s->bent * flat * flat * flat, all(0.5f));
     const Lanes depth = (1 - rho) * flat * s->per_blur - inward;
-    Lanes density, ink = normal_at(depth, &density);
+    Lanes density, ink = normal_at(depth, &density), tips = all(0);
     Seen seen = {ink, density * s->per_blur, -density * (depth + 2 * inward) * s->per_blur, gx * per_length, gy * per_length};
-    if (s->sharp && tips && fresh)
-        write(tips, chords(s, u, v, seen.nx, seen.ny) - ink);
+    if (s->sharp && exact)
+        tips = chords(s, u, v, seen.nx, seen.ny) - ink;
     if (s->boxed) {
         pixel_edge(s, depth * s->blur, &seen);
         seen.by_blur -= 2 * inward * seen.slope;
     }
-    if (s->sharp && tips)
-        seen.ink += read(tips);
+    seen.ink += tips;
     return seen;
 }
 
@@ -217,7 +211,7 @@ static inline Seen blurred_ellipse(const Shape *s, Lanes x, Lanes y, int fresh, 
    Then, from the last evaluation of the model: residual, level in the model, 1 where it is not saturated, and the model's
    derivatives by a move of the center along x and y, of the outline and of the hole inward, by blur, and by dark instead of
    light (the ink). */
-enum { X, Y, GREY, REAL, WEIGHT, RESIDUAL, MODEL, HEARD, ALONG, DOWN, OUTLINE, INNER, BULGE, INK, TIPS, OTHER_TIPS, ARRAYS };
+enum { X, Y, GREY, REAL, WEIGHT, RESIDUAL, MODEL, HEARD, ALONG, DOWN, OUTLINE, INNER, BULGE, INK, ARRAYS };
 
 /* Sums over a sector's pixels: of their number; with h = derivative by the outline, r = residual and m = model, of h^2, h r, r,
    m, m^2, m r and r^2, with r clipped at half the contrast in h r and the last; of those that count and are heard, their
@@ -231,30 +225,27 @@ typedef struct {
     float *pixels[ARRAYS];
     int32_t *sector;
     double p[COUNT], origin[2], size[2], step, blur_step; /* the longer semi-axis first */
-    double tips_at[COUNT], normal[COUNT][COUNT], gradient[COUNT], moved[COUNT], sums[SECTORS][SUMS], noise;
+    double normal[COUNT][COUNT], gradient[COUNT], moved[COUNT], sums[SECTORS][SUMS], noise;
     double outline[SECTORS][COUNT]; /* sums of the products of the derivatives by the outline and by the unknowns */
     int ring, unknowns, alive, left_out[SECTORS]; /* `unknowns` of a disk are the first 12 */
     double image_noise, saturation, unlit, differences[DIFFERENCES];
 } Descent;
 
+/* The part of an ellipse in a row, at half + up * shear from its center; half is that in the middle row. */
 typedef struct {
-    double reach, per_reach, shear, half;
+    double reach, shear, half;
 } RowForm;
 
 static RowForm row_form(double a, double b, double angle)
 {
-    const double cosine = cos(angle), sine = sin(angle), as = a * sine, bc = b * cosine;
-    RowForm form = {.reach = sqrt(as * as + bc * bc)};
-    form.per_reach = 1 / form.reach;
-    form.shear = (a * a - b * b) * cosine * sine / (form.reach * form.reach);
-    form.half = a * b / form.reach;
-    return form;
+    const double cosine = cos(angle), sine = sin(angle), as = a * sine, bc = b * cosine, square = as * as + bc * bc;
+    return (RowForm){sqrt(square), (a * a - b * b) * cosine * sine / square, a * b / sqrt(square)};
 }
 
 /* Half the length of an ellipse's part of a row, 0 if there is none. */
 static double half_length(RowForm form, double up)
 {
-    const double share = up * form.per_reach;
+    const double share = up / form.reach;
     return form.half * sqrt(larger(1 - share * share, 0));
 }
 
@@ -288,8 +279,8 @@ static inline Flags sectors_of(Lanes u, Lanes v)
 
 static inline int64_t below(double x) { return (int64_t)x - ((double)(int64_t)x > x); }
 
-/* Collects the pixels within a distance of the outline, and those inside if it is `filled`, by sector. Of too many, pairs of
-   neighbors at even distances. */
+/* Collects the pixels within a distance of the outline, and those inside if it is `filled`, by sector. Of too many, those of
+   rows at even distances. */
 static int collect(Descent *dot, const Image *image, const Blob *blob, double band, int filled)
 {
     const double pi = 3.14159265358979323846, center_x = blob->center[0], center_y = blob->center[1];
@@ -305,40 +296,32 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
     const RowForm outer = row_form(a, b, blob->angle), inner = row_form(c, d, blob->angle);
     const int64_t top = (int64_t)within(ceil(center_y - outer.reach), 0, (double)image->height);
     const int64_t bottom = (int64_t)within(floor(center_y + outer.reach), -1, (double)(image->height - 1));
-    const double area = pi * (a * b - (hollow ? c * d : 0));
-    const uint32_t every = area < ENOUGH ? 1 : 1 + (uint32_t)smaller(area / ENOUGH, 1e6), shift = (uint32_t)(0.618 * every) | 1;
-    const int64_t rows = bottom < top ? 0 : bottom - top + 1;
-    const int64_t longest = (int64_t)smaller(2 * outer.half + 4, (double)(image->width + 4)) / every + 8;
+    const int64_t every = 1 + (int64_t)(pi * (a * b - (hollow ? c * d : 0)) / ENOUGH);
+    const int64_t rows = bottom < top ? 0 : (bottom - top) / every + 1;
     int64_t found = 0, ends[SECTORS] = {0};
+    int highest = 0;
 
-    if (make_room(dot, rows * longest + SECTORS * LANES))
+    if (make_room(dot, rows * (int64_t)smaller(2 * outer.half + 4, (double)(image->width + 4)) + SECTORS * LANES))
         return NO_MEMORY;
     /* As they are read, places and levels are kept where the model's come later. */
     float *xs = dot->pixels[MODEL], *ys = dot->pixels[INK], *levels = dot->pixels[RESIDUAL];
-    const float highest = (float)((image->inverted ? image->wide ? UINT16_MAX : UINT8_MAX : 0) - dot->unlit);
-    const float sign = image->inverted ? -1 : 1;
-    for (int64_t y = top; y <= bottom; y++) {
+    for (int64_t y = top; y <= bottom; y += every) {
         const double up = (double)y - center_y, half = half_length(outer, up), hole = hollow ? half_length(inner, up) : 0;
         const double middle = center_x + outer.shear * up, hole_middle = center_x + inner.shear * up;
         const uint8_t *row = image->rows + y * image->stride;
-        const int64_t leave = below(hole > 0 ? hole_middle - hole : middle);
-        const int64_t enter = hole > 0 ? -below(-hole_middle - hole) : leave + 1;
-        const int64_t spans[2][2] = {{-below(half - middle), leave}, {enter > leave ? enter : leave + 1, below(middle + half)}};
-        for (int k = 0; k < 2; k++) {
-            const int64_t last = spans[k][1] < image->width ? spans[k][1] : image->width - 1;
-            int64_t x = spans[k][0] > 0 ? spans[k][0] : 0;
-            if (x <= last && y + AHEAD <= bottom)
-                __builtin_prefetch(row + AHEAD * image->stride + (image->wide ? 2 * x : x));
-            const uint32_t late = every > 1 ? ((uint32_t)(x / 2) + shift * (uint32_t)y) % every : 0;
-            x = late ? 2 * (x / 2 + every - late) : x;
-            for (; x <= last; x = x % 2 ? x + 2 * every - 1 : x + 1) {
-                uint16_t level = row[image->wide ? 2 * x : x];
-                if (image->wide)
-                    memcpy(&level, row + 2 * x, 2);
-                xs[found] = (float)((double)x - center_x);
-                ys[found] = (float)up;
-                levels[found++] = highest + sign * level;
-            }
+        const int64_t last = (int64_t)smaller(middle + half, (double)(image->width - 1));
+        const int64_t leave = hole > 0 ? (int64_t)larger(hole_middle - hole, -1) : last, enter = (int64_t)ceil(hole_middle + hole);
+        const int64_t first = (int64_t)ceil(larger(middle - half, 0));
+        const float from = (float)((double)first - center_x);
+        __builtin_prefetch(row + AHEAD * image->stride + (image->wide ? 2 * first : first));
+        for (int64_t x = first; x <= last; x = x == leave && enter > x ? enter : x + 1) {
+            uint16_t level = row[image->wide ? 2 * x : x];
+            if (image->wide)
+                memcpy(&level, row + 2 * x, 2);
+            highest = level > highest ? level : highest;
+            xs[found] = from + (float)(int32_t)(x - first);
+            ys[found] = (float)up;
+            levels[found++] = image->inverted ? -(float)level : (float)level;
         }
     }
     const float m11 = (float)dot->p[2], m12 = (float)dot->p[3], m22 = (float)dot->p[4];
@@ -356,6 +339,8 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
         ends[k] = dot->start[k];
     }
     dot->count = dot->start[SECTORS];
+    /* The highest level of so many bits. */
+    dot->saturation = image->inverted ? 0 : highest >= UINT8_MAX && !(highest & (highest + 1)) ? highest : (double)INFINITY;
     for (int64_t j = 0; j < found; j++) {
         const int64_t i = ends[dot->sector[j]]++;
         dot->pixels[X][i] = xs[j];
@@ -465,8 +450,8 @@ static void eigenvalues(const double *p, double *trace, double *root)
     *root = sqrt(apart * apart + 4 * p[3] * p[3]);
 }
 
-/* The model and its derivatives at every so many pixels. */
-static void evaluate(Descent *dot, int every, int fresh)
+/* The model and its derivatives at every so many pixels; of some, without the integrals at tips. */
+static void evaluate(Descent *dot, int every)
 {
     const double *p = dot->p, scale = p[SCALE], *o = dot->origin;
     const Shape outer = shape_of(p[0] - o[0], p[1] - o[1], p[2], p[3], p[4], p[BLUR]);
@@ -478,13 +463,13 @@ static void evaluate(Descent *dot, int every, int fresh)
     for (int k = 0; k < SECTORS; k++)
         for (int64_t i = dot->start[k]; i < dot->start[k + 1]; i += every * LANES) {
             const Lanes x = read(pixels[X] + i), y = read(pixels[Y] + i);
-            Seen seen = blurred_ellipse(&outer, x, y, fresh, every > 1 ? NULL : pixels[TIPS] + i);
+            Seen seen = blurred_ellipse(&outer, x, y, every == 1);
             const Lanes level = light + light_x * x + light_y * y, contrast = level - (dark + dark_x * x + dark_y * y);
             write(pixels[ALONG] + i, -contrast * seen.slope * seen.nx);
             write(pixels[DOWN] + i, -contrast * seen.slope * seen.ny);
             write(pixels[OUTLINE] + i, contrast * seen.slope);
             if (ring) {
-                const Seen hole = blurred_ellipse(&inner, x, y, fresh, every > 1 ? NULL : pixels[OTHER_TIPS] + i);
+                const Seen hole = blurred_ellipse(&inner, x, y, every == 1);
                 seen.ink -= hole.ink;
                 seen.by_blur -= hole.by_blur;
                 write(pixels[INNER] + i, -contrast * hole.slope);
@@ -710,12 +695,6 @@ static int leave_out(Descent *dot)
     return changed;
 }
 
-/* Whether the tips are to be computed anew. */
-static int is_elsewhere(const double *p, const double *q)
-{
-    return !(fabs(p[0] - q[0]) < TIPS_PX && fabs(p[1] - q[1]) < TIPS_PX && fabs(p[BLUR] - q[BLUR]) < TIPS_PX);
-}
-
 static void descend(Descent *dot)
 {
     int rounds = 0, every = 1;
@@ -725,11 +704,8 @@ static void descend(Descent *dot)
         const int calm = before < JUDGED && dot->blur_step < JUDGED && step >= UNJUDGED;
         /* Some pixels show well enough where all are to be looked at, without tips. */
         every = calm || dot->count < ENOUGH_AT_FIRST ? 1 : 3;
-        const int fresh = every == 1 && is_elsewhere(dot->p, dot->tips_at);
         int changed = 0;
-        if (fresh)
-            memcpy(dot->tips_at, dot->p, sizeof dot->p);
-        evaluate(dot, every, fresh);
+        evaluate(dot, every);
         if (calm) {
             sum_sectors(dot);
             changed = rounds < ROUNDS && leave_out(dot);
@@ -859,7 +835,7 @@ static int fit_blob(Descent *dot, const Image *image, const Blob *blob, int ring
     dot->ring = ring;
     dot->unknowns = ring ? COUNT : DISK;
     dot->alive = 1;
-    dot->step = dot->blur_step = dot->tips_at[0] = INFINITY;
+    dot->step = dot->blur_step = INFINITY;
     memset(dot->left_out, 0, sizeof dot->left_out);
     if (collect(dot, image, blob, within(BAND_BLURS * blob->blur, MIN_BAND, MAX_BAND), filled))
         return NO_MEMORY;
@@ -884,44 +860,41 @@ static int fit_blob(Descent *dot, const Image *image, const Blob *blob, int ring
 
 /* ---- slopes of the light ---- */
 
-/* The slopes' measure (4, 4): of the illumination along x and y, and of a reflection. */
-static void measure_of(const double *p, double (*measure)[4])
+/* What the slopes (4) of a fit say of the illumination along an axis, if `part` is 0, or of a reflection: by which they are
+   multiplied; returns this, its variance and its covariances with all unknowns. */
+static double measure_slopes(const Fit *fit, int part, int axis, double *variance, double *crossed)
 {
-    const double square = p[LIGHT] * p[LIGHT] + p[DARK] * p[DARK];
-    double factor[2];
-    shine(p, factor);
-    for (int r = 0; r < 2; r++)
-        for (int k = 0; k < 2; k++) {
-            measure[r][r + 2 * k] = p[LIGHT + k] / square;
-            measure[r][1 - r + 2 * k] = 0;
-            measure[2 + r][r + 2 * k] = factor[k];
-            measure[2 + r][1 - r + 2 * k] = 0;
-        }
+    const double *p = fit->p, square = p[LIGHT] * p[LIGHT] + p[DARK] * p[DARK];
+    double factor[2] = {p[LIGHT] / square, p[DARK] / square};
+    if (part)
+        shine(p, factor);
+    for (int r = 0; r < COUNT; r++)
+        crossed[r] = factor[0] * fit->by_slopes[r][axis] + factor[1] * fit->by_slopes[r][axis + 2];
+    *variance = factor[0] * crossed[SLOPES + axis] + factor[1] * crossed[SLOPES + axis + 2];
+    return factor[0] * p[SLOPES + axis] + factor[1] * p[SLOPES + axis + 2];
 }
 
-/* What a fit says of the slopes: their measure, its values and their covariance. */
-typedef struct {
-    double measure[4][4], slope[4], errors[4][4];
-} Slopes;
-
-static void slopes_of(const Fit *fit, Slopes *s)
+/* Means over both axes of the square and of the variance. */
+static double square_slopes(const Fit *fit, int part, double *variance)
 {
-    measure_of(fit->p, s->measure);
-    for (int i = 0; i < 4; i++) {
-        double row[4];
-        s->slope[i] = 0;
-        for (int k = 0; k < 4; k++) {
-            s->slope[i] += s->measure[i][k] * fit->p[SLOPES + k];
-            row[k] = 0;
-            for (int l = 0; l < 4; l++)
-                row[k] += s->measure[i][l] * fit->by_slopes[SLOPES + l][k];
-        }
-        for (int j = 0; j < 4; j++) {
-            s->errors[i][j] = 0;
-            for (int k = 0; k < 4; k++)
-                s->errors[i][j] += row[k] * s->measure[j][k];
-        }
+    double crossed[COUNT], own[2];
+    const double x = measure_slopes(fit, part, 0, own, crossed), y = measure_slopes(fit, part, 1, own + 1, crossed);
+    *variance = (own[0] + own[1]) / 2;
+    return (x * x + y * y) / 2;
+}
+
+/* Takes a measurement of one as zero, of a variance, into account: in the unknowns and in their covariances. */
+static void shrink_slope(Fit *fit, int part, int axis, double variance)
+{
+    double crossed[COUNT], own;
+    const double slope = measure_slopes(fit, part, axis, &own, crossed), per = 1 / (own + variance);
+    for (int r = 0; r < COUNT; r++) {
+        fit->p[r] -= crossed[r] * slope * per;
+        for (int k = 0; k < 4; k++)
+            fit->by_slopes[r][k] -= crossed[r] * crossed[SLOPES + k] * per;
     }
+    for (int k = 0; k < 3; k++)
+        fit->centers[k] -= crossed[k / 2] * crossed[(k + 1) / 2] * per;
 }
 
 /* Shrinks the slopes of the light to zero: moves the unknowns, and gives the centers' covariance.
@@ -932,17 +905,14 @@ static void slopes_of(const Fit *fit, Slopes *s)
    light, as much as needed in other light. */
 static void shrink_slopes(Fit *fits, int64_t count)
 {
-    double shared[2], freedom = 0, odd = 0;
+    double freedom = 0, odd = 0, own, shared[2];
     for (int part = 0; part < 2; part++) {
         const double slack = part ? 1 / sqrt((double)count) : 0;
         double sum = 0, weights = 0;
         for (int64_t i = 0; i < count; i++) {
-            Slopes s;
-            slopes_of(fits + i, &s);
-            const double *slope = s.slope + 2 * part, own = (s.errors[2 * part][2 * part] + s.errors[2 * part + 1][2 * part + 1]) / 2;
-            const double least = larger(own, 1e-15), square = (slope[0] * slope[0] + slope[1] * slope[1]) / 2;
-            sum += (square - (1 + slack) * own) / (least * least);
-            weights += 1 / (least * least);
+            const double square = square_slopes(fits + i, part, &own), weight = 1 / larger(own * own, 1e-30);
+            sum += (square - (1 + slack) * own) * weight;
+            weights += weight;
         }
         shared[part] = sum / weights;
     }
@@ -955,39 +925,14 @@ static void shrink_slopes(Fit *fits, int64_t count)
     const double even = freedom > 0 ? smaller(1, odd / freedom * (1 + sqrt(2 / freedom))) : 1;
     for (int64_t i = 0; i < count; i++) {
         Fit *fit = fits + i;
-        Slopes s;
-        slopes_of(fit, &s);
         for (int part = 0; part < 2; part++) {
-            const double *slope = s.slope + 2 * part, own = (s.errors[2 * part][2 * part] + s.errors[2 * part + 1][2 * part + 1]) / 2;
             /* A dot's own may be beyond doubt, as at the edge of a shadow. */
-            const double beyond = (slope[0] * slope[0] + slope[1] * slope[1]) / 2 - OWN_SLOPE * own;
-            for (int r = 2 * part; r < 2 * part + 2; r++)
-                s.errors[r][r] += larger(larger(shared[part], beyond), 1e-12);
+            const double square = square_slopes(fit, part, &own), variance = larger(shared[part], square - OWN_SLOPE * own);
+            for (int axis = 0; axis < 2; axis++)
+                shrink_slope(fit, part, axis, larger(variance, 1e-12));
         }
-        /* The gain of a measurement of all of these as zero, with these variances, times slopes and center. */
-        double columns[3][4], crossed[COUNT][4], centers[2][2];
-        for (int r = 0; r < COUNT; r++)
-            for (int j = 0; j < 4; j++) {
-                crossed[r][j] = 0;
-                for (int k = 0; k < 4; k++)
-                    crossed[r][j] += fit->by_slopes[r][k] * s.measure[j][k];
-            }
-        memcpy(columns[0], s.slope, sizeof columns[0]);
-        memcpy(columns[1], crossed[0], 2 * sizeof columns[0]);
-        solve_positive(4, s.errors[0], columns[0], 3, 1e-300);
-        for (int r = 0; r < COUNT; r++)
-            for (int j = 0; j < 4; j++)
-                fit->p[r] -= crossed[r][j] * columns[0][j];
-        const double factor = fit->uneven > MUCH_UNEVEN ? fit->uneven : even;
-        for (int r = 0; r < 2; r++)
-            for (int c = 0; c < 2; c++) {
-                centers[r][c] = fit->centers[r + c];
-                for (int j = 0; j < 4; j++)
-                    centers[r][c] -= crossed[r][j] * columns[1 + c][j];
-            }
-        fit->centers[0] = factor * centers[0][0];
-        fit->centers[1] = factor * (centers[0][1] + centers[1][0]) / 2;
-        fit->centers[2] = factor * centers[1][1];
+        for (int k = 0; k < 3; k++)
+            fit->centers[k] *= fit->uneven > MUCH_UNEVEN ? fit->uneven : even;
     }
 }
 
@@ -1051,32 +996,11 @@ static void refuse(Blob *blob)
     blob->state = REFUSED;
 }
 
-/* Grey level above which the image shows none: its highest one if that is the highest of so many bits. */
-static double saturation_of(const Image *image)
-{
-    int highest = UINT8_MAX;
-    if (image->wide) {
-        highest = 0;
-        for (int64_t y = 0; y < image->height; y++)
-            for (int64_t x = 0; x < image->width; x++) {
-                uint16_t level;
-                memcpy(&level, image->rows + y * image->stride + 2 * x, 2);
-                level = (uint16_t)(image->inverted ? UINT16_MAX - level : level);
-                highest = level > highest ? level : highest;
-            }
-    }
-    return highest >= UINT8_MAX && !(highest & (highest + 1)) ? (double)highest : (double)INFINITY;
-}
-
 int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t count)
 {
     if (!count)
         return 0;
-    const int64_t by_rows = image->height / NOISE_ROWS, every = by_rows > 1 ? by_rows : 1;
-    Image thinned = *image;
-    thinned.height = (image->height + every - 1) / every;
-    thinned.stride *= every;
-    const double plain = grey_noise(&thinned);
+    const double plain = grey_noise(image);
     Fit *fits = malloc(2 * sizeof *fits * (size_t)count);
     Descent *dot = calloc(1, sizeof *dot);
     int64_t good = 0;
@@ -1084,7 +1008,6 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
     if (!status) {
         /* The light scales what is reflected: an inverted image is reckoned from its highest level. */
         dot->unlit = image->inverted ? image->wide ? UINT16_MAX : UINT8_MAX : 0;
-        dot->saturation = saturation_of(image) - dot->unlit;
         dot->image_noise = larger(MOST_NOISE * plain + 0.5, sqrt(QUANTIZATION));
     }
     for (int64_t i = 0; i < count && status >= 0; i++) {

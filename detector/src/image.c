@@ -40,7 +40,7 @@ double order_statistic(double *values, int64_t count, int64_t k)
 
 /* Pieces of this many pixels in a row, in this many rows at least, of which those at this quantile show plain paper, if
    anything does. */
-enum { PIECE = 32, PIECE_ROWS = 64 };
+enum { PIECE = 32, PIECE_ROWS = 32 };
 static const double PLAIN = 0.2;
 
 double grey_noise(const Image *image)
