@@ -277,8 +277,6 @@ static inline Flags sectors_of(Lanes u, Lanes v)
     return (above & (SECTORS - 1 - half)) | (~above & half);
 }
 
-static inline int64_t below(double x) { return (int64_t)x - ((double)(int64_t)x > x); }
-
 /* Collects the pixels within a distance of the outline, and those inside if it is `filled`, by sector. Of too many, those of
    rows at even distances. */
 static int collect(Descent *dot, const Image *image, const Blob *blob, double band, int filled)
@@ -719,7 +717,9 @@ static void descend(Descent *dot)
         if (calm && !changed && dot->step * smaller(every_before > 1 ? 0.1 : 1, dot->step / before) < CONVERGED)
             return;
     }
+    evaluate(dot, 1);
     sum_sectors(dot);
+    memset(dot->moved, 0, sizeof dot->moved);
 }
 
 /* What the last step changes in the sums of the residuals' squares and in the outline's shifts, to first order: instead of
