@@ -23,6 +23,9 @@ static const double TURNED = 0.26;
 /* Narrowest cell of a tag that is read, px: at 2 px, 98 % of 4 x 4 bits are read over the usual poses, at 1.5 px 85 %. */
 static const double LEAST_CELL_PX = 1.2;
 
+/* Least logarithm of the likelihood ratio of a tag of which a part is seen, to other members of its family and to strangers. */
+static const double AGREES = 4.6;
+
 /* What is left to find of a layout, and why nothing was found. */
 typedef struct {
     Pool pool;
@@ -231,6 +234,7 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
     const Tag *asked[PLATES];
     TagReading readings[PLATES];
     int answer = 0, members = 0, count = 0;
+    double likeliest = 0, second = 0;
     finding->tag = -1;
     finding->tag_state = TAG_NONE;
     for (int64_t k = 0; k < model->member_count; k++) {
@@ -238,6 +242,7 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
         const TagReading *telling = NULL;
         int64_t where = 0;
         int right = 1;
+        double agrees = 0;
         if (member->layout != l)
             continue;
         if (!members++)
@@ -261,6 +266,7 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
             if (reading->state != TAG_READ) {
                 if (finding->tag_state == TAG_NONE)
                     finding->tag_state = reading->state;
+                agrees += agreement(model->families + tag->family, reading, tag->code);
                 continue;
             }
             right = reading->id == tag->code && !reading->mirrored && !reading->rotation;
@@ -269,6 +275,12 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
                 where = t;
             }
         }
+        if (agrees > likeliest) {
+            second = likeliest;
+            likeliest = agrees;
+            finding->member = answer ? finding->member : (int32_t)k;
+        } else
+            second = fmax(second, agrees);
         if (!telling || (answer && !right))
             continue;
         answer = right ? 1 : -1;
@@ -283,6 +295,8 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
             return 1;
         }
     }
+    if (!answer && likeliest - second > AGREES)
+        return 0;
     /* Without it, which of a family's members it is, or whether it is a stranger to all of them, is not known. */
     if (!answer && count && (members > 1 || (finding->tag_state >= TAG_FAINT && model->layouts[l].plate_count == 1)))
         finding->state = HIDDEN_TAG;

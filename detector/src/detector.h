@@ -176,12 +176,15 @@ typedef struct {
     int32_t rotation;     /* the place's corner k shows the tag's corner (k + rotation) % 4 */
     int32_t mirrored;     /* the tag is seen mirrored: its corners in the order 1, 0, 3, 2, then as for `rotation` */
     double corners[4][2]; /* of the black square, px, from its edges where these were found; in the order of the place */
+    double cells[2][64];  /* likelihood of each inner cell's darkness if it is light and if it is black; 0 without its border */
 } TagReading;
 
 /* Reads the tag whose black square has these corners (4) in the body, top left, top right, bottom right, bottom left, in a
    view from this pose, which is right to half a cell or so. Returns whether it was read. */
 int read_tag(const Image *image, const Camera *camera, const Pose *pose, const double (*corners)[3],
              const TagFamily *family, double least_px, TagReading *reading);
+/* Logarithm of the likelihood ratio of a code in its place to cells that are black as often as not, from what is seen of it. */
+double agreement(const TagFamily *family, const TagReading *reading, int64_t code);
 
 /* ---- label.c ---- */
 

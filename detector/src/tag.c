@@ -23,6 +23,8 @@ static const double STEP_SHARE = 0.3, COVERED_SHARE = 0.3, FAINT = 3;
 /* Standard deviation of a cell's darkness, from 0 for light to 1 for dark, beside that of noise; the most that a cell says,
    log of 100 to 1: it may be dirty. */
 static const double UNEVEN = 0.2, CERTAIN = 4.6;
+/* Least share of cells that something covers, as light as any. */
+static const double DIRTY = 0.05, PI = 3.14159265358979323846;
 /* Log likelihood ratio at which a code is taken, about two cells', and that of mirrored tags before anything is seen: several
    families have tags that are others' mirror images. */
 static const double STANDS_OUT = 9, RARELY_MIRRORED = -4.7;
@@ -181,9 +183,10 @@ static void see_cells(View *view)
     sharpen(view, 0), sharpen(view, 1);
 }
 
-/* A step from the border to the quiet zone: place of the border's cell, its level and that beyond. */
+/* A step from the border to the quiet zone: place of the border's cell, its level and that beyond; whether it is seen. */
 typedef struct {
     double u, v, dark, light;
+    int seen;
 } Step;
 
 typedef struct {
@@ -192,7 +195,7 @@ typedef struct {
     double contrast, noise;
 } Ring;
 
-/* Returns the state: steps that are not seen are left out. */
+/* Returns the state. */
 static int see_ring(const View *view, Ring *ring)
 {
     int64_t n = view->n, count = 0, changes = 0;
@@ -205,7 +208,7 @@ static int see_ring(const View *view, Ring *ring)
         double light = side % 2 ? view->tone[row + 1][beyond + 1] : view->tone[beyond + 1][column + 1];
         if (!isfinite(light - dark))
             continue;
-        ring->steps[count] = (Step){(double)column, (double)row, dark, light};
+        ring->steps[count] = (Step){(double)column, (double)row, dark, light, 0};
         sorted[count++] = light - dark;
         if (i && isfinite(last))
             change[changes++] = fabs(light - dark - last);
@@ -218,22 +221,27 @@ static int see_ring(const View *view, Ring *ring)
     ring->noise = 0.74 * median(change, changes);
     if (!(ring->contrast > FAINT * ring->noise && ring->contrast > 1))
         return TAG_FAINT;
-    ring->count = 0;
-    for (int64_t k = 0; k < count; k++)
-        if (ring->steps[k].light - ring->steps[k].dark >= STEP_SHARE * ring->contrast)
-            ring->steps[ring->count++] = ring->steps[k];
-    return (double)(count - ring->count) > COVERED_SHARE * (double)count ? TAG_COVERED : TAG_READ;
+    int64_t seen = 0;
+    ring->count = count;
+    for (Step *step = ring->steps; step < ring->steps + count; step++)
+        seen += step->seen = step->light - step->dark >= STEP_SHARE * ring->contrast;
+    return (double)(count - seen) > COVERED_SHARE * (double)count ? TAG_COVERED : TAG_READ;
 }
 
-/* How dark a cell is, from 0 as the quiet zone to 1 as the border, by the levels of these weighted by 1 / distance^2. */
-static double darkness(const View *view, const Ring *ring, int64_t row, int64_t column)
+/* How dark a cell is, from 0 as the quiet zone to 1 as the border, by the levels of these weighted by 1 / distance^2; and the
+   share of steps that are not seen, weighted likewise. */
+static double darkness(const View *view, const Ring *ring, int64_t row, int64_t column, double *covered)
 {
-    double light = 0, dark = 0, total = 0, tone = view->tone[row + 1][column + 1];
+    double light = 0, dark = 0, total = 0, hidden = 0, tone = view->tone[row + 1][column + 1];
     for (const Step *step = ring->steps; step < ring->steps + ring->count; step++) {
         double x = (double)column - step->u, y = (double)row - step->v, weight = 1 / (x * x + y * y);
-        light += weight * step->light, dark += weight * step->dark, total += weight;
+        if (step->seen)
+            light += weight * step->light, dark += weight * step->dark, total += weight;
+        else
+            hidden += weight;
     }
     double value = (light - total * tone) / (light - dark);
+    *covered = hidden / (hidden + total);
     return isfinite(value) ? value : 0.5;
 }
 
@@ -350,12 +358,31 @@ int read_tag(const Image *image, const Camera *camera, const Pose *pose, const d
         seen_at(&view, k == 1 || k == 2 ? (double)n : 0, k > 1 ? (double)n : 0, reading->corners[k]);
     see_cells(&view);
     reading->state = see_ring(&view, &ring);
-    if (reading->state != TAG_READ)
+    if (reading->state != TAG_READ && reading->state != TAG_COVERED)
         return 0;
+    const double sigma = ring.noise / ring.contrast, wide = sigma * sigma + UNEVEN * UNEVEN;
     for (int64_t row = 1; row < n - 1; row++)
-        for (int64_t column = 1; column < n - 1; column++)
-            dark[(row - 1) * (n - 2) + column - 1] = darkness(&view, &ring, row, column);
-    if (!decode(family, dark, ring.noise / ring.contrast, reading))
+        for (int64_t column = 1; column < n - 1; column++) {
+            const int64_t k = (row - 1) * (n - 2) + column - 1;
+            double covered;
+            dark[k] = darkness(&view, &ring, row, column, &covered);
+            covered = fmax(covered, DIRTY);
+            for (int black = 0; black < 2; black++) {
+                const double off = dark[k] - black;
+                reading->cells[black][k] = (1 - covered) * exp(-0.5 * off * off / wide) / sqrt(2 * PI * wide) + covered / 2;
+            }
+        }
+    if (reading->state == TAG_READ && !decode(family, dark, sigma, reading))
         reading->state = TAG_UNCLEAR, reading->id = -1;
     return reading->state == TAG_READ;
+}
+
+double agreement(const TagFamily *family, const TagReading *reading, int64_t code)
+{
+    const int64_t inner = (family->cells - 2) * (family->cells - 2);
+    const double *light = reading->cells[0], *black = reading->cells[1];
+    double sum = 0;
+    for (int64_t k = 0; k < inner && light[0] > 0; k++)
+        sum += log(2 * (is_black(family, code, k) ? black[k] : light[k]) / (light[k] + black[k]));
+    return sum;
 }

@@ -73,11 +73,8 @@ class Place:
 
     def read(self, image, inks, off=(0.0, 0.0), least=1.0, inverted=False):
         """Reading at the place moved by `off`, px."""
-        codes = np.array([sum(int(b) << k for k, b in enumerate(ink.ravel())) for ink in inks], dtype=np.uint64)
-        family, picture, pose, reading = (
-            np.zeros(1, structures()[name]) for name in ("TagFamily", "Image", "Pose", "TagReading")
-        )
-        family["cells"], family["count"], family["codes"] = inks.shape[1] + 2, len(codes), pointer(codes)
+        picture, pose, reading = (np.zeros(1, structures()[name]) for name in ("Image", "Pose", "TagReading"))
+        family, _codes = family_of(inks)
         picture["rows"], picture["height"], picture["width"] = image.ctypes.data, *image.shape
         picture["stride"], picture["wide"], picture["inverted"] = image.strides[0], image.itemsize == 2, inverted
         pose["R"], pose["t"], pose["focal"] = self.R.ravel(), self.t + np.append(off, 0) / FOCAL, 1
@@ -86,6 +83,19 @@ class Place:
         read = library().read_tag(*arguments, least, pointer(reading))
         assert read == (reading["state"][0] == constants()["TAG_READ"]) == (reading["id"][0] >= 0)
         return reading[0]
+
+    @staticmethod
+    def agreement(reading, inks, number):
+        family, _codes = family_of(inks)
+        return library().agreement(pointer(family), pointer(np.array([reading])), number)
+
+
+def family_of(inks):
+    """The table of a family, and the codes to which it points."""
+    codes = np.array([sum(int(b) << k for k, b in enumerate(ink.ravel())) for ink in inks], dtype=np.uint64)
+    family = np.zeros(1, structures()["TagFamily"])
+    family["cells"], family["count"], family["codes"] = inks.shape[1] + 2, len(codes), pointer(codes)
+    return family, codes
 
 
 def state(name):
@@ -145,6 +155,21 @@ def test_says_why_a_tag_is_not_read(inks, rng):
     covered = image.copy()
     covered[:, :165] = 60
     assert place.read(covered, inks)["state"] in (state("COVERED"), state("FAINT"))
+
+
+def test_what_is_seen_of_a_tag_agrees_with_its_code(inks, rng):
+    """By each cell's likelihoods (n,) if it is light and if it is black, log prod 2 p(cell) / (p(light) + p(black))."""
+    place = Place(8.0, roll=0.0)
+    for number in range(8):
+        image = place.view(inks[number], rng)
+        image[:, :162] = 120
+        reading = place.read(image, inks)
+        cells = reading["cells"][:, : BITS * BITS]
+        ratio = {k: np.sum(np.log(2 * np.choose(inks[k].ravel(), cells) / cells.sum(axis=0))) for k in range(COUNT)}
+        assert reading["state"] == state("COVERED")
+        assert ratio[number] > 4.6
+        assert np.allclose([place.agreement(reading, inks, k) for k in ratio], list(ratio.values()))
+        assert sum(ratio[k] > ratio[number] - 1 for k in ratio) < 3
 
 
 def test_a_finger_over_cells_never_makes_another_tag(inks, rng):

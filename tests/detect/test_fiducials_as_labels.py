@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from rigs import face, mounted, plate
@@ -143,6 +144,21 @@ def test_a_tag_off_the_origin(pentagon):
     marker = replace(pentagon, tag=Tag(TAG.family, 4, 0.05, (0.02, -0.01)))
     found = detect(view(marker, 40, hidden=[0]), marker, PAPER_CAMERA)
     assert right(marker, 40, found)
+
+
+def test_half_a_tag_agrees_with_its_own_marker_alone(pentagon):
+    """With two fifths of it covered it is not read, and what is seen of it tells it from another one of the family."""
+    marker, other = (replace(pentagon, tag=replace(TAG, id=k)) for k in (4, 7))
+    image = view(marker, 40)
+    corners = np.asarray(detect(image, marker, PAPER_CAMERA).tag)
+    cover = np.array(
+        [*(1.3 * corners[[0, 3]] - 0.3 * corners[[1, 2]]), *(0.6 * corners[[3, 0]] + 0.4 * corners[[2, 1]])]
+    )
+    cv2.fillConvexPoly(image, np.rint(cover).astype(int), 120)
+    found = detect(image, marker, PAPER_CAMERA)
+    assert found.found
+    assert found.tag_state in {"covered", "unclear"}
+    assert not detect(image, other, PAPER_CAMERA).found
 
 
 def test_each_plate_of_a_rig_has_its_tag():
