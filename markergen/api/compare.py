@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Unpack
+from typing import Any, Unpack
 
 from markergen.api.arguments import files_among
 from markergen.comparison.compare import compare_and_time as run
@@ -17,6 +17,7 @@ from markergen.model.rig import Rig
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
+from markergen.read.poses import poses_as_stated
 
 _log = logging.getLogger(__name__)
 
@@ -70,12 +71,13 @@ def compare(
     check_progress(progress)
     settled = settle(options, CompareKeywords)
     targets = Comparison.targets(save, json=json, plot=plot)
-    targets.check(files_among(*contestants, settled["poses"]))
+    targets.check(files_among(*contestants, settled["poses"], settled["camera_in_body"]))
     texts, markers = _named(contestants)
+    poses: Any = poses_as_stated(settled["poses"], settled)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
     results, cpu_s = run(
-        texts, settled["views"], settled["seed"], settled["poses"], settled["print_sigma"],
+        texts, settled["views"], settled["seed"], poses, settled["print_sigma"],
         workers=settled["workers"], progress=progress, given=markers,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)

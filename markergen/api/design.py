@@ -39,6 +39,7 @@ from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.poses import poses_from
+from markergen.read.poses.conventions import READING
 from markergen.read.rig_plates import SUFFIXES, read_plates
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.read.templates import read_template
@@ -52,7 +53,19 @@ Make = Callable[[int], Spec]
 """Spec of a marker by its radius in mm."""
 
 MEASURES = ("edge", "height", "pitch", "plate", "angle")
-SHARED = ("n", "camera", "poses", "print_sigma", "dot", "clearance", "objective", "aggregate", "seed", "restarts")
+SHARED = (
+    "n",
+    "camera",
+    "poses",
+    *READING,
+    "print_sigma",
+    "dot",
+    "clearance",
+    "objective",
+    "aggregate",
+    "seed",
+    "restarts",
+)
 """Options of a rig that are also those of a design, with the same meaning."""
 
 
@@ -361,7 +374,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         lambda progress, _: design_rig(geometry, spec, tags, markers, progress),
         choices_of(asked),
         with_record(asked["output"], "rig") if asked.get("output") else [],
-        files_among(template, listed, asked.get("camera"), asked.get("poses")),
+        files_among(template, listed, *(asked.get(key) for key in ("camera", "poses", "camera_in_body"))),
         shape=geometry,
     )
 
@@ -444,7 +457,8 @@ def _beyond(spec: Spec) -> float:
 def _named_in(values: Mapping[str, Any]) -> list[Any]:
     """Return all values that may name an input file, from options or from the template."""
     plate = values.get("substrate")
-    named = [values.get(key) for key in ("camera", "camera_covariance", "poses", "boundary", "outline")]
+    keys = ("camera", "camera_covariance", "poses", "camera_in_body", "boundary", "outline")
+    named = [values.get(key) for key in keys]
     named += [plate.get("outline")] if isinstance(plate, Mapping) else []
     for key in ("keep_out", "keep_outs"):
         several = values.get(key)

@@ -14,6 +14,7 @@ from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras.covariance import camera_covariance
+from markergen.read.poses import poses_as_stated
 from markergen.render import optics_from_text
 from markergen.validation.result import Validation, check_pictures
 from markergen.validation.setting import setting_of
@@ -104,7 +105,8 @@ def validate(
     views = (VIEWS if judged.radii.all() else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
-    setting = setting_of(judged, settled["poses"], as_camera(camera))
+    poses: Any = poses_as_stated(settled["poses"], settled)
+    setting = setting_of(judged, poses, as_camera(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     printed = planned_print(judged) if settled["print_sigma"] is None else settled["print_sigma"]
     series: SyntheticViews[Any] = SyntheticViews(
@@ -113,7 +115,9 @@ def validate(
         settled["hide"],
     )  # fmt: skip
     check_pictures(targets, views)
-    targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))
+    targets.check(
+        files_among(marker, camera, *(settled[key] for key in ("camera_covariance", "poses", "camera_in_body")))
+    )
     began = time.perf_counter()
     _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)
     results: dict[str, Any] = run(

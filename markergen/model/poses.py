@@ -39,6 +39,9 @@ REASONS = {
 }
 """Reasons why a pose does not see the whole marker, by code; of several, the first applies."""
 
+SMALLEST_WIDTH = 10.0
+"""Least plausible width in px of a marker: four dots of 2.5 px, the smallest that are found, do not fit into less."""
+
 _CORNER = 0.1
 """Minimum turn of the outline in rad at a corner: more than between neighboring points of a round rim."""
 
@@ -59,7 +62,7 @@ class PoseDistribution:
     dropped : int
         Number of poses left out because the boundary was not in view.
     doubt : str
-        Sentence for the user if the poses seem to follow another convention; usually empty.
+        Sentence for the user if the poses seem to follow another convention or unit; usually empty.
     weight : array (P,) or None
         How much each pose counts in an aggregate, above 0; None if all count the same.
     """
@@ -134,6 +137,13 @@ class PoseDistribution:
             )
         share = kept.size / len(self)
         doubt = self._doubts(points, camera, share) if share < 1 / 2 else self.doubt
+        doubt = f"most poses do not see the whole marker; {doubt}" if doubt and share < 1 / 2 else doubt
+        width = 2 * float(np.linalg.norm(points, axis=-1).max() * camera.focal.max() / np.median(self.distance[kept]))
+        if width < SMALLEST_WIDTH and not doubt:
+            away = f"{np.median(self.distance[kept]):.4g} m"
+            doubt = (
+                f"from half of the poses, {away} away, the marker is at most {width:.2g} px wide: is the unit another?"
+            )
         return replace(self.taken(kept, self.dropped + len(self) - kept.size), doubt=doubt)
 
     def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
@@ -415,9 +425,20 @@ def _name(file: str, sampled_from: int) -> str:
 
 def _other_conventions(rotation: Array, translation: Array) -> list[tuple[str, Array, Array]]:
     """Return common mistakes, in words, with the poses that would be meant."""
+    from scipy.spatial.transform import Rotation
+
     back = rotation.swapaxes(-1, -2)
     inverse = -np.einsum("pij,pj->pi", back, translation)
+    # Of q = (x, y, z, w) read as x y z w, the turn of w x y z, of the poses and of their inverses.
+    first = Rotation.from_quat(Rotation.from_matrix(rotation).as_quat()[:, [1, 2, 3, 0]]).as_matrix()
+    last = Rotation.from_quat(Rotation.from_matrix(back).as_quat()[:, [1, 2, 3, 0]]).as_matrix().swapaxes(-1, -2)
     return [
+        ("had the quaternion's w first", first, translation),
+        ("had the quaternion's w first", last, -np.einsum("pij,pj->pi", last, inverse)),
+        ("were in mm", rotation, translation / 1000),
+        ("held inverses in mm", back, inverse / 1000),
+        ("were in mm, with the quaternion's w first", first, translation / 1000),
+        ("were in mm, with the quaternion's w first", last, -np.einsum("pij,pj->pi", last, inverse) / 1000),
         ("held their inverses", back, inverse),
         ("were for a camera frame with y up and z backward", _FLIP @ rotation, translation @ _FLIP),
         ("held inverses for a camera frame with y up and z backward", _FLIP @ back, inverse @ _FLIP),

@@ -354,7 +354,7 @@ class Design(Result):
                 "or a better camera"
             )
         if self.setting.poses.doubt:
-            warnings.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
+            warnings.append(self.setting.poses.doubt)
         elif self.setting.poses.dropped > len(self.setting.poses):
             warnings.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:

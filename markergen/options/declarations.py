@@ -31,6 +31,7 @@ from markergen.options.shared import (
     Camera,
     MadeKeywords,
     PlateKeywords,
+    PosesKeywords,
     Printed,
     ProcessKeyword,
     Restarts,
@@ -40,7 +41,7 @@ from markergen.options.shared import (
 )
 
 
-class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
+class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, PosesKeywords, total=False):
     """Options of a design."""
 
     n: Annotated[
@@ -309,7 +310,7 @@ class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
     ]
 
 
-class ValidateKeywords(TypedDict, total=False):
+class ValidateKeywords(PosesKeywords, total=False):
     """Options of a validation, besides the marker and the camera."""
 
     poses: Annotated[
@@ -352,7 +353,7 @@ class ValidateKeywords(TypedDict, total=False):
     workers: Workers
 
 
-class CompareKeywords(TypedDict, total=False):
+class CompareKeywords(PosesKeywords, total=False):
     """Options of a comparison, besides the contestants."""
 
     views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", COMPARED_VIEWS)]

@@ -6,10 +6,10 @@ from typing import Annotated
 from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import DOTS, FILES, LAYOUT, SEARCH, VIEW, Option
 from markergen.options.kinds import File, Files, Length, LengthOrAuto, Poses, Texts
-from markergen.options.shared import Aggregate, Camera, Restarts, Seed, SheetKeywords
+from markergen.options.shared import Aggregate, Camera, PosesKeywords, Restarts, Seed, SheetKeywords
 
 
-class RigKeywords(SheetKeywords, total=False):
+class RigKeywords(SheetKeywords, PosesKeywords, total=False):
     """Options of a rig, besides its shape."""
 
     template: Annotated[

@@ -37,7 +37,8 @@ from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.dot_tables import is_table, parsed_layout, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
-from markergen.read.poses import settled_poses
+from markergen.read.poses import poses_as_stated, settled_poses
+from markergen.read.poses.conventions import READING
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import parse_length, parse_settings
 
@@ -231,6 +232,7 @@ _FILED: dict[str, Any] = {
     "int or auto": Whole,
     "float": Finite,
     "str": str,
+    "file": str,
     "bool": bool,
     "length": Length,
     "length or auto": DotLength | None,
@@ -345,6 +347,13 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     """Replace paths of drawings and calibrations by their contents, and objects by plain values."""
     if all(isinstance(values.get(key), str | None) for key in DRAWING):  # Validation reports other types.
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
+    if all(isinstance(values.get(key), str | PathLike | None) for key in READING):  # As above.
+        poses = poses_as_stated(values.get("poses"), values)
+        values = {
+            key: value
+            for key, value in (values | ({"poses": poses} if "poses" in values else {})).items()
+            if key not in READING
+        }
     if is_table(values.get("points")):
         values["points"] = read_layout(values["points"])
     camera = values.get("camera")

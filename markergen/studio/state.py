@@ -29,6 +29,7 @@ from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
 from markergen.read.dot_tables import is_table, parsed_layout
 from markergen.read.outlines.boundary import is_drawing, moved_outline
+from markergen.read.poses.conventions import READING
 from markergen.read.rig_plates import SUFFIXES
 from markergen.read.spec_file import DRAWING
 from markergen.read.templates import read_template, shipped_templates
@@ -68,7 +69,7 @@ def declared_options() -> dict[str, Any]:
 def _form(table: type) -> list[dict[str, Any]]:
     """Groups of the options of a table that a state can have."""
     # Drawings are asked for theirs when they are opened.
-    fields = [option for option in declared(table).values() if option.name not in (*ELSEWHERE, *DRAWING)]
+    fields = [option for option in declared(table).values() if option.name not in (*ELSEWHERE, *DRAWING, *READING)]
     groups = (
         {"name": group, "options": [_field(option) for option in fields if option.group == group]} for group in GROUPS
     )

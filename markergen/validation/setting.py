@@ -14,6 +14,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.base import Sight
 from markergen.read.poses import poses_from
+from markergen.read.remarks import remark
 from markergen.read.spec_file import spec_of, stated_poses
 
 ALL_AROUND = "sphere:distance=0.3..0.9"
@@ -46,7 +47,10 @@ def setting_of(
     spec = spec_of(body) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
-    return setting_for(body, camera, poses_that_serve(body, camera, distribution))
+    seen = poses_that_serve(body, camera, distribution)
+    if seen.doubt:
+        remark(seen.doubt)
+    return setting_for(body, camera, seen)
 
 
 def setting_for(body: Marker | Rig, camera: Camera, poses: PoseDistribution) -> Setting:

@@ -1,10 +1,11 @@
 """Pose distributions: a preset, a cone, or a file in a format that is recognized by content."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,21 @@ from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
 from markergen.model.poses import PoseDistribution, RecordedPoses, is_named, named_poses, pose_forms
+from markergen.read.poses.conventions import (
+    MARKER_IN_CAMERA,
+    READING,
+    PoseConvention,
+    RawPoses,
+    marker_in_camera,
+    settled_frame,
+)
+from markergen.read.poses.images_bin import is_images
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile
 from markergen.registry import Registry
 
 __all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
+
+AS_WRITTEN = PoseConvention()
 
 
 @dataclass(frozen=True)
@@ -32,13 +44,13 @@ class PoseFormat:
     fits : callable
         True if a file has this format; true for at most one format.
     read : callable
-        Reads the poses T_camera_marker as numbers (P, 7), as in `RecordedPoses`.
+        Reads the poses with their frame and axes; plain numbers (P, 7), as in `RecordedPoses`, are T_camera_marker.
     """
 
     signs: str
     which_way: str
     fits: Callable[[RowsFile], bool]
-    read: Callable[[RowsFile], NDArray[np.float64]]
+    read: Callable[[RowsFile], RawPoses | NDArray[np.float64]]
 
 
 POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
@@ -66,6 +78,31 @@ def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution
     return named_poses(poses) if isinstance(poses, str) else poses
 
 
+def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
+    """Return poses read as the options `READING` say; unchanged if none of them is given.
+
+    Raises
+    ------
+    InputError
+        If one is given and the poses are not those of a file, or as `read_poses` does.
+    """
+    asked = {key: options[key] for key in READING if options.get(key) is not None}
+    if not asked:
+        return poses
+    if not isinstance(poses, str | PathLike) or (isinstance(poses, str) and is_named(poses)):
+        option = next(iter(asked)).replace("_", "-")
+        raise InputError(f"a file of poses with --{option}", brief(poses), "give --poses FILE, or leave it out")
+    body = None
+    if (path := asked.get("camera_in_body")) is not None:
+        # By its numbers it is like the pose of a marker in a camera.
+        camera = read_poses(Path(path), PoseConvention(MARKER_IN_CAMERA, "opencv"))
+        if len(camera) != 1:
+            raise InputError(f"one pose, of the camera in the body, in {camera.file}", str(len(camera)), "leave one")
+        body = camera.numbers[0]
+    frame, axes, unit, _ = (asked.get(key) for key in READING)
+    return read_poses(Path(poses), PoseConvention(frame, axes, unit, body))
+
+
 def settled_poses(wish: str) -> str | RecordedPoses:
     """Convert a text for `poses_from` to its form in a spec: a file is read, and equal cones get equal texts."""
     if is_named(wish):
@@ -78,16 +115,16 @@ def settled_poses(wish: str) -> str | RecordedPoses:
     return read_poses(path)
 
 
-def read_poses(path: Path | str) -> RecordedPoses:
-    """Read the poses of a file: a table of T_camera_marker as CSV or JSON, a TUM trajectory, or COLMAP's images.txt.
+def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> RecordedPoses:
+    """Read the poses of a file: a table of T_camera_marker as CSV or JSON, or a format of `POSE_FORMATS`.
 
-    The `which_way` of each format describes the direction of its poses.
+    The `which_way` of each format describes the direction of its poses, which the `convention` may replace.
 
     Raises
     ------
     InputError
         If the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose is invalid;
-        the message names file and line.
+        the message names file and line. If the poses may be those of a body, or the file contradicts itself.
     """
     path = Path(path)
     place, data = read(path, "poses")
@@ -95,15 +132,26 @@ def read_poses(path: Path | str) -> RecordedPoses:
         raise InputError(
             f"at most {MOST_ROWS} poses at {place}", f"more than {MOST_LINES} lines", "take every tenth pose"
         )
-    if b"\0" in data:
-        raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
     text = data.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
-    file = RowsFile(path.name if path.name.isprintable() else brief(path.name), text)
+    file = RowsFile(path.name if path.name.isprintable() else brief(path.name), text, convention)
+    if b"\0" in data and not is_images(data):
+        raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
     for name in POSE_FORMATS:
         if POSE_FORMATS[name].fits(file):
-            numbers = POSE_FORMATS[name].read(file)
-            return RecordedPoses.of(numbers, file.name, hashlib.sha256(data).hexdigest())
+            reading = POSE_FORMATS[name].read(file)
+            raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
+            frame, axes = settled_frame(convention, raw, file.stated, file.name)
+            numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
+            return RecordedPoses.of(numbers, file.name, _digest(data, convention))
     signs = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
     raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {signs}")
+
+
+def _digest(data: bytes, convention: PoseConvention) -> str:
+    """SHA-256 of a file and of what a user says of it, if anything."""
+    if not convention.is_stated:
+        return hashlib.sha256(data).hexdigest()
+    body = [] if convention.camera_in_body is None else convention.camera_in_body.tolist()
+    return hashlib.sha256(data + repr((convention.frame, convention.axes, convention.unit, body)).encode()).hexdigest()

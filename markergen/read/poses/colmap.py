@@ -1,4 +1,7 @@
-"""Read COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points, for every image."""
+"""Read COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points, for every image.
+
+images.bin holds the same.
+"""
 
 # tests: tests/read/test_poses.py
 
@@ -9,6 +12,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
+from markergen.read.poses.conventions import scale_of
+from markergen.read.poses.images_bin import image_poses, is_images
 from markergen.read.poses.rows import LONGEST_LINE, Rows, RowsFile, numbers_of
 
 WHICH_WAY = (
@@ -21,10 +26,16 @@ _IMAGE = re.compile(rb"\d+(\s+[-+.0-9a-zA-Z]+){7}\s+\d+\s+[^\s]")
 
 
 def _fits(file: RowsFile) -> bool:
-    return _IMAGE.match(file.first) is not None
+    return is_images(file.data) or _IMAGE.match(file.first) is not None
 
 
 def _read(file: RowsFile) -> NDArray[np.float64]:
+    scale = scale_of(file.convention, file.stated.get("unit", ""), file.name)
+    if is_images(file.data):
+        values = image_poses(file.data)
+        return numbers_of(values[:, 4:] * scale, values[:, [1, 2, 3, 0]], lambda index: f"image {index} of {file.name}")
+    if file.stated.get("order", "wxyz") != "wxyz":
+        raise InputError(f"{FORM} in {file.name}", "a comment with qw at the end", "reorder the columns")
     rows = Rows(file, 7)
     points = False
     for line, content in file.lines(blank=True):
@@ -50,7 +61,7 @@ def _read(file: RowsFile) -> NDArray[np.float64]:
             rows.add(line, cells)
         points = not points
     values = rows.values()
-    return numbers_of(values[:, 4:], values[:, [1, 2, 3, 0]], rows.place)
+    return numbers_of(values[:, 4:] * scale, values[:, [1, 2, 3, 0]], rows.place)
 
 
 POSE_FORMATS.register("colmap")(PoseFormat(f"lines of {FORM}, each with one of points", WHICH_WAY, _fits, _read))

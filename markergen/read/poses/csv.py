@@ -1,30 +1,33 @@
-"""Read a table of poses below a line of column names, separated by commas, semicolons, tabs or blanks."""
+"""Read a table of poses below a line of column names, separated by commas, semicolons, tabs or blanks.
+
+The names may be those of ROS's tools: ``field.pose.position.x``, ``%time``.
+"""
 
 # tests: tests/read/test_poses.py
 
-import numpy as np
-from numpy.typing import NDArray
-
-from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import WANTED, WHICH_WAY, Rows, RowsFile, columns_of, numbers_of
+from markergen.read.poses.conventions import ASKED, ROS_COLUMN, RawPoses, column_of, is_body
+from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, table_poses
 
 
 def _fits(file: RowsFile) -> bool:
-    return file.first[:1].isalpha() or file.first[:1] in (b'"', b"_")
+    return file.first[:1] not in (b"[", b"{") and bool(file.header) and not _has_numbers(file)
 
 
-def _read(file: RowsFile) -> NDArray[np.float64]:
+def _has_numbers(file: RowsFile) -> bool:
+    return file.first[:1].isdigit() or file.first[:1] in b"+-."
+
+
+def _read(file: RowsFile) -> RawPoses:
     table = file.table()
     line, names = next(table)
-    columns, count = columns_of(names, file.place(line))
-    rows = Rows(file, len(columns))
-    for line, cells in table:
-        if len(cells) != len(names):
-            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
-        rows.add(line, [cells[column] for column in columns])
-    values = rows.values()
-    return numbers_of(values[:, :count], values[:, count:], rows.place)
+    return RawPoses(table_poses(file, names, table, file.place(line)), frame_of(names))
+
+
+def frame_of(names: list[str]) -> str:
+    """Return the frame of poses with these columns; poses over time may be those of a camera, a body or a marker."""
+    known = not any(is_body(name) or ROS_COLUMN.fullmatch(name.strip().lower()) for name in names)
+    return "marker-in-camera" if known and "time" not in (column_of(name).kind for name in names) else ASKED
 
 
 POSE_FORMATS.register("csv")(PoseFormat(f"a header of {WANTED}", WHICH_WAY, _fits, _read))

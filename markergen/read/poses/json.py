@@ -1,16 +1,25 @@
-"""Read a JSON array of poses, each an object with the columns of the CSV table, alone or as ``{"poses": [...]}``."""
+"""Read a JSON array of poses, each an object with the columns of the CSV table, alone or as ``{"poses": [...]}``.
+
+nerf's transforms.json has ``frames`` with a ``transform_matrix``: the camera in the world, with OpenGL's axes.
+"""
 
 # tests: tests/read/test_poses.py
 
 import json
+import re
 from typing import Any
 
 import numpy as np
 
-from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
+from markergen.read.poses.conventions import CAMERA_IN_MARKER, RawPoses, scale_of, stated
+from markergen.read.poses.csv import frame_of
 from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
+from markergen.read.remarks import remark_unused
+
+NERF = re.compile(r"camera_.*|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
+"""Keys of the camera in nerf's transforms.json."""
 
 LARGEST_JSON = 5_000_000
 """Maximum size in bytes; as Python objects they may take forty times as much."""
@@ -20,23 +29,60 @@ def _fits(file: RowsFile) -> bool:
     return file.data.lstrip()[:1] in (b"[", b"{")
 
 
-def _read(file: RowsFile) -> Array:
-    poses = _poses(file)
-    names = list(poses[0])
-    columns, count = columns_of(names, _place(file, 0))
-    picked = [names[column] for column in columns]
-    values = np.empty((len(poses), len(picked)))
-    for index, pose in enumerate(poses):
+def _read(file: RowsFile) -> RawPoses:
+    poses, around = _poses(file)
+    is_nerf = "transform_matrix" in poses[0]
+    lines = {key: f"{key}: {value}" for key, value in around.items() if not (is_nerf and NERF.fullmatch(key))}
+    file.stated.update(stated(lines.values(), file.name))
+    remark_unused(file.name, [key for key, line in lines.items() if not stated([line], file.name)])
+    if is_nerf:
+        values = np.array([_matrix(file, index, pose) for index, pose in enumerate(poses)])
+        scale = scale_of(file.convention, file.stated.get("unit", ""), file.name)
+        numbers = numbers_of(values[:, :, 3] * scale, values[:, :, :3].reshape(-1, 9), lambda i: _place(file, i))
+        return RawPoses(numbers, CAMERA_IN_MARKER, "opengl")
+    flat = [_flat(pose) for pose in poses]
+    names = list(flat[0])
+    rows = []
+    for index, pose in enumerate(flat):
         if set(pose) != set(names):
             odd = next(iter(set(pose) ^ set(names)))
             raise InputError(
                 f"the keys of pose 0 at {_place(file, index)}", f"{brief(odd)} differs", "correct the file"
             )
-        values[index] = [_number(pose[name], f"{name} of {_place(file, index)}") for name in picked]
-    return numbers_of(values[:, :count], values[:, count:], lambda index: _place(file, index))
+        rows.append(pose)
+    columns, count, unit = columns_of(names, _place(file, 0))
+    picked = [names[column] for column in columns]
+    values = np.array(
+        [[_number(pose[name], f"{name} of {_place(file, i)}") for name in picked] for i, pose in enumerate(rows)]
+    )
+    scale = scale_of(file.convention, unit or file.stated.get("unit", ""), file.name)
+    numbers = numbers_of(values[:, :count] * scale, values[:, count:], lambda index: _place(file, index))
+    return RawPoses(numbers, frame_of(names))
 
 
-def _poses(file: RowsFile) -> list[dict[str, Any]]:
+def _flat(pose: dict[str, Any]) -> dict[str, Any]:
+    """Join nested keys: position.x."""
+    values: dict[str, Any] = {}
+    for key, value in pose.items():
+        values |= (
+            {f"{key}.{inner}": item for inner, item in _flat(value).items()}
+            if isinstance(value, dict)
+            else {key: value}
+        )
+    return values
+
+
+def _matrix(file: RowsFile, index: int, pose: dict[str, Any]) -> Any:
+    matrix = pose.get("transform_matrix")
+    rows = matrix if isinstance(matrix, list) else []
+    numbers = [[_number(item, _place(file, index)) for item in row] for row in rows if isinstance(row, list)]
+    if len(numbers) not in (3, 4) or any(len(row) != 4 for row in numbers) or numbers[3:] not in ([], [[0, 0, 0, 1]]):
+        raise InputError(f"transform_matrix, 4 x 4, at {_place(file, index)}", brief(matrix), "correct the file")
+    return numbers[:3]
+
+
+def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the poses, and what stands beside them."""
     if len(file.data) > LARGEST_JSON:
         raise InputError(
             f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}", "more", "write this many poses as CSV"
@@ -49,11 +95,13 @@ def _poses(file: RowsFile) -> list[dict[str, Any]]:
         raise InputError(f"poses in {file.name}", "endless nesting", "check the file") from None
     except ValueError as error:
         raise InputError(f"complete JSON in {file.name}", brief(str(error)), "correct the file") from None
-    if isinstance(content, dict) and set(content) == {"poses"}:
-        content = content["poses"]
+    around: dict[str, Any] = {}
+    if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
+        around = {name: value for name, value in content.items() if name != key}
+        content = content[key]
     if not (isinstance(content, list) and content and all(isinstance(pose, dict) for pose in content)):
-        raise InputError(f"an array of poses in {file.name}", brief(content), f"each is an object with {WANTED}")
-    return content
+        raise InputError(f"an array of poses in {file.name}", "something else", f"each is an object with {WANTED}")
+    return content, around
 
 
 def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

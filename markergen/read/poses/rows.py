@@ -18,6 +18,8 @@ import numpy as np
 from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
 from markergen.model.poses import COLUMNS
+from markergen.read.poses.conventions import PoseConvention, column_of, scale_of, stated, unit_of
+from markergen.read.remarks import remark_unused
 
 Place = Callable[[int], str]
 """Function that returns the place of the pose with an index, for messages: ``line 7 of poses.csv``."""
@@ -31,8 +33,14 @@ MOST_LINES = 2 * MOST_ROWS + 1000
 LONGEST_LINE = 10_000
 """Maximum length in bytes of a line of numbers; actual lines have up to about 300."""
 
-LARGEST_DISTANCE = 1e6
-"""Maximum absolute coordinate of a translation in m."""
+MOST_COMMENTS = 100
+"""Maximum number of comments that are read for what they state."""
+
+FEWEST = 3
+"""A header has at least this many columns of a pose."""
+
+LARGEST_DISTANCE = 1e3
+"""Maximum absolute coordinate of a translation in m: no marker is seen from farther."""
 
 TOLERANCE = 1e-3
 """Allowed deviation of a quaternion's norm from 1 and of R'R from the identity: some files round to three digits."""
@@ -50,23 +58,20 @@ ROTATIONS = (
 
 WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
 
-IGNORED = ("id", "index", "frame", "image", "name")
-"""Columns that are allowed and ignored.
-
-Time is not among them: a table with times is usually a trajectory, whose poses have the opposite direction."""
-
 WHICH_WAY = (
-    "each row is T_camera_marker, X_camera = R X_marker + t, with t in m: the marker's origin in the camera frame"
+    "each row is T_camera_marker, X_camera = R X_marker + t, with t in m unless the header has"
+    " another unit: the marker's origin in the camera frame"
     " (x right, y down, z forward)"
 )
 
 
 @dataclass(frozen=True)
 class RowsFile:
-    """A file's name and bytes, without byte order mark."""
+    """A file's name and bytes, without byte order mark, and what a user says of its poses."""
 
     name: str
     data: bytes
+    convention: PoseConvention = field(default_factory=PoseConvention)
 
     def lines(self, blank: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield stripped lines with their numbers, from 1, without comments and (unless `blank`) empty lines."""
@@ -79,6 +84,47 @@ class RowsFile:
     def first(self) -> bytes:
         """First line that is neither empty nor a comment, truncated to `LONGEST_LINE`; empty if there is none."""
         return next((line[:LONGEST_LINE] for _, line in self.lines()), b"")
+
+    @cached_property
+    def comments(self) -> list[str]:
+        """Comments before the first row, without their mark; at most a hundred."""
+        texts: list[str] = []
+        for line in io.BytesIO(self.data):
+            stripped = line.strip()
+            if (stripped and stripped[:1] != b"#") or len(texts) == MOST_COMMENTS:
+                break
+            texts += [stripped[:LONGEST_LINE].lstrip(b"# ").decode("utf-8", "replace")] if stripped else []
+        return texts
+
+    @cached_property
+    def stated(self) -> dict[str, str]:
+        """What the comments state about order, unit, frame and axes."""
+        return stated(self.comments, self.name)
+
+    @cached_property
+    def delimiter(self) -> str | None:
+        """What separates the columns, going by the first row; None for blanks."""
+        return next((mark for mark in ",;\t" if mark.encode() in self.first), None)
+
+    @cached_property
+    def header(self) -> list[str]:
+        """Names of all columns: the first row, if it has no numbers, or a comment with as many names; else none."""
+        first = self.first.decode("utf-8", "replace")
+        cells = _cells(first, self.delimiter)
+        if not any(_is_number(cell) for cell in cells):
+            return cells if sum(column_of(cell).kind[:1] in ("t", "q", "r") for cell in cells) >= FEWEST else []
+        for comment in self.comments[::-1]:
+            names = _cells(comment, self.delimiter if self.delimiter and self.delimiter in comment else None)
+            if len(names) != len(cells) and "," in comment:
+                names = _cells(comment, ",")
+            kinds = [column_of(name).kind for name in names]
+            if sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0]) and {"tx", "ty", "tz"} <= set(kinds):
+                if len(names) != len(cells):
+                    raise InputError(
+                        f"{len(names)} columns as a comment says in {self.name}", str(len(cells)), "correct it"
+                    )
+                return names
+        return []
 
     @cached_property
     def odd(self) -> bool:
@@ -94,8 +140,7 @@ class RowsFile:
 
         Words may be in double quotes.
         """
-        first = self.first.decode("utf-8", "replace")
-        delimiter = next((mark for mark in ",;\t" if mark in first), None)
+        delimiter = self.delimiter
         if b'"' not in self.data:
             yield from ((number, self.text(number, line).split(delimiter)) for number, line in self.lines())
             return
@@ -162,32 +207,72 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int]:
-    """Indices of the pose's columns, translation first, and the number of those of the translation.
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    return [cell.strip().strip('"') for cell in line.split(delimiter)]
+
+
+def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int, str]:
+    """Indices of the pose's columns, translation first, the number of those of the translation, and its unit or "".
+
+    Columns that are neither used nor known to be irrelevant are reported.
 
     Raises
     ------
     InputError
-        If a column is missing, duplicate or unknown, or there is more than one rotation.
+        If a column is missing or duplicate, a unit is not known, or there is more than one rotation.
     """
+    columns = {name: column_of(name) for name in names}
+    kinds = [columns[name].kind for name in names]
     plain = [name.strip().lower() for name in names]
-    twice = next((name for index, name in enumerate(plain) if name in plain[:index]), None)
-    if twice is not None:
-        raise InputError(f"every column once at {place}", f"{brief(twice)} twice", "correct the header")
-    columns = {*TRANSLATION, *IGNORED}.union(*ROTATIONS)
-    unknown = next((name for name in plain if name not in columns), None)
-    if unknown is not None:
-        advice = "; poses over time are read from a TUM trajectory, which has no header" if "time" in unknown else ""
-        raise InputError(f"the columns {WANTED} at {place}", brief(unknown), f"correct the header{advice}")
-    rotations = [rotation for rotation in ROTATIONS if set(rotation) & set(plain)]
+    for index, (kind, name) in enumerate(zip(kinds, plain, strict=True)):
+        if name in plain[:index] or (kind not in ("", "ignored", "time") and kind in kinds[:index]):
+            raise InputError(f"every column once at {place}", f"{brief(names[index])} twice", "correct the header")
+    rotations = [rotation for rotation in ROTATIONS if set(rotation) & set(kinds)]
     if len(rotations) != 1:
         problem = " and ".join(rotation[0] for rotation in rotations) or "no rotation"
         raise InputError(f"one kind of rotation at {place}", problem, f"the columns are {WANTED}")
     wanted = (*TRANSLATION, *rotations[0])
-    missing = [name for name in wanted if name not in plain]
+    missing = [name for name in wanted if name not in kinds]
     if missing:
         raise InputError(f"the columns {' '.join(wanted)} at {place}", f"no {' '.join(missing)}", "add them")
-    return [plain.index(name) for name in wanted], len(TRANSLATION)
+    remark_unused(place, (f"column {name}" for name, kind in zip(names, kinds, strict=True) if not kind))
+    of = {column.kind: name for name, column in columns.items()}
+    for kind in rotations[0]:
+        if columns[of[kind]].unit not in ("", "-", "1", "rad") or (kind[0] == "q" and columns[of[kind]].unit == "rad"):
+            raise InputError(f"a rotation in rad at {place}", brief(columns[of[kind]].unit), "convert it to rad")
+    return (
+        [kinds.index(name) for name in wanted],
+        len(TRANSLATION),
+        unit_of(columns, [of[name] for name in TRANSLATION], place),
+    )
+
+
+def table_poses(file: RowsFile, names: Sequence[str], rows: Iterator[tuple[int, list[str]]], place: str) -> Array:
+    """Read the numbers (P, 7) of rows whose columns have these names, in m."""
+    columns, count, unit = columns_of(names, place)
+    if column_of(names[columns[count]]).kind == "rx" and "angle" in file.stated:
+        raise InputError(f"a rotation in rad in {file.name}", "a comment about degrees", "convert it to rad")
+    order = [column_of(names[column]).kind[1] for column in columns[count:]]
+    written = "".join(kind[1] for kind in (column_of(name).kind for name in names) if kind[:1] == "q")
+    if len(order) == len(ROTATIONS[0]) and file.stated.get("order", written) != written:
+        raise InputError(
+            f"one order of the quaternion in {file.name}", f"{written} and {file.stated['order']}", "correct it"
+        )
+    return rows_poses(file, rows, columns, count, unit or file.stated.get("unit", ""), len(names))
+
+
+def rows_poses(
+    file: RowsFile, rows: Iterator[tuple[int, list[str]]], columns: Sequence[int], count: int, unit: str, width: int
+) -> Array:
+    """Read the numbers (P, 7) of rows of `width` cells: translation and rotation in these columns."""
+    numbers = Rows(file, len(columns))
+    for line, cells in rows:
+        if len(cells) != width:
+            raise InputError(f"{width} values at {file.place(line)}", str(len(cells)), "correct the line")
+        numbers.add(line, [cells[column] for column in columns])
+    values = numbers.values()
+    scale = scale_of(file.convention, unit, file.name)
+    return numbers_of(values[:, :count] * scale, values[:, count:], numbers.place)
 
 
 def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
@@ -199,27 +284,22 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
     Raises
     ------
     InputError
-        If a number is not finite, a translation exceeds 1000 km, a quaternion is not normalized, a rotation vector
+        If a number is not finite, a translation exceeds 1 km, a quaternion is not normalized, a rotation vector
         exceeds a full turn, or a matrix is not a rotation.
     """
     for values in (translation, rotation):
         _refuse(np.any(~np.isfinite(values), axis=-1), "finite numbers", values, place)
     _refuse(
-        np.any(np.abs(translation) > LARGEST_DISTANCE, axis=-1), "a translation of at most 1000 km", translation, place
+        np.any(np.abs(translation) > LARGEST_DISTANCE, axis=-1),
+        "a translation of at most 1 km",
+        translation,
+        place,
+        "is the unit another? Give --poses-unit mm",
     )
     quaternion = {4: _unit, 3: _of_vectors, 9: _of_matrices}[rotation.shape[-1]](rotation, place)
     quaternion = quaternion * np.where(quaternion[:, 3:] < 0, -1.0, 1.0)
     # Adding 0.0 turns -0.0 into 0.0.
     return np.round(np.concatenate([translation, quaternion], axis=-1), DECIMALS) + 0.0
-
-
-def inverses(numbers: Array) -> Array:
-    """Invert poses given as numbers (P, 7)."""
-    from scipy.spatial.transform import Rotation
-
-    inverse = Rotation.from_quat(numbers[:, 3:]).inv()
-    back = np.concatenate([-inverse.apply(numbers[:, :3]), inverse.as_quat(canonical=True)], axis=-1)
-    return np.round(back, DECIMALS) + 0.0
 
 
 def numbers_of_rows(rows: Sequence[str]) -> Array:
@@ -268,8 +348,8 @@ def _of_matrices(rows: Array, place: Place) -> Array:
     return quaternions
 
 
-def _refuse(bad: Mask, wanted: str, values: Array, place: Place) -> None:
+def _refuse(bad: Mask, wanted: str, values: Array, place: Place, remedy: str = "correct the file") -> None:
     if bad.any():
         index = int(np.argmax(bad))
         pose = " ".join(f"{value:.6g}" for value in values[index])
-        raise InputError(f"{wanted} at {place(index)}", pose, "correct the file")
+        raise InputError(f"{wanted} at {place(index)}", pose, remedy)

@@ -1,29 +1,54 @@
-"""Read a trajectory as written by TUM's RGB-D tools and evo: lines of timestamp tx ty tz qx qy qz qw."""
+"""Read lines of numbers: trajectories of TUM's RGB-D tools and evo, EuRoC, kapture and KITTI.
+
+Comments that name the columns, or the quaternion's order, are followed.
+"""
 
 # tests: tests/read/test_poses.py
 
 import re
 
-import numpy as np
-from numpy.typing import NDArray
-
 from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.rows import WANTED, Rows, RowsFile, inverses, numbers_of
+from markergen.read.poses.conventions import (
+    ASKED,
+    CAMERA_IN_MARKER,
+    MARKER_IN_CAMERA,
+    RawPoses,
+    is_body,
+)
+from markergen.read.poses.rows import WANTED, RowsFile, rows_poses, table_poses
+from markergen.read.remarks import remark
 
 WHICH_WAY = (
     "each line is T_world_camera, the camera in the world, with t in m; the world is the marker frame (x right, y up,"
     " z out of the printed face), the camera frame has x right, y down, z forward"
 )
 FORM = "timestamp tx ty tz qx qy qz qw"
+KITTI = "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"
+_NUMBERS = re.compile(rb"[-+.\d][-+.\deE]*(?:[\s,;]+[-+.\dnaifNIF][-+.\deEnaifNIF]*)*[\s,;]*")
+
+
+def _count(file: RowsFile) -> int:
+    """Number of words of the first line, if all are numbers, or a comment names them; else 0."""
+    if file.first[:1].isalpha() or not (_NUMBERS.fullmatch(file.first) or file.header):
+        return 0
+    return len(file.first.decode("utf-8", "replace").split(file.delimiter))
 
 
 def _fits(file: RowsFile) -> bool:
-    return re.match(rb"[-+.\d]", file.first) is not None and len(file.first.split()) < 10
+    return 3 < _count(file) != 12 or (_count(file) == 12 and bool(file.header))
 
 
-def _read(file: RowsFile) -> NDArray[np.float64]:
-    rows = Rows(file, 8)
+def _read(file: RowsFile) -> RawPoses:
+    names = file.header
+    if names:
+        frame = ASKED if any(map(is_body, names)) else CAMERA_IN_MARKER
+        if any("kapture" in comment.lower() for comment in file.comments):
+            frame = MARKER_IN_CAMERA  # Its trajectories map the world to the device.
+            devices = {cells[1] for _, cells in file.table() if len(cells) > 1} if "device_id" in names else {""}
+            if len(devices) > 1:
+                remark(f"{file.name}: the poses of {len(devices)} devices are taken for those of one camera")
+        return RawPoses(table_poses(file, names, file.table(), f"a comment of {file.name}"), frame)
     for line, cells in file.table():
         if len(cells) != 8:
             raise InputError(
@@ -31,9 +56,23 @@ def _read(file: RowsFile) -> NDArray[np.float64]:
                 str(len(cells)),
                 f"for T_camera_marker write a header of {WANTED}",
             )
-        rows.add(line, cells)
-    values = rows.values()
-    return inverses(numbers_of(values[:, 1:4], values[:, 4:], rows.place))
+    order = file.stated.get("order", "xyzw")
+    columns = [1, 2, 3, *(4 + order.index(axis) for axis in "xyzw")]
+    unit = file.stated.get("unit", "")
+    return RawPoses(rows_poses(file, file.table(), columns, 3, unit, 8), CAMERA_IN_MARKER)
+
+
+def _read_kitti(file: RowsFile) -> RawPoses:
+    names = KITTI.split()
+    return RawPoses(table_poses(file, names, file.table(), file.name), CAMERA_IN_MARKER)
 
 
 POSE_FORMATS.register("tum")(PoseFormat(f"lines of {FORM}", WHICH_WAY, _fits, _read))
+POSE_FORMATS.register("kitti")(
+    PoseFormat(
+        "lines of 12 numbers [R t]",
+        WHICH_WAY.replace("the camera in the world", "[R t] row by row"),
+        lambda file: _count(file) == 12 and not file.header,
+        _read_kitti,
+    )
+)

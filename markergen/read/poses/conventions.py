@@ -1,0 +1,242 @@
+"""What a pose file says of its columns, units and frames, what a user says of them, and the poses that follow.
+
+Names of columns, units and orders are read wherever they are: in a header, in comments, under keys. What is not known,
+or contradicts the format, is refused; body frames are asked about, never assumed.
+"""
+
+# tests: tests/read/test_pose_conventions.py
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from markergen.arrays import Array
+from markergen.errors import InputError, brief
+from markergen.units import METERS
+
+MARKER_IN_CAMERA, CAMERA_IN_MARKER, BODY, ASKED = "marker-in-camera", "camera-in-marker", "body", "asked"
+FRAMES, AXES = (MARKER_IN_CAMERA, CAMERA_IN_MARKER, BODY), ("opencv", "opengl")
+"""What ``--poses-frame`` and ``--poses-axes`` take: the pose of the one in the other's frame; the camera's axes."""
+
+READING = ("poses_frame", "poses_axes", "poses_unit", "camera_in_body")
+"""Options for reading a file of poses."""
+
+FLIP = np.diag([1.0, -1.0, -1.0])
+"""Turns OpenCV's camera axes into OpenGL's, x right, y up, z backward, and back."""
+
+
+class RawPoses(NamedTuple):
+    """Poses as a file has them: numbers (P, 7) as in `RecordedPoses`, in the frame and axes of the file."""
+
+    numbers: Array
+    frame: str = MARKER_IN_CAMERA
+    axes: str = "opencv"
+
+
+@dataclass(frozen=True)
+class PoseConvention:
+    """What a user says of the poses of a file; None leaves it to the file.
+
+    Attributes
+    ----------
+    frame : str or None
+        One of `FRAMES`.
+    axes : str or None
+        One of `AXES`.
+    unit : str or None
+        Of translations, such as mm.
+    camera_in_body : array (7,) or None
+        Pose of the camera in the body, for the frame ``body``.
+    """
+
+    frame: str | None = None
+    axes: str | None = None
+    unit: str | None = None
+    camera_in_body: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name, choices in (("frame", FRAMES), ("axes", AXES), ("unit", tuple(filter(None, METERS)))):
+            if getattr(self, name) not in (None, *choices):
+                value = brief(getattr(self, name))
+                raise InputError(f"a known --poses-{name}", value, f"known: {', '.join(choices)}")
+        if (self.frame == BODY) != (self.camera_in_body is not None):
+            given = "--camera-in-body alone" if self.frame != BODY else "--poses-frame body alone"
+            raise InputError("--poses-frame body with --camera-in-body FILE", given, "give both, or neither")
+
+    @property
+    def is_stated(self) -> bool:
+        """True if a user states anything."""
+        return any(getattr(self, field.name) is not None for field in fields(self))
+
+
+# --- Columns ----------------------------------------------------------------------------------------------------------
+
+_UNIT = re.compile(r"\s*[\[(]\s*([^\])]*)\s*[\])]\s*$|_(mm|cm|m|um|in|ft|deg|rad|km|inch|inches)$", re.IGNORECASE)
+_PLACE = re.compile(r"(?:.*[._ /])?(?:p|t|pos|position|trans|translation|loc|location|p_\w+_\w+)[._ ]?([xyz])|([xyz])")
+_TURN = re.compile(r"(?:.*[._ /])?(?:q|quat|quaternion|ori|orient|orientation|rotation|q_\w+)[._ ]?([wxyz])|q?(w)")
+_AXIS = re.compile(r"(?:rotvec_?|rodrigues_?|r|rv|rvec_?)([xyz])")
+_ENTRY = re.compile(r"r_?([123])_?([123])")
+_TIME = re.compile(
+    r"(.*[._ /])?(t|time|times|timestamp|timestamps|stamp|sec|secs|nsec|nsecs|nanosec)s?([._ ].*)?|%time"
+)
+IGNORED = re.compile(
+    r"(id|index|idx|frame|image|image_?name|name|seq|file|filename|camera_?id|device_?id|frame_?id|child_frame_?id|label)|"
+    r".*header.*|.*covariance.*|.*twist.*|v_\w+_[xyz]|b_[wa]_\w+_[xyz]|.*(velocity|bias).*|.*confidence.*|.*status.*"
+)
+"""Columns that do not change a pose."""
+
+BODY_COLUMN = re.compile(r"[pq]_\w+_\w*[wxyz]\b|.*\bbody\b.*|.*\bimu\b.*")
+ROS_COLUMN = re.compile(r"(field\.|/?\w*pose\.|.*\.pose\.|transform\.|.*\.transform\.).*")
+
+ANGLES = ("rad", "radian", "radians", "deg", "degree", "degrees")
+_NAMES_OF_UNITS = {
+    **dict.fromkeys(("meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
+    **dict.fromkeys(("micrometer", "micrometers", "micron", "microns"), "um"),
+    **dict.fromkeys(("inch", "inches"), "in"),
+    **dict.fromkeys(("feet", "foot"), "ft"),
+}
+
+
+def length_unit(word: str) -> str | None:
+    """Return the unit of length that a word names; None if it names none."""
+    plain = word.strip().strip("\"'.").lower()
+    unit = _NAMES_OF_UNITS.get(plain, plain)
+    return unit if unit in METERS and unit else None
+
+
+class Column(NamedTuple):
+    """What a column holds: tx, qw, rx, r11 and so on, time, ignored or "" if it is not known; and its unit or ""."""
+
+    kind: str
+    unit: str
+
+
+def column_of(name: str) -> Column:
+    """Return what a column holds, from its name in any program's spelling."""
+    plain = name.strip().strip("\"'#").strip().lower()
+    unit = ""
+    if (match := _UNIT.search(plain)) and match.start() > 0:
+        unit, plain = (match[1] if match[1] is not None else match[2]).strip(), plain[: match.start()].strip()
+    for pattern, prefix in ((_PLACE, "t"), (_TURN, "q"), (_AXIS, "r")):
+        if (match := pattern.fullmatch(plain)) and (plain != "t" or prefix != "t"):
+            return Column(prefix + next(filter(None, match.groups())), unit)
+    if match := _ENTRY.fullmatch(plain):
+        return Column(f"r{match[1]}{match[2]}", unit)
+    if _TIME.fullmatch(plain):
+        return Column("time", unit)
+    return Column("ignored" if IGNORED.fullmatch(plain) else "", unit)
+
+
+def is_body(name: str) -> bool:
+    """True if a column may be that of a body, such as an IMU, as those of EuRoC are."""
+    return BODY_COLUMN.match(name.strip().lstrip("#").strip().lower()) is not None
+
+
+def unit_of(columns: Mapping[str, Column], names: Sequence[str], place: str) -> str:
+    """Return the unit that these columns share; "" if none states one."""
+    units = {columns[name].unit for name in names} - {""}
+    known = {length_unit(unit) for unit in units}
+    if len(known) > 1 or None in known:
+        raise InputError(f"one known unit of length at {place}", brief(", ".join(sorted(units))), "correct the header")
+    return str(known.pop()) if known else ""
+
+
+# --- Statements -------------------------------------------------------------------------------------------------------
+
+_Q = r"q?[_ ]?(?:quat(?:ernion)?[_ .]?)?"
+_S, _CAM = r"[\s,;|/]*", r"cam(?:era)?"
+STATEMENTS: list[tuple[str, str, str]] = [
+    ("order", "wxyz", rf"\b({_Q})w{_S}\1x{_S}\1y{_S}\1z\b|\b(?:scalar|real|w)[- ]first"),
+    ("order", "xyzw", rf"\b({_Q})x{_S}\1y{_S}\1z{_S}\1w\b|\b(?:scalar|real|w)[- ]last"),
+    ("frame", MARKER_IN_CAMERA, rf"\bworld[- _]?(?:to|2)[- _]?cam|\bmarker[- _]in[- _]cam|\b{_CAM}[- _]from[- _]world|"
+     rf"\bT_?c(?:am(?:era)?)?_?(?:w(?:orld)?|m(?:arker)?)\b|\bw2c\b|\binver(?:se|ted)"),
+    ("frame", CAMERA_IN_MARKER, rf"\b{_CAM}[- _]?(?:to|2)[- _]?world|\b{_CAM}[- _]in[- _](?:world|marker)|"
+     rf"\bT_?w(?:orld)?_?c(?:am(?:era)?)?\b|\bworld[- _]from[- _]cam|\bc2w\b"),
+    ("frame", BODY, r"\bimu\b|\bbody\b|\bbase_?link\b|\bgripper|\bend[- _]?effector|\btool0?\b|"
+     r"\bT_?w(?:orld)?_?(?:b|i|imu|body)\b"),
+    ("axes", "opengl", r"\bopen[- ]?gl\b|\bblender\b|\bnerf\b|\by[- ]up\b|\bz[- ]backward"),
+    ("axes", "opencv", r"\bopen[- ]?cv\b|\by[- ]down\b|\bz[- ]forward"),
+    ("angle", "deg", r"\b(?:in )?degrees?\b|\bdeg\b"),
+]  # fmt: skip
+"""Aspect, value, and how comments and keys state it, in any case."""
+
+_UNIT_WORD = re.compile(r"\b(mm|cm|um|millimet\w+|centimet\w+|micromet\w+|microns?|inch(?:es)?|feet)\b", re.IGNORECASE)
+_UNIT_KEY = re.compile(
+    r"\bunits?(?:[_ ]of[_ ]length)?\s*(?:[:=]|is|are)\s*[\"']?([A-Za-z]+)|\bin ([A-Za-z]+ters?)\b", re.IGNORECASE
+)
+
+
+def stated(texts: Iterable[str], place: str) -> dict[str, str]:
+    """Return what texts such as comments state: order, frame, axes, unit, angle; raises InputError if they disagree."""
+    found: dict[str, str] = {}
+    for text in texts:
+        found_here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
+        words = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
+        for word in words:
+            if (unit := length_unit(word)) is None and word.lower() not in ANGLES:
+                raise InputError(f"a known unit of length in {place}", brief(word), f"known: {', '.join(METERS)[2:]}")
+            found_here += [("unit", unit)] if unit else []
+        for aspect, value in found_here:
+            if found.setdefault(aspect, value) != value:
+                raise InputError(
+                    f"one {aspect} of the poses in {place}", f"{found[aspect]} and {value}", "remove the wrong comment"
+                )
+    return found
+
+
+# --- Poses ------------------------------------------------------------------------------------------------------------
+
+
+def scale_of(convention: PoseConvention, unit: str, place: str) -> float:
+    """Return the length in m of a file's unit: the one it states, or else the user's, or else 1."""
+    if unit and convention.unit and unit != convention.unit:
+        raise InputError(f"poses in {convention.unit} in {place}", f"{unit} in the file", "leave out --poses-unit")
+    return float(METERS[unit or convention.unit or ""])
+
+
+def settled_frame(
+    convention: PoseConvention, raw: RawPoses, statements: Mapping[str, str], file: str
+) -> tuple[str, str]:
+    """Return frame and axes of poses: the user's, or else those of the format unless the file states others."""
+    frame, axes = convention.frame or raw.frame, convention.axes or raw.axes
+    if convention.frame is None and (raw.frame == ASKED or statements.get("frame", frame) != frame):
+        reason = statements.get("frame", "body" if raw.frame == ASKED else frame)
+        words = {
+            BODY: "poses that may be those of a body or of a camera",
+            MARKER_IN_CAMERA: "a comment about world to camera",
+            CAMERA_IN_MARKER: "a comment about camera to world",
+        }
+        raise InputError(
+            f"--poses-frame for {file}",
+            words[reason],
+            f"give {MARKER_IN_CAMERA}, {CAMERA_IN_MARKER}, or body with --camera-in-body FILE",
+        )
+    if convention.axes is None and statements.get("axes", axes) != axes:
+        raise InputError(f"--poses-axes for {file}", f"a comment about {statements['axes']}", "give opencv or opengl")
+    return frame, axes
+
+
+def marker_in_camera(numbers: Array, frame: str, axes: str, camera_in_body: Array | None = None) -> Array:
+    """Convert poses (P, 7) of a frame and axes to T_camera_marker with OpenCV's axes."""
+    if frame == MARKER_IN_CAMERA and axes == "opencv":
+        return numbers
+    from scipy.spatial.transform import Rotation
+
+    rotation, translation = Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
+    flip = Rotation.from_matrix(FLIP)
+    if frame == BODY:
+        assert camera_in_body is not None
+        translation = translation + rotation.apply(camera_in_body[:3])
+        rotation = rotation * Rotation.from_quat(camera_in_body[3:])
+    if frame != MARKER_IN_CAMERA:
+        # of T_marker_camera the camera's axes are columns.
+        rotation = (rotation * flip if axes == "opengl" else rotation).inv()
+        translation = -rotation.apply(translation)
+    elif axes == "opengl":
+        rotation, translation = flip * rotation, flip.apply(translation)
+    return np.round(np.concatenate([translation, rotation.as_quat(canonical=True)], axis=-1), 12) + 0.0
