@@ -180,7 +180,7 @@ def test_options_that_say_nothing(write, options, words):
         (rows(STAMPS, 1e3 * CENTER + 1e3, XYZW), "is the unit another? Give --poses-unit mm"),
         (json.dumps({"unit": "yard", "poses": [{"tx": 0}]}), "a known unit"),
         ("# IMAGE_ID, QX, QY, QZ, QW, TX, TY, TZ\n1 1 0 0 0 0 0 1 1 a.png\n\n", "a comment with qw"),
-        (rows(T, BACK.as_rotvec(), mark=",", head="# angles in degrees\ntx,ty,tz,rx,ry,rz\n"), "a comment about degrees"),
+        (rows(T, T, mark=",", head="# angles in degrees\ntx,ty,tz,rx,ry,rz\n"), "a comment about degrees"),
     ],
 )  # fmt: skip
 def test_contradictions_and_what_is_open_are_refused(write, text, words):
