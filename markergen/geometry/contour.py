@@ -307,6 +307,55 @@ def merged(contour: Contour, off: float) -> Contour:
     return circle(radius, float(mean[0] + a), float(mean[1] + b), hole=bool(bulges[0] < 0))
 
 
+def without_loops(contour: Contour, largest: float, longest: float) -> tuple[Contour, list[Point]]:
+    """Cut off loops of less than an area and a length where a contour crosses itself; and return where they were."""
+    sides, places = contour.sides, []
+    first = clear = 0
+    while clear < len(sides) and len(sides) > 3:
+        for last, point, length in _returns(sides, first, longest):
+            count = len(sides)
+            inner = [sides[(first + k) % count] for k in range(1, (last - first) % count)]
+            loop = [_part(sides[first], point, True), *inner, _part(sides[last], point, False)]
+            corners, bulges = zip(*((start, bulge) for start, _, bulge in loop), strict=True)
+            if length < longest and abs(area(Contour(corners, bulges))) < largest:
+                kept = [sides[(last + k) % count] for k in range(1, (first - last) % count)]
+                sides = [_part(sides[first], point, False), _part(sides[last], point, True), *kept]
+                places.append(point)
+                first = 0
+                break
+        else:
+            first, clear = (first + 1) % len(sides), clear + 1
+    if not places:
+        return contour, []
+    return Contour(tuple(side[0] for side in sides), tuple(side[2] for side in sides)), places
+
+
+def _returns(sides: Sequence[Side], first: int, longest: float) -> Iterable[tuple[int, Point, float]]:
+    """Yield later sides that cross a side, with the crossing, while the way to them is short."""
+    u, v = sides[first][1]
+    way = 0.0
+    for step in range(1, len(sides) - 1):
+        last = (first + step) % len(sides)
+        side = sides[last]
+        if step > 1:
+            way += _length(sides[last - 1])
+        if way >= longest:
+            return
+        reach = longest + _length(side)
+        if step > 1 or side[2] or sides[first][2]:
+            for point in _crossings(sides[first], side, 0.0) if hypot(side[0][0] - u, side[0][1] - v) < reach else []:
+                before, after = _along(sides[first], point), _along(side, point)
+                if DUST < before < _length(sides[first]) - DUST and DUST < after < _length(side) - DUST:
+                    yield last, point, way + _length(sides[first]) - before + after
+
+
+def _part(side: Side, point: Point, rest: bool) -> Side:
+    """Part of a side from a point on it to its end, or else from its start to the point."""
+    share = _along(side, point) / _length(side)
+    bulge = tan(atan(side[2]) * (1 - share if rest else share))
+    return (point, side[1], bulge) if rest else (side[0], point, bulge)
+
+
 Cut = tuple[Point, Point, float]
 """Start, end and bulge of the arc that fillets a corner."""
 
@@ -381,6 +430,8 @@ def _crossings(first: Side, second: Side, left: float) -> list[Point]:
     """Intersections of two sides offset to their left and extended beyond their ends."""
     if not first[2] and second[2]:
         first, second = second, first
+    if not first[2]:
+        return _crossing_lines(first, second) if not left else []
     (cx, cy), reach = center_of(first), radius_of(first) - copysign(left, first[2] * left)
     if reach <= 0:
         return []
@@ -400,6 +451,16 @@ def _crossings(first: Side, second: Side, left: float) -> list[Point]:
     dx, dy = (gx - cx) / apart, (gy - cy) / apart
     along = (apart**2 + reach**2 - reach_too**2) / (2 * apart)
     return [(cx + along * dx - s * dy, cy + along * dy + s * dx) for s in _both(reach**2 - along**2)]
+
+
+def _crossing_lines(first: Side, second: Side) -> list[Point]:
+    (x, y), (u, v), _ = first
+    (a, b), (c, d), _ = second
+    cross = (u - x) * (d - b) - (v - y) * (c - a)
+    if abs(cross) <= 1e-12 * hypot(u - x, v - y) * hypot(c - a, d - b):
+        return []
+    share = ((a - x) * (d - b) - (b - y) * (c - a)) / cross
+    return [(x + share * (u - x), y + share * (v - y))]
 
 
 def _both(square: float) -> tuple[float, ...]:

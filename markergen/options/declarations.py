@@ -29,9 +29,12 @@ from markergen.options.shared import (
     Aggregate,
     Calibrated,
     Camera,
+    CameraInBody,
     MadeKeywords,
     PlateKeywords,
-    PosesKeywords,
+    PosesAxes,
+    PosesFrame,
+    PosesUnit,
     Printed,
     ProcessKeyword,
     Restarts,
@@ -41,7 +44,7 @@ from markergen.options.shared import (
 )
 
 
-class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, PosesKeywords, total=False):
+class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of a design."""
 
     n: Annotated[
@@ -85,7 +88,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, PosesKeywords
         Shape,
         Option(
             LAYOUT,
-            "Instead of a disk: rect:200mmx100mm, or outlines with their holes from an SVG, DXF or GeoJSON file.",
+            "Instead of a disk: rect:200mmx100mm, or outlines with holes from an SVG, DXF, GeoJSON or KiCad file.",
             metavar="SHAPE|FILE",
         ),
     ]
@@ -94,6 +97,9 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, PosesKeywords
     ]
     layer: Annotated[
         str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
+    ]
+    ignore_open: Annotated[
+        bool, Option(LAYOUT, "Leave out lines of drawings that bound nothing, and list them.", False)
     ]
     origin: Annotated[
         str,
@@ -130,6 +136,10 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, PosesKeywords
             metavar="NAME|CONE|FILE",
         ),
     ]
+    poses_frame: PosesFrame
+    poses_axes: PosesAxes
+    poses_unit: PosesUnit
+    camera_in_body: CameraInBody
     noise_model: Annotated[
         str,
         Option(
@@ -310,7 +320,7 @@ class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
     ]
 
 
-class ValidateKeywords(PosesKeywords, total=False):
+class ValidateKeywords(TypedDict, total=False):
     """Options of a validation, besides the marker and the camera."""
 
     poses: Annotated[
@@ -322,6 +332,10 @@ class ValidateKeywords(PosesKeywords, total=False):
             metavar="NAME|CONE|FILE",
         ),
     ]
+    poses_frame: PosesFrame
+    poses_axes: PosesAxes
+    poses_unit: PosesUnit
+    camera_in_body: CameraInBody
     runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", RUNS)]
     noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", NOISE_PX, metavar="PX")]
     trials_for_all: Annotated[
@@ -353,7 +367,7 @@ class ValidateKeywords(PosesKeywords, total=False):
     workers: Workers
 
 
-class CompareKeywords(PosesKeywords, total=False):
+class CompareKeywords(TypedDict, total=False):
     """Options of a comparison, besides the contestants."""
 
     views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", COMPARED_VIEWS)]
@@ -366,6 +380,10 @@ class CompareKeywords(PosesKeywords, total=False):
             metavar="NAME",
         ),
     ]
+    poses_frame: PosesFrame
+    poses_axes: PosesAxes
+    poses_unit: PosesUnit
+    camera_in_body: CameraInBody
     print_sigma: Annotated[
         Length, Option(ERRORS, "Standard deviation of a printed dot's or corner's position along each axis.", "0mm")
     ]

@@ -6,10 +6,20 @@ from typing import Annotated
 from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import DOTS, FILES, LAYOUT, SEARCH, VIEW, Option
 from markergen.options.kinds import File, Files, Length, LengthOrAuto, Poses, Texts
-from markergen.options.shared import Aggregate, Camera, PosesKeywords, Restarts, Seed, SheetKeywords
+from markergen.options.shared import (
+    Aggregate,
+    Camera,
+    CameraInBody,
+    PosesAxes,
+    PosesFrame,
+    PosesUnit,
+    Restarts,
+    Seed,
+    SheetKeywords,
+)
 
 
-class RigKeywords(SheetKeywords, PosesKeywords, total=False):
+class RigKeywords(SheetKeywords, total=False):
     """Options of a rig, besides its shape."""
 
     template: Annotated[
@@ -49,6 +59,10 @@ class RigKeywords(SheetKeywords, PosesKeywords, total=False):
             metavar="SPHERE|CONE|FILE",
         ),
     ]
+    poses_frame: PosesFrame
+    poses_axes: PosesAxes
+    poses_unit: PosesUnit
+    camera_in_body: CameraInBody
     print_sigma: Annotated[
         Length, Option(VIEW, "Standard deviation of a printed dot's position along each axis.", PRINT_SIGMA_TEXT)
     ]

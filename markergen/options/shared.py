@@ -47,32 +47,32 @@ Restarts = Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="
 Workers = Annotated[int, Option(RUN, "Number of parallel workers.", otherwise="one for each processor", metavar="N")]
 
 
-class PosesKeywords(TypedDict, total=False):
-    """Options for reading a file of poses, where the file leaves something open."""
+PosesFrame = Annotated[
+    str,
+    Option(
+        VIEW,
+        "What a file's poses are: marker-in-camera, camera-in-marker, or body, of a robot or IMU in the marker's "
+        "frame, with --camera-in-body.",
+        otherwise="as its format says",
+        metavar="NAME",
+    ),
+]
 
-    poses_frame: Annotated[
-        str,
-        Option(
-            VIEW,
-            "What a file's poses are: marker-in-camera, camera-in-marker, or body, of a robot or IMU in the marker's "
-            "frame, with --camera-in-body.",
-            otherwise="as its format says",
-            metavar="NAME",
-        ),
-    ]
-    poses_axes: Annotated[
-        str,
-        Option(
-            VIEW,
-            "Axes of the camera in a file of poses: opencv, y down and z forward, or opengl, y up and z backward.",
-            otherwise="as its format says",
-            metavar="NAME",
-        ),
-    ]
-    poses_unit: Annotated[
-        str, Option(VIEW, "Unit of a file of poses: mm, cm, m, in, ft.", otherwise="as it states, or m", metavar="UNIT")
-    ]
-    camera_in_body: Annotated[File, Option(VIEW, "File with the one pose of the camera in the body.", metavar="FILE")]
+PosesAxes = Annotated[
+    str,
+    Option(
+        VIEW,
+        "Axes of the camera in a file of poses: opencv, y down and z forward, or opengl, y up and z backward.",
+        otherwise="as its format says",
+        metavar="NAME",
+    ),
+]
+
+PosesUnit = Annotated[
+    str, Option(VIEW, "Unit of a file of poses: mm, cm, m, in, ft.", otherwise="as it states, or m", metavar="UNIT")
+]
+
+CameraInBody = Annotated[File, Option(VIEW, "File with the one pose of the camera in the body.", metavar="FILE")]
 
 
 class SheetKeywords(TypedDict, total=False):

@@ -224,7 +224,7 @@ STORED = {"keep_out": "keep_outs", "tag_size": "tag_side"}
 """Names in a spec of options that are called differently."""
 
 PLATE = declared(PlateKeywords)
-DRAWING = ("boundary_unit", "layer", "origin")
+DRAWING = ("boundary_unit", "layer", "origin", "ignore_open")
 """Options for reading a drawing, which a spec does not keep."""
 
 _FILED: dict[str, Any] = {
@@ -345,7 +345,8 @@ def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
 
 def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     """Replace paths of drawings and calibrations by their contents, and objects by plain values."""
-    if all(isinstance(values.get(key), str | None) for key in DRAWING):  # Validation reports other types.
+    # Validation reports other types.
+    if all(isinstance(values.get(key), (bool if key == "ignore_open" else str) | None) for key in DRAWING):
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
     if all(isinstance(values.get(key), str | PathLike | None) for key in READING):  # As above.
         poses = poses_as_stated(values.get("poses"), values)
@@ -375,14 +376,14 @@ def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
     outline = plate.get("outline") if isinstance(plate, Mapping) else None
     keep_outs = values.get("keep_outs", [])
     keep_outs = keep_outs if isinstance(keep_outs, list | tuple) else [keep_outs]
-    boundary, unit, layer, origin = (values.get(key) for key in ("boundary", *DRAWING))
+    boundary, unit, layer, origin, ignore_open = (values.get(key) for key in ("boundary", *DRAWING))
     if boundary is None and (layer is not None or origin is not None):
         raise InputError("--layer and --origin with a drawing", "no --boundary", "give --boundary, or leave them out")
     room = _drawn(boundary)
     if room is None and isinstance(boundary, str) and layer is not None:
         parse_boundary(boundary, layer=layer)  # Raises: a shape has no layers.
     drawn = [text for shape in (outline, *keep_outs) if (text := _drawn(shape)) is not None]
-    area, shapes = read_room(room, drawn, unit, layer, origin or "center")
+    area, shapes = read_room(room, drawn, unit, layer, origin or "center", bool(ignore_open))
     drawings = iter(shapes)
     outline, *keep_outs = (shape if _drawn(shape) is None else next(drawings) for shape in (outline, *keep_outs))
     rooms: dict[str, Any] = {}

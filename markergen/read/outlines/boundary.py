@@ -1,13 +1,13 @@
 """Parse boundaries and keep-outs as users write them: a radius, a shape with dimensions, or a drawing.
 
 A drawing becomes closed outlines in m: unit, size, flattening, joining ends, nesting. What is plainly no part of an
-outline is left out with a warning: shapes without area, and center lines.
+outline is left out with a warning: shapes without area, center lines, and loops that no tool can cut.
 """
 # tests: tests/read/outlines/test_boundaries.py tests/read/outlines/test_joining.py tests/read/outlines/test_files.py
 
-import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -18,19 +18,29 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.files import exists
-from markergen.geometry.contour import Contour, backward, flattened, merged, mirrored, placed
+from markergen.geometry.contour import Contour, area, backward, flattened, merged, mirrored, placed, without_loops
 from markergen.geometry.outlines import SHALLOWEST, TOLERANCE, canonical_contours, place, polygons_of
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.read.outlines.curves import MOST_POINTS
-from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, UNITS, Drawing, OutlineFile, load
+from markergen.read.outlines.formats import (
+    MOST_PIECES,
+    OUTLINE_FORMATS,
+    PIXELS_PER_INCH,
+    UNITS,
+    Drawing,
+    OutlineFile,
+    load,
+)
+from markergen.read.remarks import MOST_LISTED, remark, remark_unused
 from markergen.units import format_length, parse_length
-
-LOG = logging.getLogger("markergen")
-
 
 SMALLEST, LARGEST = 1e-3, 100.0
 """Plausible sizes across in m; anything outside was most likely given in another unit."""
+
+SMALLEST_LOOP, SHORTEST_LOOP = 1e-8, 2e-3
+"""Area in m^2 below which a loop is left out, and the length in m of those that are sought in outlines that cross
+themselves: box generators leave loops of 0.0006 mm^2 at inner corners, half a kerf wide."""
 
 APART = 0.1
 """Minimum distance of a center line's ends from other loose ends, as a share of its length: the sides of a shape whose
@@ -59,8 +69,10 @@ def read_outline(path: Path | str, unit: str | None = None, layer: str | None = 
     return polygons_of(read_contours(path, unit, layer))
 
 
-def read_contours(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Contour, ...]:
-    """Read all closed outlines of an SVG, DXF or GeoJSON file, in m, y up, about the file's own origin.
+def read_contours(
+    path: Path | str, unit: str | None = None, layer: str | None = None, ignore_open: bool = False
+) -> tuple[Contour, ...]:
+    """Read all closed outlines of an SVG, DXF, GeoJSON or KiCad file, in m, y up, about the file's own origin.
 
     Lines and circular arcs are kept exactly. Other curves become polygons within 5 um, less for outlines smaller than
     50 mm. Outer outlines run counterclockwise, holes clockwise: an outline inside an odd number of others is a hole.
@@ -72,7 +84,9 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
         One of `UNITS`: the length of one coordinate unit, overriding the file's own. For px, the pixels are those of
         the width and height of an SVG.
     layer : str, optional
-        Read this layer only, visible or not; by default all visible layers.
+        Read this layer only, visible or not; by default all visible layers, and Edge.Cuts of KiCad.
+    ignore_open : bool
+        Leave out lines that bound nothing, and list them in a warning.
 
     Raises
     ------
@@ -81,9 +95,19 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
         there is no outline, or one is open, has no area, or intersects itself or another. Messages give places in the
         file's own coordinates, in m or mm.
     """
+    file = load(Path(path))
+    drawing, _, rings = _rings(file, unit, layer, ignore_open)
+    contours = _canonical(rings, file.name)
+    # Mirroring reverses the direction of an outline.
+    return tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
+
+
+def _rings(
+    file: OutlineFile, unit: str | None, layer: str | None, ignore_open: bool
+) -> tuple[Drawing, float, list[Contour]]:
+    """Return the drawing, m per unit, and closed contours in m, y as in the file."""
     if unit is not None and unit not in UNITS:
         raise InputError("a known --boundary-unit", brief(unit), f"known: {', '.join(UNITS)}")
-    file = load(Path(path))
     format_ = next((OUTLINE_FORMATS[name] for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(file)), None)
     if format_ is None:
         signs = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)
@@ -96,18 +120,45 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
         size = _size(drawing, file)
     scale = _scale(drawing, size, file, unit)
     size *= scale
-    rings = closed_contours(
-        _tracks(drawing, scale, min(TOLERANCE, 1e-4 * size), file), max(1e-6, 3e-6 * size), file.name
-    )
+    tracks = _tracks(drawing, scale, min(TOLERANCE, 1e-4 * size), file)
+    rings = closed_contours(tracks, max(1e-6, 3e-6 * size), file.name, ignore_open)
     if not rings:
         raise _none(drawing, file)
+    counts = Counter(drawing.others)
+    remark_unused(file.name, (f"{count} {name}" if count > 1 else name for name, count in counts.items()))
+    if unit == "px" and drawing.pixels_per_inch != PIXELS_PER_INCH and drawing.scale is None:
+        remark(f"{file.name}: px of {drawing.pixels_per_inch:g} to the inch, as its program writes, would be pt")
+    return drawing, scale, rings
+
+
+def _canonical(rings: list[Contour], source: str) -> tuple[Contour, ...]:
+    """Return contours that are nested and do not cross, without loops that no tool can cut."""
+    large = [ring for ring in rings if abs(area(ring)) >= SMALLEST_LOOP] or rings
+    _remark_left_out(source, "a loop below 0.01 mm^2", [ring.points[0] for ring in rings if ring not in large])
+
+    def canonical(contours: list[Contour]) -> tuple[Contour, ...]:
+        return canonical_contours([ring.points for ring in contours], [ring.bulges for ring in contours])
+
     try:
-        contours = canonical_contours([ring.points for ring in rings], [ring.bulges for ring in rings])
+        return canonical(large)
     except InputError as error:
-        expected, problem, remedy = error.args
-        raise InputError(f"{expected} in {file.name}", problem, remedy) from None
-    # Mirroring reverses the direction of an outline.
-    return tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
+        # Sought only now, since it takes longer.
+        mended, places = zip(*(without_loops(ring, SMALLEST_LOOP, SHORTEST_LOOP) for ring in large), strict=True)
+        try:
+            if not any(places):
+                raise error from None
+            contours = canonical(list(mended))
+        except InputError as last:
+            expected, problem, remedy = last.args
+            raise InputError(f"{expected} in {source}", problem, remedy) from None
+    _remark_left_out(source, "a loop below 0.01 mm^2", [point for points in places for point in points])
+    return contours
+
+
+def _remark_left_out(source: str, kind: str, points: Sequence[Iterable[float]]) -> None:
+    if points:
+        more = f", and {len(points) - 1} more" if len(points) > 1 else ""
+        remark(f"left out of {source}: {kind}, at {place(np.array(list(points[0])))}{more}")
 
 
 def _size(drawing: Drawing, file: OutlineFile) -> float:
@@ -183,7 +234,7 @@ def _none(drawing: Drawing, file: OutlineFile) -> InputError:
     return file.unreadable("a closed outline", content, remedy)
 
 
-def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> list[Contour]:
+def closed_contours(tracks: Sequence[Track], tolerance: float, source: str, ignore_open: bool = False) -> list[Contour]:
     """Join tracks into closed contours, in the order of their first tracks, and merge arcs of one circle.
 
     Ends within `tolerance` (m) of each other are joined; points much closer than that are merged. `source` names the
@@ -205,6 +256,14 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
             rings.append((i, thin))
         else:
             open_tracks.append((i, thin))
+    if ignore_open and (loose := _loose([track for _, track in open_tracks], tolerance)):
+        left_out = [track for k, (_, track) in enumerate(open_tracks) if k in loose]
+        open_tracks = [item for k, item in enumerate(open_tracks) if k not in loose]
+        if not rings and not open_tracks:
+            raise InputError(f"closed outlines in {source}", f"{len(left_out)} open ones", "close one")
+        names = [f"{track.name} at {place(track.points[0])}" for track in left_out[:MOST_LISTED]]
+        more = f", and {len(left_out) - MOST_LISTED} more" if len(left_out) > MOST_LISTED else ""
+        remark(f"left out of {source}, open: {', '.join(names)}{more}")
     lone = _lone_lines([track for _, track in open_tracks], tolerance)
     joined = _joined([open_tracks[k] for k in range(len(open_tracks)) if k not in lone], tolerance, source)
     closed = [(track, _contour(track, tolerance)) for _, track in sorted(rings + joined, key=lambda ring: ring[0])]
@@ -223,8 +282,28 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
         if left_out:
             more = f", and {len(left_out) - 1} more" if len(left_out) > 1 else ""
             first = left_out[0]
-            LOG.warning("left out of %s: %s, %s, at %s%s", source, first.name, kind, place(first.points[0]), more)
+            remark(f"left out of {source}: {first.name}, {kind}, at {place(first.points[0])}{more}")
     return [merged(contour, tolerance) for contour in contours]
+
+
+def _loose(tracks: list[Track], tolerance: float) -> set[int]:
+    """Indices of tracks that end where no other does, also once the others of these are gone."""
+    from scipy.spatial import cKDTree
+
+    loose: set[int] = set()
+    if not tracks:
+        return loose
+    ends = np.array([end for track in tracks for end in (track.points[0], track.points[-1])])
+    meeting = [set(ends_near) - {end} for end, ends_near in enumerate(cKDTree(ends).query_ball_point(ends, tolerance))]
+    todo = [end // 2 for end, others in enumerate(meeting) if not others]
+    while todo:
+        if (k := todo.pop()) not in loose:
+            loose.add(k)
+            for end in (2 * k, 2 * k + 1):
+                for other in meeting[end]:
+                    meeting[other].discard(end)
+                    todo += [other // 2] if not meeting[other] else []
+    return loose
 
 
 def _lone_lines(tracks: list[Track], tolerance: float) -> set[int]:
@@ -302,7 +381,7 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
             f"closed outlines in {source}",
             f"{names[alone[i] // 2]} open: a gap of {format_length(gap)} between {place(loose[i])} and {place(there)}"
             + (f", and {more} more gaps" if more > 0 else ""),
-            "close it there, or choose the outline's --layer",
+            "close it there, choose the outline's --layer, or leave open lines out with --ignore-open",
         )
     if (meeting > 2).any():
         i = int(np.flatnonzero(meeting > 2)[0])
@@ -355,9 +434,11 @@ def _near(a: Array, b: Array, tolerance: float) -> bool:
 
 
 _NUMBER = re.compile(r"\s*[-+]?\.?\d[^/\\]*")
-_SUFFIXES = (".svg", ".dxf", ".json", ".geojson")
+_SUFFIXES = (".svg", ".dxf", ".json", ".geojson", ".kicad_pcb")
 _SHAPE = re.compile(r"(circle|rect):([^@]*)(?:@([^@]*))?")
-_FORMS = "write a radius such as 0.15, circle:150mm, rect:0.2x0.1 or rect:200mmx100mm, or an SVG, DXF or GeoJSON file"
+_FORMS = (
+    "write a radius such as 0.15, circle:150mm, rect:0.2x0.1 or rect:200mmx100mm, or an SVG, DXF, GeoJSON or KiCad file"
+)
 
 
 def parse_boundary(
@@ -365,6 +446,7 @@ def parse_boundary(
     unit: str | None = None,
     layer: str | None = None,
     origin: str = "center",
+    ignore_open: bool = False,
 ) -> Boundary:
     """Make a boundary from text: a radius ``0.15``, ``circle:R``, ``rect:WxH``, or the path of an outline file.
 
@@ -373,8 +455,8 @@ def parse_boundary(
     text : str or path
         Lengths have a unit or are in m. For ``origin="file"`` a shape may have a position, ``circle:3mm@40mm,-20mm``,
         which places a keep-out.
-    unit, layer : str, optional
-        For files, as in `read_outline`.
+    unit, layer, ignore_open : optional
+        For files, as in `read_contours`.
     origin : {"center", "file"}
         Move the origin to the center of the smallest enclosing circle, or keep that of the file.
 
@@ -387,12 +469,14 @@ def parse_boundary(
         raise InputError("an origin of center or file", brief(origin), "use --origin center or --origin file")
     shape = _SHAPE.fullmatch(str(text).strip())
     is_file = is_drawing(text)
-    if not is_file and (unit is not None or layer is not None):
+    if not is_file and (unit is not None or layer is not None or ignore_open):
         raise InputError(
-            "--boundary-unit and --layer with an outline file only", brief(text), "write the unit with the number"
+            "--boundary-unit, --layer and --ignore-open with an outline file only",
+            brief(text),
+            "write the unit with the number",
         )
     if is_file:
-        return polygon_from(read_contours(text, unit, layer), origin)
+        return polygon_from(read_contours(text, unit, layer, ignore_open), origin)
     kind, measures, place = shape.groups() if shape is not None else ("circle", str(text), None)
     center = _place(place, origin)
     if kind == "circle":
@@ -420,6 +504,7 @@ def read_room(
     unit: str | None = None,
     layer: str | None = None,
     origin: str = "center",
+    ignore_open: bool = False,
 ) -> tuple[Boundary | None, tuple[Boundary, ...]]:
     """Read a boundary and its keep-outs, both in m in the marker frame.
 
@@ -432,8 +517,8 @@ def read_room(
         See `parse_boundary`; None for no boundary.
     keep_outs : sequence of str
         Shapes or drawings; ``plate.dxf#HOLES`` selects a layer.
-    unit, layer, origin : str
-        See `parse_boundary`; the unit also applies to keep-outs.
+    unit, layer, origin, ignore_open : optional
+        See `parse_boundary`; the unit and `ignore_open` also apply to keep-outs.
 
     Raises
     ------
@@ -444,13 +529,13 @@ def read_room(
     if unit is not None and not drawings:
         raise InputError("a drawing for --boundary-unit", "none", "write the unit with the number: 150mm")
     if boundary is None:
-        return None, tuple(_keep_out(text, unit, (0.0, 0.0)) for text in keep_outs)
+        return None, tuple(_keep_out(text, unit, (0.0, 0.0), ignore_open) for text in keep_outs)
     drawn = is_drawing(boundary)
-    room = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
+    room = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin, ignore_open and drawn)
     offset = room.center if drawn and origin == "center" else (0.0, 0.0)
     if drawn:
         room = polygon_from(room.contours(), origin)
-    return room, tuple(_keep_out(text, unit, offset) for text in keep_outs)
+    return room, tuple(_keep_out(text, unit, offset, ignore_open) for text in keep_outs)
 
 
 def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -505,11 +590,11 @@ def _place(text: str | None, origin: str) -> tuple[float, float]:
     return parse_length(parts[0], "x"), parse_length(parts[1], "y")
 
 
-def _keep_out(text: str, unit: str | None, offset: tuple[float, float]) -> Boundary:
+def _keep_out(text: str, unit: str | None, offset: tuple[float, float], ignore_open: bool) -> Boundary:
     path, layer = _split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
-    return moved_outline(parse_boundary(path, unit, layer, "file"), offset)
+    return moved_outline(parse_boundary(path, unit, layer, "file", ignore_open), offset)
 
 
 def moved_outline(region: Boundary, origin: Sequence[float]) -> Boundary:

@@ -39,6 +39,11 @@ SCALES = {
 }  # fmt: skip
 """Units of $INSUNITS in m; 0 is unitless, and those omitted are astronomical."""
 
+IRRELEVANT = ("TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE",
+              "POINT", "VIEWPORT")  # fmt: skip
+"""Kinds of entities that annotate a drawing, and are no part of its shapes."""
+ELSEWHERE = "shapes on other layers"
+
 Parts = Iterator[tuple[list[Curve], bool]]
 """Consecutive curves, and whether the last is joined to the first."""
 
@@ -72,7 +77,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     reader = _DxfReader(file, document, layer.casefold() if layer is not None else None)
     try:
         reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
-        if any(len(layout) for layout in document.layouts if layout.is_any_paperspace):
+        sheets = [layout for layout in document.layouts if layout.is_any_paperspace]
+        if any(entity.dxftype() not in IRRELEVANT for sheet in sheets for entity in sheet):
             reader.others.append("shapes in paper space")
     except InputError:
         raise
@@ -96,7 +102,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     ]
     # ezdxf assumes a unit if there is none.
     unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0
-    return Drawing(pieces, SCALES.get(unit), others=reader.others)
+    others = [kind for kind in reader.others if pieces == [] or kind not in (*IRRELEVANT, ELSEWHERE)]
+    return Drawing(pieces, SCALES.get(unit), others=others)
 
 
 @dataclass
@@ -124,7 +131,7 @@ class _DxfReader:
                 else:
                     self.others.append("hidden shapes")
             elif not self._chosen(entity, layer):
-                self.others.append("hidden shapes" if self.wanted is None else "shapes on other layers")
+                self.others.append("hidden shapes" if self.wanted is None else ELSEWHERE)
             elif kind in CURVES:
                 name = f"{kind} on layer {brief(layer)}"
                 frame = _times(matrix, coordinate_system_of(entity))

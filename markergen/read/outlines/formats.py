@@ -15,7 +15,11 @@ from markergen.read.outlines.curves import Curve
 from markergen.registry import Registry
 from markergen.units import METERS
 
-UNITS = {unit: float(size) for unit, size in METERS.items() if unit} | {"px": 0.0254 / 96, "pt": 0.0254 / 72}
+PIXELS_PER_INCH = 96.0
+"""As browsers, Inkscape and Figma have."""
+
+UNITS = {unit: float(size) for unit, size in METERS.items() if unit}
+UNITS |= {"px": 0.0254 / PIXELS_PER_INCH, "pt": 0.0254 / 72}
 """Units that a drawing may be in, in m; Inkscape, Figma and browsers have 96 px per inch."""
 
 MOST_PIECES = 10_000
@@ -80,13 +84,15 @@ class Drawing:
     scale : float or None
         m per unit of the coordinates; None if the file does not state it.
     others : list of str
-        Kinds of contents that are not outlines (text, images), for the message that there are none.
+        Kinds of contents that are not outlines (text, images), which are reported as not used.
     unread : list of (name, corners (4, 2))
         Visible contents that are not outlines, and boxes that hold them; nan if their extent is unknown.
     pixels : float
         px per unit of the coordinates, for a file in px.
     hint : str
         Advice on choosing a unit, for the message that there is none.
+    pixels_per_inch : float
+        px per inch of the program that wrote the file.
     """
 
     pieces: list[OutlinePiece]
@@ -96,6 +102,7 @@ class Drawing:
     unread: list[tuple[str, NDArray[np.float64]]] = field(default_factory=list)
     pixels: float = 1.0
     hint: str = ""
+    pixels_per_inch: float = PIXELS_PER_INCH
 
 
 @dataclass(frozen=True)

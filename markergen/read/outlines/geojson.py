@@ -29,7 +29,10 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         raise file.unknown_layer(layer, [])
     pieces: list[OutlinePiece] = []
     others: list[str] = []
-    todo: list[tuple[Any, str]] = [(_json(file), "file")]
+    content = _json(file)
+    if isinstance(content, dict) and "crs" in content:
+        others.append("the key crs")
+    todo: list[tuple[Any, str]] = [(content, "file")]
     steps = 0
     while todo:
         node, name = todo.pop()

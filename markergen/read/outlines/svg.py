@@ -24,6 +24,7 @@ from markergen.read.outlines.curves import MOST_POINTS, Arc, Bezier, Curve, Poly
 from markergen.read.outlines.formats import (
     MOST_PIECES,
     OUTLINE_FORMATS,
+    PIXELS_PER_INCH,
     Drawing,
     OutlineFile,
     OutlineFormat,
@@ -513,7 +514,18 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     style = style_of(root, INITIAL, sheet)
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
-    return Drawing(reader.pieces, scale, True, reader.others, reader.unread, pixels)
+    is_illustrator = b"Adobe Illustrator" in file.data[:2000]
+    hint = "; Adobe Illustrator, which wrote it, means pt by px" if is_illustrator else ""
+    return Drawing(
+        reader.pieces,
+        scale,
+        True,
+        reader.others,
+        reader.unread,
+        pixels,
+        hint,
+        72.0 if is_illustrator else PIXELS_PER_INCH,
+    )
 
 
 @dataclass(frozen=True)
@@ -584,6 +596,8 @@ class _SvgReader:
             self._use(element, here, name)
         elif here.wanted and is_painted(style):
             self._shape(element, here, name)
+        elif here.wanted and element.get("class") != "BoundingBox":  # LibreOffice has one around each shape.
+            self.others.append("shapes without fill and stroke")
         self._refuse_cuts(style, self.pieces[before:], here, name)
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:

@@ -37,6 +37,12 @@ def test_every_format_reads_the_same(write):
         "svg": svg('<path d="M0 0H10V-10H0z M2-3V-5H6V-3z"/>'),
         "dxf": dxf(lambda _, m: [m.add_lwpolyline(ring[:-1], close=True) for ring in (SQUARE, hole)]),
         "geojson": geojson(SQUARE, hole),
+        "kicad": "(kicad_pcb "
+        + " ".join(
+            f"(gr_poly (pts {' '.join(f'(xy {x} {-y})' for x, y in ring[:-1])}) (layer Edge.Cuts))"
+            for ring in (SQUARE, hole)
+        )
+        + ")",
     }
     assert sorted(files) == OUTLINE_FORMATS.names()
     for content in files.values():

@@ -1,0 +1,194 @@
+"""Read the board's outline of a KiCad file: the lines, arcs and shapes on Edge.Cuts, or on another layer that is named.
+
+Those of footprints are placed by their position and angle. Coordinates are in mm, y down.
+"""
+
+# tests: tests/read/outlines/test_kicad.py
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from markergen.arrays import Array
+from markergen.errors import brief
+from markergen.read.outlines.curves import Arc, Bezier, Curve, Polyline
+from markergen.read.outlines.formats import (
+    MOST_PIECES,
+    OUTLINE_FORMATS,
+    Drawing,
+    OutlineFile,
+    OutlineFormat,
+    OutlinePiece,
+)
+
+EDGE = "Edge.Cuts"
+LARGEST_BOARD = 20_000_000
+"""Maximum size in bytes: large boards have 10 MB of tracks."""
+DEEPEST = 30
+"""Maximum nesting; KiCad writes up to eight levels."""
+
+_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*+"|[^\s()"]++')
+_SHAPE = re.compile(r"(?:gr|fp)_(line|arc|circle|rect|poly|curve)")
+
+KEPT = (
+    "kicad_pcb",
+    "footprint",
+    "module",
+    "at",
+    "layer",
+    "layers",
+    "start",
+    "end",
+    "mid",
+    "center",
+    "pts",
+    "angle",
+    "xy",
+)
+
+Node = list[Any]
+"""A name, followed by words and further nodes."""
+
+
+def _fits(file: OutlineFile) -> bool:
+    return re.match(rb"\s*\((?:kicad_pcb|footprint|module)\s", file.data) is not None
+
+
+def _read(file: OutlineFile, layer: str | None) -> Drawing:
+    pieces: list[OutlinePiece] = []
+    layers: dict[str, None] = {}
+    for node, matrix in _shapes(_parsed(file), np.eye(3)[:2]):
+        names = [name for child in _all(node, "layer") + _all(node, "layers") for name in child[1:]]
+        layers |= dict.fromkeys(names)
+        if (layer or EDGE) in names:
+            if len(pieces) >= MOST_PIECES:
+                raise file.too_much(f"at most {MOST_PIECES} lines and arcs")
+            kind = node[0].partition("_")[2]
+            name = f"{node[0]} on {brief(layer or EDGE)}"
+            curves, closed = KINDS[kind](node, file, name)
+            pieces.append(OutlinePiece(name, tuple(curve.mapped(matrix) for curve in curves), closed))
+    if layer is not None and layer not in layers:
+        raise file.unknown_layer(layer, sorted(layers))
+    return Drawing(pieces, 1e-3, y_down=True, others=[f"nothing on {EDGE}"] if not pieces else [])
+
+
+def _parsed(file: OutlineFile) -> Node:
+    if len(file.data) > LARGEST_BOARD:
+        raise file.too_much(f"at most {LARGEST_BOARD // 10**6} MB of a board")
+    stack: list[Node] = [[]]
+    for match in _TOKEN.finditer(file.text):
+        token = match[0]
+        if token == "(":
+            stack.append([])
+        elif token != ")":
+            stack[-1].append(token[1:-1] if token[0] == '"' else token)
+        elif len(stack) > 1:
+            node = stack.pop()
+            # Tracks, zones and models take most of a board.
+            if len(stack) > 3 or not node or node[0] in KEPT or _SHAPE.fullmatch(node[0]):
+                stack[-1].append(node)
+        if len(stack) > DEEPEST:
+            raise file.too_much(f"at most {DEEPEST} levels")
+    if len(stack) > 1 or not (stack[0] and isinstance(stack[0][0], list)):
+        raise file.damaged("complete parentheses", "some that are not closed")
+    return stack[0][0]
+
+
+def _shapes(node: Node, matrix: Array) -> Iterator[tuple[Node, Array]]:
+    """Shapes of a board or footprint, each with its map (2, 3) to the board."""
+    for child in node[1:]:
+        if not isinstance(child, list) or not child:
+            continue
+        if isinstance(child[0], str) and _SHAPE.fullmatch(child[0]):
+            yield child, matrix
+        elif child[0] in ("footprint", "module"):
+            x, y, angle = (_numbers(child, "at") + [0.0, 0.0, 0.0])[:3]
+            c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+            # Angles are counterclockwise on the screen, where y is down.
+            yield from _shapes(child, np.array([[c, s, x], [-s, c, y]]))
+
+
+def _all(node: Node, key: str) -> list[Node]:
+    return [child for child in node[1:] if isinstance(child, list) and child and child[0] == key]
+
+
+def _numbers(node: Node, key: str) -> list[float]:
+    try:
+        return [float(word) for child in _all(node, key)[:1] for word in child[1:] if isinstance(word, str)]
+    except ValueError:
+        return []
+
+
+def _point(node: Node, key: str, file: OutlineFile, name: str) -> Array:
+    numbers = _numbers(node, key)
+    if len(numbers) != 2:
+        raise file.unreadable(f"{key} with x and y", f"another for {name}", "save it again")
+    return np.array(numbers)
+
+
+def _line(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    return [Polyline(np.stack([_point(node, key, file, name) for key in ("start", "end")]))], False
+
+
+def _arc(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    start, end = (_point(node, key, file, name) for key in ("start", "end"))
+    if angle := _numbers(node, "angle"):
+        # Until KiCad 5: the center, the first point, and an angle that is clockwise on the screen.
+        u = end - start
+        return [Arc(start, u, np.array([-u[1], u[0]]), 0.0, float(np.radians(angle[0])))], False
+    middle = _point(node, "mid", file, name)
+    a, b = middle - start, end - start
+    cross = 2 * (a[0] * b[1] - a[1] * b[0])
+    if abs(cross) <= 1e-9 * float(np.hypot(*a) * np.hypot(*b)):
+        return [Polyline(np.stack([start, end]))], False
+    # The center of the circle through three points.
+    center = start + np.array([b[1] * (a @ a) - a[1] * (b @ b), a[0] * (b @ b) - b[0] * (a @ a)]) / cross
+    u = start - center
+    turn = np.arctan2(*(end - center)[::-1]) - np.arctan2(*u[::-1])
+    sweep = float(turn % (2 * np.pi)) if cross > 0 else -float(-turn % (2 * np.pi))
+    return [Arc(center, u, np.array([-u[1], u[0]]), 0.0, sweep)], False
+
+
+def _circle(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    center = _point(node, "center", file, name)
+    radius = float(np.hypot(*(_point(node, "end", file, name) - center)))
+    return [Arc(center, np.array([radius, 0.0]), np.array([0.0, radius]))], True
+
+
+def _rect(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    (x, y), (u, v) = (_point(node, key, file, name) for key in ("start", "end"))
+    return [Polyline(np.array([[x, y], [u, y], [u, v], [x, v]]))], True
+
+
+def _poly(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    parts: list[Curve] = []
+    for child in (child for points in _all(node, "pts") for child in points[1:] if isinstance(child, list)):
+        if child[0] == "arc":
+            parts += _arc(child, file, name)[0]
+        elif child[0] == "xy":
+            parts.append(Polyline(np.array([_point(["", child], "xy", file, name)])))
+    if not parts:
+        raise file.unreadable("points", f"none for {name}", "save it again")
+    return parts, True
+
+
+def _curve(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+    points = [_point(["", child], "xy", file, name) for pts in _all(node, "pts") for child in _all(pts, "xy")]
+    if len(points) != 4:
+        raise file.unreadable("four points of a curve", f"{len(points)} for {name}", "save it again")
+    return [Bezier(np.array(points))], False
+
+
+KINDS: dict[str, Callable[[Node, OutlineFile, str], tuple[list[Curve], bool]]] = {
+    "line": _line,
+    "arc": _arc,
+    "circle": _circle,
+    "rect": _rect,
+    "poly": _poly,
+    "curve": _curve,
+}
+"""Functions that make curves and tell whether they are closed, by kind of shape."""
+
+OUTLINE_FORMATS.register("kicad")(OutlineFormat("(kicad_pcb with Edge.Cuts", _fits, _read))
