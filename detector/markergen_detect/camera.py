@@ -127,13 +127,12 @@ class Camera:
     def packed(self) -> "NDArray[np.void]":
         """Return the camera's structure (1,) in the core; a map must outlive it."""
         numbers = {name: getattr(self, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "reach")}
-        coefficients = np.array([*self.coefficients, *[0.0] * constants()["COEFFICIENTS"]])[
-            : constants()["COEFFICIENTS"]
-        ]
-        kind = constants()["SAMPLED" if self.model == "sampled" else LENSES[self.model][0]]
         if self.map is not None:
             numbers |= {"map": self.map, "rows": len(self.map), "columns": self.map.shape[1]}
-        return struct("Camera", [], lens=kind, count=len(self.coefficients), c=coefficients, **numbers)
+        kind = constants()["SAMPLED" if self.model == "sampled" else LENSES[self.model][0]]
+        packed = struct("Camera", [], lens=kind, count=len(self.coefficients), **numbers)
+        packed["c"][0, : len(self.coefficients)] = self.coefficients
+        return packed
 
 
 def _first_root(ascending: Any) -> float:

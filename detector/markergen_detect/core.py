@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 _HERE = Path(__file__).parent
 _SOURCES = _HERE.parent / "src"
-_TYPES: "dict[str, np.dtype[Any]]" = {
-    "double": np.dtype("f8"),
-    "int64_t": np.dtype("i8"),
-    "int32_t": np.dtype("i4"),
-    "int": np.dtype("i4"),
-}
-_TYPES |= {"uint64_t": np.dtype("u8"), "uint8_t": np.dtype("u1")}
-_ARGUMENTS = {"double": ctypes.c_double, "int64_t": ctypes.c_int64, "int": ctypes.c_int, "void": None}
+_TYPES = {"double": "f8", "int64_t": "i8", "int32_t": "i4", "int": "i4", "uint64_t": "u8"}
 _POINTER = np.dtype("u8" if ctypes.sizeof(ctypes.c_void_p) == 8 else "u4")
 
 
@@ -43,10 +36,16 @@ def constants() -> dict[str, int]:
     return values
 
 
+def words(first: str, last: str) -> "tuple[str, ...]":
+    """Return the names of an enumeration's constants from 0 on, as words."""
+    names = list(constants())
+    return tuple(name.replace("_", " ").lower() for name in names[names.index(first) : names.index(last) + 1])
+
+
 @functools.cache
 def structures() -> "dict[str, np.dtype[Any]]":
     """Return the header's structures as types of arrays, with their pointers as integers."""
-    types = dict(_TYPES)
+    types: dict[str, Any] = dict(_TYPES)
     for body, name in re.findall(r"typedef struct\s*\{(.*?)\}\s*(\w+)\s*;", header(), flags=re.DOTALL):
         fields = []
         for declaration in filter(None, map(str.strip, body.split(";"))):
@@ -77,15 +76,19 @@ def library() -> ctypes.CDLL:
     for result, name, text in re.findall(r"^(\w[\w ]*[ *]+)(\w+)\(([^;{}]*)\);", header(), flags=re.MULTILINE):
         function = getattr(loaded, name, None)
         if function is not None:
-            arguments = [part.replace("const", "").strip() for part in text.split(",")]
-            pointers = [ctypes.c_void_p if set("*[") & set(part) else _ARGUMENTS[part.split()[0]] for part in arguments]
-            function.argtypes = [kind for kind in pointers if kind is not None]
-            function.restype = ctypes.c_char_p if "*" in result else _ARGUMENTS[result.split()[-1]]
+            function.argtypes = [_argument(part) for part in text.split(",") if part != "void"]
+            function.restype = ctypes.c_char_p if "*" in result else _argument(result)
     builder = _HERE.parent / "build_core.py"
     built = loaded.detector_source().decode()
     if built and builder.is_file() and runpy.run_path(str(builder))["digest"]() != built:
         raise ImportError(f"the compiled core of markergen_detect is older than its sources: run python {builder}")
     return loaded
+
+
+def _argument(declaration: str) -> Any:
+    if set("*[") & set(declaration):
+        return ctypes.c_void_p
+    return None if "void" in declaration else np.ctypeslib.as_ctypes_type(_TYPES[declaration.split()[0]])
 
 
 def struct(name: str, kept: "list[NDArray[Any]]", **values: Any) -> "NDArray[np.void]":

@@ -2,13 +2,14 @@
 
 import ctypes
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen_detect.camera import Camera, CameraLike
-from markergen_detect.core import constants, library, pointer, struct, structures
+from markergen_detect.core import constants, library, pointer, struct, structures, words
 from markergen_detect.description import Body, DescriptionError, Source, read_bodies
 from markergen_detect.model import Model, pack
 from markergen_detect.verdict import Verdict, read_verdict
@@ -21,13 +22,18 @@ LARGEST_IMAGE = 2**28
 """Largest number of pixels."""
 _MEMORY = "not enough memory to search this image"
 
-STATES = (
-    "found", "few", "unfit", "unsure", "ambiguous", "claimed", "mirrored", "other tag", "hidden tag", "contradicted",
-)  # fmt: skip
+STATES = words("FOUND", "CONTRADICTED")
 """Names of the core's states, in its order."""
 
-TAG_STATES = ("read", "small", "outside", "faint", "covered", "unclear", "none")
+TAG_STATES = (*(name.removeprefix("tag ") for name in words("TAG_READ", "TAG_UNCLEAR")), "none")
 """What became of a body's tag, in the core's order; the last one stands for -1: it has none."""
+
+_PLAIN = [
+    "member", "state", "cut", "tag_state", "tag_family", "tag_place", "rival", "tag", "turns", "misplaced", "count",
+    "missing", "evidence", "margin", "sigma", "dots", "blobs", "pixels", "dropped", "plane",
+]  # fmt: skip
+"""Fields of the core's `Finding` that are single numbers."""
+_NUMBERS, _PLACES = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
 
 
 class Second(NamedTuple):
@@ -95,37 +101,52 @@ class Finding(NamedTuple):
     facts: "dict[str, Any]"
     body: int
     name: str
-    ids: "NDArray[np.int64]"
-    pixels: Array
-    pixel_covariance: Array
-    ellipse_centers: Array
-    guess: "NDArray[np.int64]"
-    dropped: "NDArray[np.int64]"
-    rotation: "Array | None"
-    translation: "Array | None"
-    covariance: "Array | None"
-    image_covariance: "Array | None"
-    print_covariance: "Array | None"
-    camera_covariance: "Array | None"
-    second: "Second | None"
-    homography: "Array | None"
-    chi2: float
-    degrees_of_freedom: int
-    scale: float
-    misfit: float
-    evidence: float
-    margin: float
-    tag_state: str
-    tag_corners: "Array | None"
-    turns: Array
-    placed: Any
-    verdict: "Verdict | None"
-    tracked: bool
+    ids: "NDArray[np.int64]" = _NUMBERS
+    pixels: Array = _PLACES
+    pixel_covariance: Array = _PLACES.reshape(0, 2, 2)
+    ellipse_centers: Array = _PLACES
+    guess: "NDArray[np.int64]" = _NUMBERS
+    dropped: "NDArray[np.int64]" = _NUMBERS
+    rotation: "Array | None" = None
+    translation: "Array | None" = None
+    covariance: "Array | None" = None
+    image_covariance: "Array | None" = None
+    print_covariance: "Array | None" = None
+    camera_covariance: "Array | None" = None
+    second: "Second | None" = None
+    homography: "Array | None" = None
+    chi2: float = 0.0
+    degrees_of_freedom: int = 0
+    scale: float = 0.0
+    misfit: float = 0.0
+    evidence: float = 0.0
+    margin: float = 0.0
+    tag_state: str = "none"
+    tag_corners: "Array | None" = None
+    turns: Array = _PLACES[:, 0]
+    placed: Any = None
+    verdict: "Verdict | None" = None
+    tracked: bool = False
 
     @property
     def reason(self) -> str:
         """Why the body was not found, in one line; empty if it was."""
-        return reason(self)
+        if self.ok:
+            return ""
+        facts, count = self.facts, self.facts["count"]
+        lines = {
+            "few": f"found {facts['blobs']} dots in the image, at least 4 are needed",
+            "unfit": f"no labeling fits: the best has {count} dots, and {facts['missing']} more should be seen",
+            "unsure": f"the best labeling, of {count} dots, might be an accident",
+            "ambiguous": "labels are ambiguous: another labeling of the same dots is about as likely",
+            "claimed": "another body fits the same dots about as well",
+            "mirrored": "the mirrored layout fits: is the image mirrored?",
+            "other tag": _other_tag(facts.get("tags", [])),
+            "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
+            "contradicted": _misplaced(facts.get("misplaced", [])),
+        }
+        cut = "; the search was cut before its end" if facts["cut"] else ""
+        return lines[self.state] + cut
 
 
 class Detector:
@@ -176,21 +197,24 @@ class Detector:
     ) -> None:
         self.bodies = tuple(read_bodies(model))
         self.camera = None if camera is None else Camera.load(camera)
-        calibration = None
+        self._settings: dict[str, Any] = {
+            "print_sigma": print_sigma, "camera_covariance": camera_covariance, "copies": copies, "smallest": smallest,
+            "symmetric": symmetric, "scale_sigma": scale_sigma,
+        }  # fmt: skip
         if camera_covariance is not None and self.camera is not None:
             size = 4 + len(self.camera.coefficients)
-            calibration = np.ascontiguousarray(camera_covariance, dtype=float)
-            if calibration.shape != (size, size) or not np.isfinite(calibration).all():
-                raise DescriptionError(f"expected a covariance of {size} x {size} numbers, found {calibration.shape}")
+            if np.shape(camera_covariance) != (size, size) or not np.isfinite(camera_covariance).all():
+                actual = np.shape(camera_covariance)
+                raise DescriptionError(f"expected a covariance of {size} x {size} numbers, found {actual}")
         if not (1 <= copies <= MOST_COPIES and np.isfinite(smallest)):
             raise DescriptionError(f"expected 1 to {MOST_COPIES} copies, and a diameter in px")
-        self._errors = print_sigma, calibration, scale_sigma
-        self._models = pack(self.bodies, *self._errors)
-        limits = {"blobs": MOST_BLOBS, "steps": MOST_STEPS, "copies": copies}
-        self._options = {**limits, "smallest": smallest, "symmetric": symmetric}
         for body in self.bodies:
             if self.camera is None and not body.flat:
                 raise DescriptionError(f"{body.name}: expected a camera for a rig, or a marker with relief, found none")
+        self._models = pack(self.bodies, print_sigma, None if camera is None else camera_covariance, scale_sigma)
+        limits = {"blobs": MOST_BLOBS, "steps": MOST_STEPS, "copies": copies}
+        self._options = struct("Options", [], **limits, smallest=smallest, symmetric=symmetric)
+        self._packed = None if self.camera is None else self.camera.packed()
         self.notes = tuple(
             f"{body.name}: its tag {tag.family}:{tag.id} is not read, since the file has no bits: "
             "`markergen export -o marker.detector.json` writes them"
@@ -199,13 +223,9 @@ class Detector:
             if tag.bits is None
         )
 
-    def __getstate__(self) -> "dict[str, Any]":
-        # Addresses mean nothing in another process.
-        return {name: value for name, value in vars(self).items() if name != "_models"}
-
-    def __setstate__(self, state: "dict[str, Any]") -> None:
-        vars(self).update(state)
-        self._models = pack(self.bodies, *self._errors)
+    def __reduce__(self) -> "tuple[Any, ...]":
+        # What is packed has addresses, which mean nothing in another process.
+        return partial(Detector, **self._settings), (self.bodies, self.camera)
 
     def __call__(
         self, image: "NDArray[Any]", near: "Sequence[Finding]" = (), deadline: "float | None" = None
@@ -230,36 +250,41 @@ class Detector:
         findings = [finding for model in self._models for finding in self._find(model, image, camera, near, deadline)]
         return sorted(findings, key=lambda finding: (not finding.ok, -len(finding.ids)))
 
-    def _camera_of(self, image: "NDArray[Any]") -> Camera:
+    def _camera_of(self, image: "NDArray[Any]") -> "NDArray[np.void]":
         if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
             actual = f"{image.shape} of {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
             raise DescriptionError(f"expected a grey image (h, w) of uint8 or uint16, found {actual}")
         height, width = image.shape
         if not 0 < image.size <= LARGEST_IMAGE:
             raise DescriptionError(f"expected an image of 1 to {LARGEST_IMAGE} pixels, found {width}x{height}")
-        if self.camera is None:
+        if self.camera is None or self._packed is None:
             focal = float(max(width, height))
-            return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+            return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2).packed()
         if (self.camera.width, self.camera.height) != (width, height):
             size = f"{self.camera.width}x{self.camera.height}"
             raise DescriptionError(f"the image is {width}x{height} px, the camera {size} px")
-        return self.camera
+        return self._packed
 
     def _find(
-        self, model: Model, image: "NDArray[Any]", camera: Camera, near: "Sequence[Finding]", deadline: "float | None"
+        self,
+        model: Model,
+        image: "NDArray[Any]",
+        camera: "NDArray[np.void]",
+        near: "Sequence[Finding]",
+        deadline: "float | None",
     ) -> "list[Finding]":
         kept = list[Any]()
-        picture, options = _picture(image, model.struct["light"], kept), struct("Options", kept, **self._options)
+        options, found, tracks = self._options.copy(), struct("Findings", kept), self._tracks(model, near)
         options["deadline"] = 0 if deadline is None else max(deadline, 1e-9)
-        found, tracks = struct("Findings", kept), self._tracks(model, near)
-        inputs = model.struct, camera.packed(), self.camera is not None, picture, options, tracks, len(tracks)
-        arguments = (pointer(value) if isinstance(value, np.ndarray) else value for value in (*inputs, found))
+        picture, calibrated = _picture(image, model.struct["light"], kept), self.camera is not None
+        inputs = model.struct, camera, calibrated, picture, options, tracks, len(tracks), found
         try:
-            if library().detect_frame(*arguments) < 0:
+            if library().detect_frame(*(pointer(v) if isinstance(v, np.ndarray) else v for v in inputs)) < 0:
                 raise MemoryError(_MEMORY)
             blobs = _copied(found["blobs"][0], structures()["Blob"], found["blob_count"][0])
-            rows = _copied(found["findings"][0], structures()["Finding"], found["count"][0])
-            return [self._finding(model, row, blobs, bool(found["tracked"][0])) for row in rows]
+            rows, tracked = _copied(found["findings"][0], structures()["Finding"], found["count"][0]), found["tracked"]
+            plain = [dict(zip(_PLAIN, values, strict=True)) for values in rows[_PLAIN].tolist()]
+            return [self._finding(model, *pair, blobs, bool(tracked[0])) for pair in zip(rows, plain, strict=True)]
         finally:
             library().findings_free(pointer(found))
 
@@ -272,57 +297,55 @@ class Detector:
             track["pose"] = finding.placed
         return tracks
 
-    def _finding(self, model: Model, row: Any, blobs: "NDArray[np.void]", tracked: bool) -> Finding:
-        number = model.bodies[int(row["member"])]
-        body, state, estimate = self.bodies[number], STATES[int(row["state"])], row["estimate"]
-        ok, labeled = state == "found", bool(row["pixels"]) and row["count"] > 0
-        count, dropped = (int(row["count"]), int(row["dropped"])) if labeled else (0, 0)
-        dots, own = (_copied(row[name], np.dtype("i8"), count + dropped) for name in ("dots", "blobs"))
-        ids, seen = body.ids[dots], blobs[own[:count]]
-        posed, likelihood, other = estimate["count"] > 0, float(estimate["likelihood"]), estimate["other"]
-        facts: dict[str, Any] = {name: int(row[name]) for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
-        facts["misplaced"] = [
-            (body.plate_names[plate], body.plate_names[place] if place >= 0 else "", float(np.degrees(turn)))
-            for plate, place, turn in zip(
-                *(row[name][: int(row["misplaced"])] for name in ("plates", "places", "plate_turns")), strict=True
-            )
-        ]
-        asked = body.readable_tags[int(row["tag_place"]) :] or body.tags
-        facts["tags"] = [f"{tag.family}:{tag.id}" for tag in asked[:1]]
-        if row["tag"] >= 0:
-            facts["tags"].append(f"{model.families[int(row['tag_family'])]}:{int(row['tag'])}")
-        if row["rival"] >= 0:
-            facts["rival"] = model.bodies[int(row["rival"])]
-        return Finding(
-            ok=ok,
-            state=state,
-            facts=facts,
-            body=number,
-            name=body.name,
+    def _finding(
+        self, model: Model, row: Any, plain: "dict[str, Any]", blobs: "NDArray[np.void]", tracked: bool
+    ) -> Finding:
+        """Read a row of the core's findings; `plain` has its single numbers."""
+        number, state = model.bodies[plain["member"]], STATES[plain["state"]]
+        body, ok, read = self.bodies[number], state == "found", plain["tag_state"] == constants()["TAG_READ"]
+        facts: dict[str, Any] = {name: plain[name] for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
+        if plain["rival"] >= 0:
+            facts["rival"] = model.bodies[plain["rival"]]
+        if state == "other tag":
+            facts["tags"] = [f"{tag.family}:{tag.id}" for tag in body.readable_tags[plain["tag_place"] :][:1]]
+            facts["tags"] += [f"{model.families[plain['tag_family']]}:{plain['tag']}"]
+        if plain["misplaced"]:
+            names = [*body.plate_names, ""]
+            columns = (row[name][: plain["misplaced"]].tolist() for name in ("plates", "places", "plate_turns"))
+            facts["misplaced"] = [(names[k], names[place], np.degrees(a)) for k, place, a in zip(*columns, strict=True)]
+        finding = Finding(
+            ok, state, facts, number, body.name, misfit=plain["sigma"], evidence=plain["evidence"],
+            margin=plain["margin"], tag_state=TAG_STATES[plain["tag_state"]], tracked=tracked,
+            tag_corners=row["corners"].copy() if read else None, turns=row["turn"][: plain["turns"]].copy(),
+        )  # fmt: skip
+        count = plain["count"]
+        if not (plain["pixels"] and count > 0):
+            return finding
+        dots, own = (_copied(plain[name], np.dtype("i8"), count + plain["dropped"]) for name in ("dots", "blobs"))
+        ids, seen, estimate, other = body.ids[dots], blobs[own[:count]], row["estimate"], row["estimate"]["other"]
+        finding = finding._replace(
             ids=ids[: count if ok else 0],
-            pixels=_copied(row["pixels"], np.dtype("f8"), 2 * count).reshape(-1, 2),
-            pixel_covariance=seen["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2),
+            pixels=_copied(plain["pixels"], np.dtype("f8"), 2 * count).reshape(-1, 2),
+            pixel_covariance=_matrices(seen["covariance"]),
             ellipse_centers=seen["center"],
             guess=ids[:count],
             dropped=np.sort(ids[count:]),
-            rotation=estimate["pose"]["R"].reshape(3, 3) if posed else None,
-            translation=estimate["pose"]["t"] if posed else None,
-            covariance=estimate["covariance"].reshape(6, 6) if posed else None,
-            image_covariance=estimate["image"].reshape(6, 6) if posed else None,
-            print_covariance=estimate["print"].reshape(6, 6) if posed else None,
-            camera_covariance=estimate["calibration"].reshape(6, 6) if posed else None,
-            second=Second(other["R"].reshape(3, 3), other["t"], likelihood) if likelihood > 0 else None,
-            homography=row["H"].reshape(3, 3) if row["plane"] else None,
-            degrees_of_freedom=int(estimate["freedom"]),
-            misfit=float(row["sigma"]),
-            tag_state=TAG_STATES[int(row["tag_state"])],
-            tag_corners=row["corners"].copy() if row["tag_state"] == constants()["TAG_READ"] else None,
-            turns=row["turn"][: int(row["turns"])].copy(),
+            homography=row["H"].reshape(3, 3) if plain["plane"] else None,
             placed=row["pose"].copy() if ok else None,
-            tracked=tracked,
-            verdict=read_verdict(row["verdict"], body.plate_names) if posed else None,
-            **{name: float(estimate[name]) for name in ("chi2", "scale")},
-            **{name: float(row[name]) for name in ("evidence", "margin")},
+        )
+        if not estimate["count"]:
+            return finding
+        parts = {f"{name}_covariance": name for name in ("image", "print")} | {"camera_covariance": "calibration"}
+        likelihood = float(estimate["likelihood"])
+        return finding._replace(
+            rotation=estimate["pose"]["R"].reshape(3, 3),
+            translation=estimate["pose"]["t"],
+            second=Second(other["R"].reshape(3, 3), other["t"], likelihood) if likelihood > 0 else None,
+            chi2=float(estimate["chi2"]),
+            degrees_of_freedom=int(estimate["freedom"]),
+            scale=float(estimate["scale"]),
+            verdict=read_verdict(row["verdict"], body.plate_names),
+            **{name: estimate[part].reshape(6, 6) for name, part in (parts | {"covariance": "covariance"}).items()},
         )
 
 
@@ -332,6 +355,11 @@ def _picture(image: "NDArray[Any]", light: Any, kept: "list[Any]") -> "NDArray[n
         kept.append(image)
     size = {"height": image.shape[0], "width": image.shape[1], "stride": image.strides[0], "wide": image.itemsize == 2}
     return struct("Image", kept, rows=image.ctypes.data, inverted=light, **size)
+
+
+def _matrices(symmetric: Array) -> Array:
+    """Symmetric matrices (m, 2, 2) of their entries xx, xy, yy (m, 3)."""
+    return symmetric[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
 
 
 class Dots(NamedTuple):
@@ -362,8 +390,7 @@ def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0)
     if library().fit_blobs(pointer(picture), pointer(blobs), pointer(which), count) < 0:
         raise MemoryError(_MEMORY)
     blobs = blobs[blobs["state"] == constants()["FITTED"]]
-    covariance = blobs["covariance"][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    return Dots(blobs["center"], blobs["semi"], blobs["angle"], covariance)
+    return Dots(blobs["center"], blobs["semi"], blobs["angle"], _matrices(blobs["covariance"]))
 
 
 def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":
@@ -371,25 +398,6 @@ def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":
     if not address or count <= 0:
         return np.zeros(0, kind)
     return np.frombuffer(ctypes.string_at(int(address), int(count) * kind.itemsize), kind).copy()
-
-
-def reason(finding: Finding) -> str:
-    """Why a body was not found, in one line; empty if it was."""
-    facts = finding.facts
-    lines = {
-        "found": "",
-        "few": f"found {facts['blobs']} dots in the image, at least 4 are needed",
-        "unfit": f"no labeling fits: the best has {facts['count']} dots, and {facts['missing']} more should be seen",
-        "unsure": f"the best labeling, of {facts['count']} dots, might be an accident",
-        "ambiguous": "labels are ambiguous: another labeling of the same dots is about as likely",
-        "claimed": "another body fits the same dots about as well",
-        "mirrored": "the mirrored layout fits: is the image mirrored?",
-        "other tag": _other_tag(facts["tags"]),
-        "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
-        "contradicted": _misplaced(facts["misplaced"]),
-    }
-    cut = "; the search was cut before its end" if facts["cut"] and not finding.ok else ""
-    return lines[finding.state] + cut
 
 
 def _other_tag(tags: "list[str]") -> str:

@@ -4,13 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from markergen_detect.core import constants
+from markergen_detect.core import words
 
-CAUSES = (
-    "focal length", "aspect", "distortion", "stretch x", "stretch y", "bend x", "bend y", "shutter", "misplaced",
-    "camera file", "bent",
-)  # fmt: skip
-"""Names of causes; the core's own are the same in capitals."""
+CAUSES = words("FOCAL_LENGTH", "BENT")
+"""Names of causes, in the core's order."""
 
 
 class Cause(NamedTuple):
@@ -87,13 +84,8 @@ class Verdict(NamedTuple):
 
 def read_verdict(row: Any, plate_names: Sequence[str]) -> Verdict:
     """Return the verdict of the core's structure."""
-    names = {constants()[name.upper().replace(" ", "_")]: name for name in CAUSES}
     causes = tuple(
-        Cause(
-            names[int(cause["kind"])],
-            plate_names[int(cause["plate"])] if cause["plate"] >= 0 else "",
-            *(float(cause[name]) for name in ("value", "sigma", "chi2")),
-        )
-        for cause in row["causes"][: int(row["likely"])]
+        Cause(CAUSES[kind], [*plate_names, ""][plate], value, sigma, chi2)
+        for kind, plate, chi2, value, sigma in row["causes"][: int(row["likely"])].tolist()
     )
     return Verdict(bool(row["consistent"]), float(row["chi2"]), int(row["freedom"]), float(row["limit"]), causes)
