@@ -85,3 +85,10 @@ double median(double *values, int64_t count)
 {
     return (order_statistic(values, count, (count - 1) / 2) + order_statistic(values, count, count / 2)) / 2;
 }
+
+/* E. Wilson and M. Hilferty, 1931. */
+double chi2_point(double freedom, double z)
+{
+    const double spread = 2 / (9 * freedom), root = 1 - spread + z * sqrt(spread);
+    return freedom * root * root * root;
+}

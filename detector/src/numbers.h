@@ -20,4 +20,7 @@ void carry(const double *J, const double *S, double *carried);
 /* Of values that it puts in another order. */
 double median(double *values, int64_t count);
 
+/* The value of chi-squared below which a share of it is, by the normal distribution's point z of that share. */
+double chi2_point(double freedom, double z);
+
 #endif

@@ -207,6 +207,7 @@ static const double SEARCHED = 20;      /* largest difference of half chi2 at wh
 static const double CONTENDER = 1e-3;   /* least likelihood of the second pose relative to the best one */
 static const double DISTINCT_SIGMA = 3; /* poses whose rotations differ by less are one */
 static const double ROUGH_SIGMA = 5;    /* multiple of the median dot's sigma from which a dot says nothing of others' errors */
+static const double LUCK = 1.2816;      /* of chi-squared's 90 % point, up to which residuals are as they should be */
 static const double OUTLIER_SIGMA = 5;  /* beyond which a dot is dropped */
 static const double FLATNESS = 0.01;    /* range of heights, as a share of the extent, of dots that have a mirrored pose */
 static const double LEAST_PX = 1e-6;    /* so that weights are finite without any error */
@@ -430,9 +431,11 @@ static int64_t outlier(const Row *rows, int64_t m, double chi2, double *gain)
 }
 
 /* The factor, 1 or more, by which residuals show the covariances of image and print to be too small: chi2/d, the estimate of
-   a factor common to all dots by d = 2 m - 6 degrees of freedom, where it exceeds 1 (C. F. Gauss). Reflections, shadows and
-   compression move dots by more than the noise of the grey levels. Dots far less precise than the others, whose covariance
-   is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom. */
+   a factor common to all dots by d = 2 m - 6 degrees of freedom, where chi2 exceeds its 90 % point (the global test of an
+   adjustment; C. F. Gauss). Reflections, shadows and compression move dots by more than the noise of the grey levels. If it were
+   taken wherever it exceeds 1, as luck has it in two of five views, 95 % regions would hold 96.0 to 96.7 % of 2,000 poses, not 94.5
+   to 95.7. Dots far less precise than the others, whose covariance is a guess, do not take part: they hardly affect the pose, so
+   each has two degrees of freedom. */
 static double residual_scale(const Row *rows, int64_t m, double *scratch)
 {
     double S[3], W[3], total = 0, freedom = -POSE;
@@ -449,7 +452,7 @@ static double residual_scale(const Row *rows, int64_t m, double *scratch)
         total += quadratic(W, rows[i].residual);
         freedom += 2;
     }
-    return freedom > 0 && total / freedom > 1 ? total / freedom : 1;
+    return freedom > 0 && total > chi2_point(freedom, LUCK) ? total / freedom : 1;
 }
 
 /* result += g g' of n columns g (6). */

@@ -16,6 +16,7 @@
    12, with another camera's to 0.9 to 4.7, of papers bent by 1 mm and more to 6.8 to 11; with a focal length wrong by 20 %
    or a print wrong by 3 %, six dots at a tilt of 28 degrees to 8 and 24. */
 static const double USUAL = 3;
+static const double RARE = 3.0902; /* of the 99.9 % point, which few dots may reach by chance */
 
 /* F statistic from which a cause explains something, and up to which another explains as much as the best one. */
 static const double TELLING = 12, ALIKE = 6;
@@ -187,13 +188,6 @@ static void prepare(Case *c, const Pose *pose)
     }
 }
 
-/* The 99.9 % point of chi-squared (E. Wilson and M. Hilferty, 1931). */
-static double chi2_point(double freedom)
-{
-    const double spread = 2 / (9 * freedom), root = 1 - spread + 3.0902 * sqrt(spread);
-    return freedom * root * root * root;
-}
-
 /* Tries a cause, and puts it in its place by what is left of chi2 for each degree of freedom, `by`, if it explains something;
    the last one falls out when all are taken. */
 static void try_cause(Case *c, const Pose *pose, int32_t kind, int32_t plate, Verdict *verdict, double *by)
@@ -243,7 +237,7 @@ int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera
         verdict->freedom = 2 * m - POSE;
         verdict->chi2 = adjusted(&c, pose, &none);
         const double freedom = (double)verdict->freedom;
-        verdict->limit = freedom > 0 ? fmax(chi2_point(freedom), USUAL * freedom) : INFINITY;
+        verdict->limit = freedom > 0 ? fmax(chi2_point(freedom, RARE), USUAL * freedom) : INFINITY;
         verdict->consistent = verdict->chi2 <= verdict->limit;
         for (int64_t i = 0; i < m; i++)
             plates_seen += seen[dots[matches[i].dot].plate]++ == 0;

@@ -41,6 +41,9 @@ DEFAULT_ERRORS = ErrorSources()
 ROUGH_SIGMA = 5.0
 """Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
 
+_BY_LUCK = 0.1
+"""Probability of larger residuals at which covariances are still taken as they are stated."""
+
 FLATNESS = 0.01
 """Range of heights, as a share of the extent, of points that have a mirrored pose like those of a plane."""
 
@@ -240,10 +243,10 @@ def refine_weighted(
 def residual_scale(residual: Array, spread: Array) -> float:
     """Return the factor, 1 or more, by which residuals show the covariances of image and print to be too small.
 
-    chi2/d, the estimate of a factor common to all points by d = 2 m - 6 degrees of freedom, where it exceeds 1 (as in
-    C. F. Gauss's estimate of the variance of an adjustment). Reflections, shadows and compression move dots by more
-    than the noise of the grey levels says. Points far less precise than the others, such as rough ellipses, whose
-    covariance is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom.
+    chi2/d, the estimate of a factor common to all points by d = 2 m - 6 degrees of freedom, where chi2 exceeds its 90 %
+    point (the global test of an adjustment; C. F. Gauss). Reflections, shadows and compression move dots by more than
+    the noise of the grey levels says. Points far less precise than the others, such as rough ellipses, whose covariance
+    is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom.
 
     Parameters
     ----------
@@ -252,11 +255,14 @@ def residual_scale(residual: Array, spread: Array) -> float:
     spread : array (m, 2, 2)
         Covariance of the points from image and print.
     """
+    from scipy.special import chdtri
+
     chi2 = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(spread), residual)
     variance = np.trace(spread, axis1=-2, axis2=-1)
     precise = variance <= ROUGH_SIGMA**2 * np.median(variance)
     freedom = 2 * int(precise.sum()) - 6
-    return max(1.0, float(chi2[precise].sum()) / freedom) if freedom > 0 else 1.0
+    total = float(chi2[precise].sum())
+    return total / freedom if freedom > 0 and total > chdtri(freedom, _BY_LUCK) else 1.0
 
 
 def nearly_flat(points: Array) -> bool:
