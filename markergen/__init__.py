@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from markergen.api.compare import compare
     from markergen.api.design import design, rig
     from markergen.api.export import export
+    from markergen.api.inspect import Inspection, inspect
     from markergen.api.rescale import Rescaled, rescale
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
@@ -46,6 +47,7 @@ __all__ = [
     "Detector",
     "Found",
     "InputError",
+    "Inspection",
     "Marker",
     "MarkergenError",
     "MissingLibraryError",
@@ -60,6 +62,7 @@ __all__ = [
     "compare",
     "design",
     "export",
+    "inspect",
     "rescale",
     "rig",
     "study",
@@ -83,6 +86,7 @@ _HOMES = {
     "api.compare": ("compare",),
     "api.design": ("design", "rig"),
     "api.export": ("export",),
+    "api.inspect": ("Inspection", "inspect"),
     "api.rescale": ("Rescaled", "rescale"),
     "api.study": ("Study", "study"),
     "api.validate": ("validate",),

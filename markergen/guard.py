@@ -76,6 +76,7 @@ class Limits:
 KINDS = {
     "camera": Limits("a camera file", 1_000_000, "a calibration with all its images' residuals has some 100 kB"),
     "covariance": Limits("a camera covariance", 1_000_000, "a matrix of 20 parameters has some kB"),
+    "file": Limits("a file", 50_000_000, "100,000 poses; anything else is smaller", "take a part of it"),
     "image": Limits("an image", 1 << 30, "100 million pixels of 16 bits in color, not packed", again="export it again"),
     "marker": Limits(
         "a marker.json", 10_000_000, "200 dots with their joint covariance in space have 9 MB", again="", pipes=True

@@ -19,6 +19,7 @@ from markergen.model.spec import check_scale
 from markergen.options import Progress, as_list, check_progress, settle, signature_of
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
+from markergen.read.cameras import sized
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.units import format_length, parse_length
 
@@ -105,6 +106,7 @@ def calibrate(
         raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
     bodies = [body, *map(marker_of, others)]
     designs = [plate.marker for body in bodies for plate in body.plates]
+    camera = sized(camera, settled["image_size"])
     taken = as_camera(camera)
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")

@@ -56,6 +56,7 @@ MEASURES = ("edge", "height", "pitch", "plate", "angle")
 SHARED = (
     "n",
     "camera",
+    "image_size",
     "poses",
     *READING,
     "print_sigma",

@@ -13,6 +13,7 @@ from markergen.model.rig import planned_print
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
+from markergen.read.cameras import sized
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.poses import poses_as_stated
 from markergen.render import optics_from_text
@@ -106,6 +107,7 @@ def validate(
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
     poses: Any = poses_as_stated(settled["poses"], settled)
+    camera = sized(camera, settled["image_size"])
     setting = setting_of(judged, poses, as_camera(camera))
     covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     printed = planned_print(judged) if settled["print_sigma"] is None else settled["print_sigma"]

@@ -42,6 +42,14 @@ REASONS = {
 SMALLEST_WIDTH = 10.0
 """Least plausible width in px of a marker: four dots of 2.5 px, the smallest that are found, do not fit into less."""
 
+WIDEST = np.deg2rad(120)
+"""Field of view in rad that a camera is taken to have where none is known."""
+USUAL, SURE = 0.8, 0.95
+"""Shares of poses that look at the marker: fewer are doubted if more do by another convention. Inverses of poses on a
+cone, and those with a quaternion in another order, look at it in 35 to 65 % of cases, as tried with 8 cones."""
+FARTHEST = 50.0
+"""Largest plausible distance in m of half of the poses: of a marker of 2 m, 10 px with a focal length of 250 px."""
+
 _CORNER = 0.1
 """Minimum turn of the outline in rad at a corner: more than between neighboring points of a round rim."""
 
@@ -408,6 +416,27 @@ class RecordedPoses(PoseDistribution):
         """See `PoseDistribution.taken`."""
         return replace(super().taken(indices, dropped), numbers=self.numbers[indices])
 
+    def plausibility(self) -> str:
+        """Return what is odd about the poses whatever camera and marker they are for; or an empty string."""
+        sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
+        rotation, translation = self.rotation[sample], self.translation[sample]
+        share = _looking(rotation, translation)
+        if share < USUAL:
+            # Directions do not depend on the unit.
+            trials = [trial for trial in _other_conventions(rotation, translation) if " mm" not in trial[0]]
+            shares = [_looking(*poses) for _, *poses in trials]
+            best = int(np.argmax(shares))
+            least = f"{share:.0%} of the poses look at the marker's front"
+            if shares[best] > max(2 * share, 0.1) or shares[best] > SURE:
+                words = f"{shares[best]:.0%} would if the file {trials[best][0]}"
+                return f"{least}; {words}: look up which way its format goes"
+            if share < 1 / 2:
+                return f"{least}, and not more by any usual convention: are they about another origin, or of a body?"
+        away = float(np.median(self.distance))
+        if away > FARTHEST:
+            return f"half of the poses are more than {away:.4g} m away: is the unit another, such as mm?"
+        return ""
+
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
         sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
         # Fewer could be chance.
@@ -417,6 +446,13 @@ class RecordedPoses(PoseDistribution):
             if visible > most:
                 best, most = convention, visible
         return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
+
+
+def _looking(rotation: Array, translation: Array) -> float:
+    """Share of poses whose camera is in front of the marker and has its origin in a view of `WIDEST`."""
+    distance = np.maximum(np.linalg.norm(translation, axis=-1), np.finfo(float).tiny)
+    front = np.sum(rotation[:, :, 2] * translation, axis=-1) < 0
+    return float(np.mean(front & (translation[:, 2] > np.cos(WIDEST / 2) * distance)))
 
 
 def _name(file: str, sampled_from: int) -> str:

@@ -6,12 +6,13 @@ from typing import Annotated, TypedDict
 from markergen.defaults import RULER_SIGMA
 from markergen.options import ERRORS, FILES, VIEW, Option
 from markergen.options.kinds import Files, Length, Poses, Texts
-from markergen.options.shared import Calibrated, Printed, Workers
+from markergen.options.shared import Calibrated, ImageSize, Printed, Workers
 
 
 class CalibrateKeywords(TypedDict, total=False):
     """Options of a calibration, besides the marker, the photographs and the camera."""
 
+    image_size: ImageSize
     poses: Annotated[
         Poses,
         Option(

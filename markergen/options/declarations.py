@@ -30,6 +30,7 @@ from markergen.options.shared import (
     Calibrated,
     Camera,
     CameraInBody,
+    ImageSize,
     MadeKeywords,
     PlateKeywords,
     PosesAxes,
@@ -126,6 +127,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         File, Option(LAYOUT, "Start from a ready-made spec; see markergen templates.", metavar="NAME|FILE")
     ]
     camera: Camera
+    image_size: ImageSize
     poses: Annotated[
         Poses,
         Option(
@@ -336,6 +338,7 @@ class ValidateKeywords(TypedDict, total=False):
     poses_axes: PosesAxes
     poses_unit: PosesUnit
     camera_in_body: CameraInBody
+    image_size: ImageSize
     runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", RUNS)]
     noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", NOISE_PX, metavar="PX")]
     trials_for_all: Annotated[

@@ -10,6 +10,7 @@ from markergen.options.shared import (
     Aggregate,
     Camera,
     CameraInBody,
+    ImageSize,
     PosesAxes,
     PosesFrame,
     PosesUnit,
@@ -49,6 +50,7 @@ class RigKeywords(SheetKeywords, total=False):
     ]
     n: Annotated[int, Option(LAYOUT, "Number of control points of each plate, 4 to 200.", 6)]
     camera: Camera
+    image_size: ImageSize
     poses: Annotated[
         Poses,
         Option(

@@ -47,6 +47,10 @@ Restarts = Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="
 Workers = Annotated[int, Option(RUN, "Number of parallel workers.", otherwise="one for each processor", metavar="N")]
 
 
+ImageSize = Annotated[
+    str, Option(VIEW, "Size of the images in px, for a camera's file without it: 640x480.", metavar="WxH")
+]
+
 PosesFrame = Annotated[
     str,
     Option(

@@ -33,7 +33,7 @@ from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.shared import PlateKeywords
-from markergen.read.cameras import load_camera
+from markergen.read.cameras import load_camera, sized
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.dot_tables import is_table, parsed_layout, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
@@ -292,6 +292,8 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
     plain = _in_spec_terms(dict(values))
+    if not stored and isinstance(plain.get("image_size"), str):
+        plain["camera"] = sized(plain.get("camera"), plain.pop("image_size"))
     count, calibration = plain.get("n"), plain.get("camera")
     if count == "auto":
         del plain["n"]

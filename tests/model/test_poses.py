@@ -351,7 +351,7 @@ def test_poses_of_which_few_see_the_marker_raise_a_doubt():
     back = recorded(rotation.swapaxes(1, 2), -np.einsum("pji,pj->pi", rotation, translation))
     seen = back.seen_whole(Circle(0.05), PAPER_CAMERA)
     assert 0 < len(seen) < 100
-    assert seen.doubt == sentence("seen if", "held their inverses")
+    assert seen.doubt == f"most poses do not see the whole marker; {sentence('seen if', 'held their inverses')}"
     assert not recorded(rotation, translation).seen_whole(Circle(0.05), PAPER_CAMERA).doubt
     # Half of these are too near: nothing is wrong with them.
     near = recorded(*Cone((0.05, 0.6), (10, 50), count=200).sample()).seen_whole(Circle(0.15), PAPER_CAMERA)

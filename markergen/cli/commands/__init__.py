@@ -20,6 +20,7 @@ FIRST = [
     "rescale",
     "calibrate",
     "study",
+    "inspect",
     "templates",
 ]
 """Commands that help lists first, in the order of a user's work; the others follow by name."""

@@ -35,6 +35,14 @@ def detect(
             rich_help_panel=VIEW,
         ),
     ] = None,
+    image_size: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WxH",
+            help="Size of the images in px, for a camera's file without it: 640x480.",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
     json: Annotated[
         Path | None,
         typer.Option(
@@ -60,8 +68,10 @@ def detect(
     """
     from markergen.detect.batch import detect_files
     from markergen.detect.video import detect_video
+    from markergen.read.cameras import sized
     from markergen.read.videos import is_video
 
+    camera = sized(camera, image_size)
     # While the progress bar is shown, it replaces the stream.
     stdout = sys.stdout
     to_stdout = console.is_stdout(json)

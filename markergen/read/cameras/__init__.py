@@ -1,6 +1,7 @@
 """Camera files: read in formats that are recognized by content, not by name, and written in that of the name."""
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +113,8 @@ def load_camera(source: object) -> Camera:
 def read_camera(path: str | os.PathLike[str]) -> Camera:
     """Read the camera of a calibration file: OpenCV, ROS, Kalibr, COLMAP or a table of plain numbers.
 
-    ``path#NAME`` selects one of several cameras in a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``. The
+    ``path#NAME`` selects one of several cameras in a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``, and
+    ``path#640x480`` gives the size of the images to a file without it. The
     principal point is converted to the convention of `Camera`: pixel centers at integers.
 
     Raises
@@ -121,8 +123,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
         If the file cannot be read, has no known format, or is incomplete or inconsistent; the message names file and
         key.
     """
-    path, choice = split(Path(path))
-    return _camera_of(Document(*read(path, "camera")), choice)
+    return _camera_of(*sized_document(path))
 
 
 def format_of(document: Document) -> CameraFormat | None:
@@ -139,6 +140,28 @@ def format_of(document: Document) -> CameraFormat | None:
     return None
 
 
+_SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
+
+
+def sized(source: Any, size: str | None) -> Any:
+    """Return the path of a camera's file with the size of its images, if one is given; raises InputError."""
+    if size is None:
+        return source
+    if not isinstance(source, str | os.PathLike):
+        raise InputError("a camera's file with --image-size", brief(source), "give --camera FILE, or leave it out")
+    if not _SIZE.fullmatch(size):
+        raise InputError("--image-size as width and height in px", brief(size), "write such as 640x480")
+    return f"{os.fspath(source)}#{size}"
+
+
+def sized_document(path: str | os.PathLike[str]) -> tuple[Document, str | None]:
+    """Return a file's document with the size after ``#``, if there is one; or else the name of a camera there."""
+    path, choice = split(Path(path))
+    size = _SIZE.fullmatch(choice or "")
+    document = Document(*read(path, "camera"), size=(int(size[1]), int(size[2])) if size else None)
+    return document, None if size else choice
+
+
 def _camera_of(document: Document, choice: str | None) -> Camera:
     refuse_unreadable(document)
     if (camera_format := format_of(document)) is not None:
@@ -148,6 +171,13 @@ def _camera_of(document: Document, choice: str | None) -> Camera:
         return camera
     signs = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
     raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")
+
+
+def format_name_of(source: str | os.PathLike[str]) -> str:
+    """Return the name of the format of a camera's file that was read."""
+    document, _ = sized_document(source)
+    form = format_of(document)
+    return next((name for name in CAMERA_FORMATS if CAMERA_FORMATS[name] is form), "")
 
 
 def split(path: Path) -> tuple[Path, str | None]:

@@ -142,6 +142,9 @@ def _size(table: Fields) -> tuple[str, int, int]:
         if len(sides) != 2 or not all(side.is_integer() for side in map(float, sides)):
             raise InputError(f"width and height at {table.place(key)}", brief(sides), "correct the file")
         sizes[key] = int(sides[0]), int(sides[1])
+    if not sizes and table.size is None and table.find(*WIDTH) is None:
+        remedy = "add it, or give --image-size, that of the photographs, such as 640x480"
+        raise InputError(f"the key {' or '.join(WIDTH[:2])} in {table.place()}", "none", remedy)
     if table.find(*WIDTH) is not None or (not sizes and table.size is None):
         width, height = table.whole(*WIDTH), table.whole(*HEIGHT)
         sizes[f"{table.key(*WIDTH)} and {table.key(*HEIGHT)}"] = width, height

@@ -14,7 +14,7 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import place_of, read
 from markergen.model.camera import Camera
-from markergen.read.cameras import COVARIANCE, NAMES, format_of, split
+from markergen.read.cameras import COVARIANCE, NAMES, format_of, sized_document, split
 from markergen.read.cameras.calibration import entries
 from markergen.read.cameras.document import Document, Fields, document_of
 
@@ -51,8 +51,7 @@ def camera_covariance(value: Path | str | Array | None, source: object, camera: 
     if isinstance(source, Mapping):
         return _stored(document_of(source, "the dict"), None, camera)
     if isinstance(source, str | os.PathLike):
-        path, choice = split(Path(source))
-        return _stored(Document(*read(path, "camera")), choice, camera)
+        return _stored(*sized_document(source), camera)
     return None
 
 

@@ -5,6 +5,7 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,20 @@ _ENTITIES = re.compile(r"^[ \t]*2[ \t]*\n[ \t]*ENTITIES[ \t]*$", re.MULTILINE)
 
 _FLAT = np.eye(4)[:2]
 _BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
+
+
+@contextmanager
+def without_time() -> Iterator[None]:
+    """Make ezdxf write fixed dates and identifiers instead of the current time and random ones."""
+    import ezdxf
+
+    options = vars(ezdxf)["options"]
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before
 
 
 def _fits(file: OutlineFile) -> bool:

@@ -45,12 +45,18 @@ class PoseFormat:
         True if a file has this format; true for at most one format.
     read : callable
         Reads the poses with their frame and axes; plain numbers (P, 7), as in `RecordedPoses`, are T_camera_marker.
+    endings : tuple of str
+        Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
+    write : callable or None
+        Makes the text of a file from numbers (P, 7) of T_camera_marker and the ending; None if it is only read.
     """
 
     signs: str
     which_way: str
     fits: Callable[[RowsFile], bool]
     read: Callable[[RowsFile], RawPoses | NDArray[np.float64]]
+    endings: tuple[str, ...] = ()
+    write: Callable[[NDArray[np.float64], str], str] | None = None
 
 
 POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
@@ -86,12 +92,19 @@ def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
     InputError
         If one is given and the poses are not those of a file, or as `read_poses` does.
     """
-    asked = {key: options[key] for key in READING if options.get(key) is not None}
-    if not asked:
+    if (convention := stated_convention(options)) is None:
         return poses
     if not isinstance(poses, str | PathLike) or (isinstance(poses, str) and is_named(poses)):
-        option = next(iter(asked)).replace("_", "-")
+        option = next(key for key in READING if options.get(key) is not None).replace("_", "-")
         raise InputError(f"a file of poses with --{option}", brief(poses), "give --poses FILE, or leave it out")
+    return read_poses(Path(poses), convention)
+
+
+def stated_convention(options: Mapping[str, Any]) -> PoseConvention | None:
+    """Return what the options `READING` say; None if none of them is given."""
+    asked = {key: options[key] for key in READING if options.get(key) is not None}
+    if not asked:
+        return None
     body = None
     if (path := asked.get("camera_in_body")) is not None:
         # By its numbers it is like the pose of a marker in a camera.
@@ -100,7 +113,7 @@ def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
             raise InputError(f"one pose, of the camera in the body, in {camera.file}", str(len(camera)), "leave one")
         body = camera.numbers[0]
     frame, axes, unit, _ = (asked.get(key) for key in READING)
-    return read_poses(Path(poses), PoseConvention(frame, axes, unit, body))
+    return PoseConvention(frame, axes, unit, body)
 
 
 def settled_poses(wish: str) -> str | RecordedPoses:
@@ -115,6 +128,16 @@ def settled_poses(wish: str) -> str | RecordedPoses:
     return read_poses(path)
 
 
+@dataclass(frozen=True)
+class PoseReading:
+    """Poses of a file, the name of its format, and the frame and axes that its poses are in."""
+
+    poses: RecordedPoses
+    format: str
+    frame: str
+    axes: str
+
+
 def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> RecordedPoses:
     """Read the poses of a file: a table of T_camera_marker as CSV or JSON, or a format of `POSE_FORMATS`.
 
@@ -126,6 +149,11 @@ def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> Rec
         If the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose is invalid;
         the message names file and line. If the poses may be those of a body, or the file contradicts itself.
     """
+    return pose_reading(path, convention).poses
+
+
+def pose_reading(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> PoseReading:
+    """Read poses as `read_poses` does, with what their file says of them."""
     path = Path(path)
     place, data = read(path, "poses")
     if data.count(b"\n") > MOST_LINES:
@@ -144,9 +172,23 @@ def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> Rec
             raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
             frame, axes = settled_frame(convention, raw, file.stated, file.name)
             numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
-            return RecordedPoses.of(numbers, file.name, _digest(data, convention))
+            poses = RecordedPoses.of(numbers, file.name, _digest(data, convention))
+            return PoseReading(poses, name, frame, axes)
     signs = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
     raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {signs}")
+
+
+def pose_format_of(path: Path | str) -> tuple[PoseFormat, str]:
+    """Return the format that a file's name stands for, and its ending; raises InputError if none is written."""
+    forms = [POSE_FORMATS[name] for name in POSE_FORMATS]
+    pairs = sorted(
+        ((end, form) for form in forms if form.write for end in form.endings), key=lambda pair: -len(pair[0])
+    )
+    name = Path(path).name
+    for ending, form in pairs:
+        if name.lower().endswith(ending):
+            return form, ending
+    raise InputError("a name for a file of poses", brief(name), f"known endings: {', '.join(end for end, _ in pairs)}")
 
 
 def _digest(data: bytes, convention: PoseConvention) -> str:

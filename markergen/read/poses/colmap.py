@@ -64,4 +64,13 @@ def _read(file: RowsFile) -> NDArray[np.float64]:
     return numbers_of(values[:, 4:] * scale, values[:, [1, 2, 3, 0]], rows.place)
 
 
-POSE_FORMATS.register("colmap")(PoseFormat(f"lines of {FORM}, each with one of points", WHICH_WAY, _fits, _read))
+def _write(numbers: NDArray[np.float64], ending: str) -> str:
+    del ending
+    rows = numbers[:, [6, 3, 4, 5, 0, 1, 2]].tolist()
+    lines = (f"{i} {' '.join(map(repr, row))} 1 {i}.png\n\n" for i, row in enumerate(rows, 1))
+    return f"# {FORM}\n" + "".join(lines)
+
+
+POSE_FORMATS.register("colmap")(
+    PoseFormat(f"lines of {FORM}, each with one of points", WHICH_WAY, _fits, _read, ("images.txt",), _write)
+)

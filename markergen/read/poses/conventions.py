@@ -221,6 +221,17 @@ def settled_frame(
     return frame, axes
 
 
+def camera_in_marker(numbers: Array, axes: str = "opencv") -> Array:
+    """Convert T_camera_marker (P, 7) with OpenCV's axes to the camera in the marker, with these axes."""
+    from scipy.spatial.transform import Rotation
+
+    # The inverse is its own inverse; flipped axes are those of its columns.
+    back = marker_in_camera(numbers, CAMERA_IN_MARKER, "opencv")
+    if axes == "opengl":
+        back[:, 3:] = (Rotation.from_quat(back[:, 3:]) * Rotation.from_matrix(FLIP)).as_quat(canonical=True)
+    return back
+
+
 def marker_in_camera(numbers: Array, frame: str, axes: str, camera_in_body: Array | None = None) -> Array:
     """Convert poses (P, 7) of a frame and axes to T_camera_marker with OpenCV's axes."""
     if frame == MARKER_IN_CAMERA and axes == "opencv":

@@ -5,9 +5,10 @@ The names may be those of ROS's tools: ``field.pose.position.x``, ``%time``.
 
 # tests: tests/read/test_poses.py
 
+from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import ASKED, ROS_COLUMN, RawPoses, column_of, is_body
-from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, table_poses
+from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, lines_of, table_poses
 
 
 def _fits(file: RowsFile) -> bool:
@@ -30,4 +31,13 @@ def frame_of(names: list[str]) -> str:
     return "marker-in-camera" if known and "time" not in (column_of(name).kind for name in names) else ASKED
 
 
-POSE_FORMATS.register("csv")(PoseFormat(f"a header of {WANTED}", WHICH_WAY, _fits, _read))
+POSE_FORMATS.register("csv")(
+    PoseFormat(
+        f"a header of {WANTED}",
+        WHICH_WAY,
+        _fits,
+        _read,
+        (".csv",),
+        lambda numbers, _: lines_of(numbers, ",", COLUMNS.replace(" ", ",") + "\n"),
+    )
+)

@@ -11,13 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
+from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import CAMERA_IN_MARKER, RawPoses, scale_of, stated
+from markergen.read.poses.conventions import CAMERA_IN_MARKER, RawPoses, camera_in_marker, scale_of, stated
 from markergen.read.poses.csv import frame_of
 from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
 from markergen.read.remarks import remark_unused
 
+NERF_NAME = "transforms.json"
 NERF = re.compile(r"camera_.*|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
 """Keys of the camera in nerf's transforms.json."""
 
@@ -124,4 +127,26 @@ def _place(file: RowsFile, index: int) -> str:
     return f"pose {index} of {file.name}"
 
 
-POSE_FORMATS.register("json")(PoseFormat(f"an array of objects with {WANTED}", WHICH_WAY, _fits, _read))
+def _write(numbers: Array, ending: str) -> str:
+    if ending == NERF_NAME:
+        return _nerf(numbers)
+    rows = [json.dumps(dict(zip(COLUMNS.split(), row, strict=True))) for row in numbers.tolist()]
+    return "[\n" + ",\n".join(rows) + "\n]\n"
+
+
+def _nerf(numbers: Array) -> str:
+    from scipy.spatial.transform import Rotation
+
+    matrices = np.zeros((len(numbers), 4, 4))
+    back = camera_in_marker(numbers, "opengl")
+    matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = (
+        Rotation.from_quat(back[:, 3:]).as_matrix(),
+        back[:, :3],
+        1,
+    )
+    return json.dumps({"frames": [{"transform_matrix": matrix} for matrix in matrices.tolist()]}, indent=1) + "\n"
+
+
+POSE_FORMATS.register("json")(
+    PoseFormat(f"an array of objects with {WANTED}", WHICH_WAY, _fits, _read, (".json", NERF_NAME), _write)
+)

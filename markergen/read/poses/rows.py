@@ -302,6 +302,11 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
     return np.round(np.concatenate([translation, quaternion], axis=-1), DECIMALS) + 0.0
 
 
+def lines_of(rows: Array, mark: str = " ", head: str = "") -> str:
+    """Return lines of numbers that read back the same."""
+    return head + "".join(mark.join(map(repr, row)) + "\n" for row in rows.tolist())
+
+
 def numbers_of_rows(rows: Sequence[str]) -> Array:
     """Parse the numbers (P, 7) written by `RecordedPoses.as_dict`, exactly; raises InputError for invalid rows."""
 

@@ -7,6 +7,9 @@ Comments that name the columns, or the quaternion's order, are followed.
 
 import re
 
+import numpy as np
+
+from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import (
@@ -14,9 +17,10 @@ from markergen.read.poses.conventions import (
     CAMERA_IN_MARKER,
     MARKER_IN_CAMERA,
     RawPoses,
+    camera_in_marker,
     is_body,
 )
-from markergen.read.poses.rows import WANTED, RowsFile, rows_poses, table_poses
+from markergen.read.poses.rows import WANTED, RowsFile, lines_of, rows_poses, table_poses
 from markergen.read.remarks import remark
 
 WHICH_WAY = (
@@ -67,12 +71,29 @@ def _read_kitti(file: RowsFile) -> RawPoses:
     return RawPoses(table_poses(file, names, file.table(), file.name), CAMERA_IN_MARKER)
 
 
-POSE_FORMATS.register("tum")(PoseFormat(f"lines of {FORM}", WHICH_WAY, _fits, _read))
+def _write(numbers: Array, ending: str) -> str:
+    del ending
+    back = camera_in_marker(numbers)
+    return lines_of(np.column_stack([np.arange(float(len(back))), back]), head=f"# {FORM}\n")
+
+
+def _write_kitti(numbers: Array, ending: str) -> str:
+    del ending
+    from scipy.spatial.transform import Rotation
+
+    back = camera_in_marker(numbers)
+    rows = np.concatenate([Rotation.from_quat(back[:, 3:]).as_matrix(), back[:, :3, None]], axis=2)
+    return lines_of(rows.reshape(-1, 12))
+
+
+POSE_FORMATS.register("tum")(PoseFormat(f"lines of {FORM}", WHICH_WAY, _fits, _read, (".tum", ".tum.txt"), _write))
 POSE_FORMATS.register("kitti")(
     PoseFormat(
         "lines of 12 numbers [R t]",
         WHICH_WAY.replace("the camera in the world", "[R t] row by row"),
         lambda file: _count(file) == 12 and not file.header,
         _read_kitti,
+        (".kitti", ".kitti.txt"),
+        _write_kitti,
     )
 )

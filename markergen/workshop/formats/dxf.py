@@ -1,7 +1,6 @@
 """DXF R2010 in millimeters: the marker itself, without paper, for cutters, engravers and CAD."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from typing import Any
@@ -19,6 +18,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.openings import holes_beyond, openings
+from markergen.read.outlines.dxf import without_time
 from markergen.solid.plate import plate_of
 from markergen.solid.primitives import Prism
 from markergen.units import format_length
@@ -127,7 +127,7 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
     from ezdxf import units
     from ezdxf.filemanagement import new
 
-    with _without_time():
+    with without_time():
         document = new("R2010", units=units.MM)
         for name, color in COLORS.items():
             document.layers.add(name, color=color).description = drawing.meaning[name]
@@ -220,17 +220,3 @@ def _box(points: Array) -> Array:
 def _mm(meters: Any) -> Any:
     # Whole picometers, so that 0.0036 m becomes 3.6 and not 3.5999999999999996.
     return np.round(np.asarray(meters) * 1e3, 9)
-
-
-@contextmanager
-def _without_time() -> Iterator[None]:
-    """Make ezdxf write fixed dates and identifiers instead of the current time and random ones."""
-    import ezdxf
-
-    options = vars(ezdxf)["options"]
-    before = options.write_fixed_meta_data_for_testing
-    options.write_fixed_meta_data_for_testing = True
-    try:
-        yield
-    finally:
-        options.write_fixed_meta_data_for_testing = before

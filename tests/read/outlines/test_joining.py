@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sentences import sentence
 
-from markergen.read.outlines.boundary import Track, closed_contours, read_contours
+from markergen.read.outlines.boundary import read_contours
+from markergen.read.outlines.joining import Track, closed_contours
 
 
 def track(name, points, closed):
