@@ -63,7 +63,7 @@ def refused(tmp_path):
         assert time.process_time() - start < 5
         message = str(caught.value)
         assert message.isprintable()
-        assert len(message) < 700
+        assert len(message) < 900  # The names and signs of all formats of cameras take 700.
         return message
 
     return refused
@@ -249,7 +249,7 @@ def test_sizes_in_words_that_are_meant_in_mm():
     [
         # A fisheye without coefficients is no pinhole camera.
         ("[0.1, -0.02, 0.001, 0.0002]", "[]", "4 coefficients of the distortion model 'equidistant' at d in"),
-        ("x_offset: 0", "x_offset: 10", "the full image, 0, at roi.x_offset in"),
+        ("x_offset: 0", "x_offset: 10", "a part of the image of 640x480 px at roi in"),
         ("500.0", "1e-300", "focal lengths in px plausible for an image of 640x480 px at k in"),
         ("500.0", "1e300", "focal lengths in px plausible for an image of 640x480 px at k in"),
         # What is misspelled must not become a camera without distortion.
