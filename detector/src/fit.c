@@ -46,9 +46,9 @@ static const double TINY = 1e-12;
    plus a share of the longer semi-axis; its height as a share of the contrast; both plus a multiple of their error. */
 static const double SHIFT_PX = 0.05, SHIFT_SHARE = 0.004, HEIGHT = 0.3, SIGMAS = 4;
 /* Multiple of these deviations that belongs to something else. With 1, real photographs' dots, whose outlines are 0.1 px from an
-   ellipse, lose one sector after the other until nothing is left, 56 of 1,890; from 2 to 3 all is the same, covered dots
+   ellipse, lose one sector after the other until nothing is left, 56 of 1,890; from 2.5 to 4 nothing changes, covered dots
    included. */
-static const double FOREIGN = 2;
+static const double FOREIGN = 3;
 /* Additional multiple if the opposite sector is off as well. */
 static const double EVEN = 4;
 /* Maximum share of the contrast by which the edge may be off all around: with more, covered dots fit, too. */
