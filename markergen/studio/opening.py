@@ -3,33 +3,33 @@
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from markergen.errors import InputError, brief
+from markergen.api.inspect import inspect
+from markergen.errors import InputError
 from markergen.guard import read, text_of
-from markergen.model.body_json import is_rig, load_marker_or_rig, rig_to_json, to_json
+from markergen.model.body_json import load_marker_or_rig, rig_to_json, to_json
 from markergen.model.boundary import polygon_from
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.model.spec import Spec
 from markergen.model.substrate import SCREWS
 from markergen.options.declarations import DesignKeywords
-from markergen.read.cameras import format_of, load_camera
+from markergen.read.cameras import load_camera
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.cameras.document import Document
 from markergen.read.dot_tables import read_layout
+from markergen.read.kinds import kinds_of
 from markergen.read.outlines.boundary import moved_outline, parse_boundary
 from markergen.read.poses import read_poses
+from markergen.read.remarks import collected_remarks
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
 from markergen.studio.state import RENAMED, refuse_files, refuse_named_plates
 
-DRAWINGS = (".svg", ".dxf", ".geojson")
-GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
 ASKED = re.compile("--boundary-unit|layer")
 """In errors that another unit or layer may mend."""
 
@@ -73,24 +73,25 @@ def opened_file(
         ``boundary`` (of a drawing, about its own center; with this ``center``, its place in the drawing in m,
         ``keep_out``, the same region about the `origin`, and ``words``), ``asked`` (of a drawing that needs another
         unit or layer: expected, found and remedy), ``camera`` (with ``camera_covariance``, or None), ``poses`` and
-        ``points``. A ``note`` says what is shown otherwise than the file has it.
+        ``points``. A ``note`` says what is shown otherwise than the file has it, or what `markergen.inspect` shows of a
+        camera, poses or a drawing.
 
     Raises
     ------
     InputError
         If the file is none of these, or one that names others.
     """
-    drawing = False
+    kind = ""
     try:
-        with uploaded(name, data) as path:
-            suffix = path.suffix.lower()
-            content = parsed(text_of(read(path, "marker or rig")), path.name) if suffix == ".json" else None
-            drawing = suffix in DRAWINGS or (isinstance(content, Mapping) and content.get("type") in GEOJSON)
-            if drawing:
-                return {"title": path.name, **_drawn(path, unit, layer, origin)}
-            return {"title": path.name, **(_opened(path) if content is None else _json(path, content))}
+        # What is reported is in the note.
+        with collected_remarks(), uploaded(name, data) as path:
+            if path.suffix.lower() == ".json":
+                parsed(text_of(read(path, "marker or rig")), path.name)
+            kind, *_ = kinds_of(path)
+            values = _drawn(path, unit, layer, origin) if kind == "outline" else OPENED[kind](path)
+            return {"title": path.name, **_noted(kind, path, unit, layer), **values}
     except InputError as error:
-        if not (drawing and ASKED.search(str(error))):
+        if not (kind == "outline" and ASKED.search(str(error))):
             raise
         return {"title": path.name, "asked": dict(zip(("expected", "found", "remedy"), error.args, strict=True))}
 
@@ -102,22 +103,22 @@ def _drawn(path: Path, unit: str | None, layer: str | None, origin: Sequence[flo
     return {name: region.as_dict() for name, region in regions.items()} | {"center": there.center, "words": str(room)}
 
 
-def _opened(path: Path) -> dict[str, Any]:
-    suffix = path.suffix.lower()
-    if suffix == ".toml":
-        values = read_template(str(path))
-        title = {"title": str(values["title"])} if "title" in values else {}
-        options = {RENAMED.get(key, key): value for key, value in values.items() if key != "title"}
-        refuse_files(options, DesignKeywords)
-        return {**title, "options": options}
-    content = read(path, "poses")
-    if format_of(Document(path.name, content.data)) is not None:
-        return _camera(path)
-    if suffix == ".csv" and _is_layout(content.data):
-        return {"points": [list(row) for row in read_layout(path)]}
-    if suffix in (".csv", ".txt", ".tum"):
-        return {"poses": read_poses(path).as_dict()}
-    raise _unknown(path)
+def _noted(kind: str, path: Path, unit: str | None, layer: str | None) -> dict[str, str]:
+    """Return what `markergen.inspect` shows of a camera, poses or a drawing, in a line."""
+    if kind not in ("camera", "poses", "outline"):
+        return {}
+    asked: Any = {key: value for key, value in (("boundary_unit", unit), ("layer", layer)) if value}
+    inspection = inspect(path, kind=kind, **asked)
+    rows = (f"{name} {text}" for name, text in inspection.facts[0].rows.items())
+    return {"note": ". ".join(["; ".join(rows), *inspection.remarks])}
+
+
+def _spec(path: Path) -> dict[str, Any]:
+    values = read_template(str(path))
+    title = {"title": str(values["title"])} if "title" in values else {}
+    options = {RENAMED.get(key, key): value for key, value in values.items() if key != "title"}
+    refuse_files(options, DesignKeywords)
+    return {**title, "options": options}
 
 
 def _camera(path: Path) -> dict[str, Any]:
@@ -126,32 +127,27 @@ def _camera(path: Path) -> dict[str, Any]:
     return {"camera": camera.as_dict(), "camera_covariance": None if covariance is None else covariance.tolist()}
 
 
-def _unknown(path: Path) -> InputError:
-    kinds = "a marker.json, rig.json, spec .toml, drawing .svg, .dxf or .geojson, camera file, poses or points .csv"
-    return InputError(kinds, brief(path.name), "open one of these")
+def _rig(path: Path) -> dict[str, Any]:
+    refuse_named_plates(json.loads(path.read_bytes()))
+    return {"rig": json.loads(rig_to_json(load_marker_or_rig(path)))}  # type: ignore[arg-type]
 
 
-def _json(path: Path, content: object) -> dict[str, Any]:
-    if isinstance(content, Mapping) and is_rig(content):
-        refuse_named_plates(content)
-        return {"rig": json.loads(rig_to_json(load_marker_or_rig(path)))}  # type: ignore[arg-type]
-    if isinstance(content, Mapping) and "control_points" in content:
-        marker = load_marker_or_rig(path)
-        assert isinstance(marker, Marker)
-        measured = {"note": MEASURED} if marker.as_designed is not marker else {}
-        return {"options": options_of(marker), "marker": json.loads(to_json(marker)), **measured}
-    if isinstance(content, Mapping) and format_of(Document(path.name, path.read_bytes())) is not None:
-        return _camera(path)
-    if isinstance(content, list):
-        return {"poses": read_poses(path).as_dict()}
-    raise _unknown(path)
+def _marker(path: Path) -> dict[str, Any]:
+    marker = load_marker_or_rig(path)
+    assert isinstance(marker, Marker)
+    measured = {"note": MEASURED} if marker.as_designed is not marker else {}
+    return {"options": options_of(marker), "marker": json.loads(to_json(marker)), **measured}
 
 
-def _is_layout(data: bytes) -> bool:
-    """Whether a table has the places of dots: poses have rotations as well."""
-    headings = data.partition(b"\n")[0].decode("latin-1").lower().split(",")
-    names = {re.split(r"[\s_\[(/]", word.strip())[0] for word in headings}
-    return {"x", "y"} <= names and not names & {"qw", "rx", "r11", "tilt"}
+OPENED: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "spec": _spec,
+    "camera": _camera,
+    "rig": _rig,
+    "marker": _marker,
+    "poses": lambda path: {"poses": read_poses(path).as_dict()},
+    "points": lambda path: {"points": [list(row) for row in read_layout(path)]},
+}
+"""Functions that make what a state holds of a file of a kind."""
 
 
 def options_of(marker: Marker) -> dict[str, Any] | None:

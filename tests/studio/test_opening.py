@@ -10,6 +10,7 @@ import markergen as mg
 from markergen.model.body import Plate
 from markergen.model.body_json import rig_to_json, to_json
 from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
 from markergen.model.rig import Rig
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.studio.opening import opened_file, options_of
@@ -136,3 +137,15 @@ def test_what_cannot_be_used_is_told_by_the_name_it_was_given(name, data, said, 
     assert said in line
     assert "tmp" not in line
     assert "\n" not in line
+
+
+def test_what_inspect_shows_is_in_the_note(tmp_path):
+    path = tmp_path / "camera.yaml"
+    Camera(640, 480, 800.0, 800.0, 320.0, 240.0).save(path)
+    note = opened_file("camera.yaml", path.read_bytes() + b"gamma_table: 3\n")["note"]
+    assert "image 640 x 480 px" in note
+    assert note.endswith("not used of camera.yaml: gamma_table")
+    board = b"(kicad_pcb (gr_rect (start 0 0) (end 50 20) (layer Edge.Cuts)))"
+    assert "size 50 mm x 20 mm" in opened_file("board.kicad_pcb", board)["note"]
+    poses = opened_file("poses.csv", b"tx,ty,tz,qx,qy,qz,qw\n0,0,0.5,0,0,0,1\n")
+    assert "look at the marker's front" in poses["note"]

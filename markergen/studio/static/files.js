@@ -4,7 +4,7 @@ import { Refused, ask, by, make } from "./dom.js";
 import { photographs } from "./photos.js";
 
 const KINDS = { camera: "a camera", poses: "poses of the camera", points: "places of dots", rig: "a rig" };
-const DRAWING = /\.(svg|dxf|geojson)$/i;
+const DRAWING = /\.(svg|dxf|geojson|kicad_pcb)$/i;
 
 /* files(page, units) returns take(files). The page has options(), become(state), which is a promise of whether the server
 takes it, stand(subject, note), about(), a promise of what requests are about, said(text) and told(error). */
@@ -37,7 +37,7 @@ export function files(page, units) {
       for (const use of uses) use.disabled = !answer;
       by("drop-said").classList.toggle("fault", !answer);
       const { expected, found: instead, remedy } = found.asked || {};
-      by("drop-said").textContent = answer ? `${file.name}: ${found.words}` : `Expected ${expected}, found ${instead}${!remedy || /--/.test(remedy) ? "" : `; ${remedy}`}.`;
+      by("drop-said").textContent = answer ? `${file.name}: ${found.words}. ${found.note}` : `Expected ${expected}, found ${instead}${!remedy || /--/.test(remedy) ? "" : `; ${remedy}`}.`;
     };
     const read = async (headers) => {
       try {
@@ -77,7 +77,7 @@ export function files(page, units) {
     const { radius, boundary, ...others } = page.options();
     const taken = await (use === "boundary" ? page.become({ ...others, boundary: answer.boundary, drawing_center: answer.center })
       : page.become({ ...page.options(), keep_out: [...[page.options().keep_out || []].flat(), answer.keep_out] }));
-    return taken && page.said(`${file.name}: ${answer.words}`);
+    return taken && page.said(`${file.name}: ${answer.words}. ${answer.note}`);
   }
 
   async function open(file) {
