@@ -110,7 +110,9 @@ def _noted(kind: str, path: Path, unit: str | None, layer: str | None) -> dict[s
     asked: Any = {key: value for key, value in (("boundary_unit", unit), ("layer", layer)) if value}
     inspection = inspect(path, kind=kind, **asked)
     rows = (f"{name} {text}" for name, text in inspection.facts[0].rows.items())
-    return {"note": ". ".join(["; ".join(rows), *inspection.remarks])}
+    # Without the folder that it was put into.
+    remarks = (line.replace(f"{path.parent}/", "") for line in inspection.remarks)
+    return {"note": ". ".join(["; ".join(rows), *remarks])}
 
 
 def _spec(path: Path) -> dict[str, Any]:
