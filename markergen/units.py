@@ -11,16 +11,19 @@ from markergen.errors import InputError
 METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in": "0.0254", "ft": "0.3048"}
 """Size of each unit in m, as text: products are computed in decimals, so that 6in is 0.1524 to the last bit."""
 
+SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e3
+"""Range in m of sizes above 0, and of the amounts of coordinates: anything beyond was meant in another unit."""
+
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
 
-def parse_length(text: str | float, name: str = "length") -> float:
+def parse_length(text: str | float, name: str = "length", largest: float = LARGEST_LENGTH) -> float:
     """Parse a length such as ``0.15``, ``150mm`` or ``6in`` and return meters; a bare number is in meters.
 
     Raises
     ------
     InputError
-        If the text is not a finite number with a known unit.
+        If the text is not a finite number with a known unit, or its amount is above the `largest`.
 
     Examples
     --------
@@ -43,6 +46,9 @@ def parse_length(text: str | float, name: str = "length") -> float:
         value = math.inf
     if not math.isfinite(value):
         raise InputError(f"a finite {name}", f"{name}={text}", "write a number such as 0.15 or 150mm")
+    if abs(value) > largest:
+        expected = f"a {name} of at most {largest / 1e3:g} km"
+        raise InputError(expected, f"{name}={text}", "write the unit with the number, such as 150mm")
     return value
 
 

@@ -5,6 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.options import settle
+from markergen.options.declarations import DesignKeywords
+from markergen.read.spec_file import spec_from_mapping
 from markergen.units import METERS, format_length, parse_length
 
 
@@ -51,3 +55,39 @@ def test_a_unit_scales_as_its_table_says(value, unit):
 def test_what_is_written_reads_back(meters):
     # Six significant digits are written.
     assert math.isclose(parse_length(format_length(meters)), meters, rel_tol=1e-5)
+
+
+@pytest.mark.parametrize("text", ["1e300", "-1e300", "1001m", "1.0000001e6mm", "1e308in"])
+def test_lengths_beyond_a_kilometer_are_refused(text):
+    with pytest.raises(InputError, match="at most 1 km"):
+        parse_length(text)
+    assert parse_length("1000m") == 1000
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"dot": 1e-9}, "dot=1e-09 (a length of 1 um to 1 km"), ({"radius": 2e3}, "radius=2000.0 (a length of 1 um to"),
+        ({"dot": "0.5um"}, "a length of 1 um to 1 km"), ({"print_sigma": 1e-9}, ""), ({"dot": 0}, ""),
+        ({"clearance": "0mm"}, ""), ({"dot": "1um"}, ""),
+    ],
+)  # fmt: skip
+def test_sizes_of_options(options, words):
+    if not words:
+        settle(options, DesignKeywords)
+        return
+    with pytest.raises(InputError) as caught:
+        settle(options, DesignKeywords)
+    assert words in str(caught.value)
+
+
+def test_sizes_in_files_and_of_shapes():
+    for radius in (1e-7, 1e4, 1e308):
+        with pytest.raises(InputError, match="1 um to 1 km"):
+            Circle(radius)
+        with pytest.raises(InputError, match=r"1 um to 1 km|less than or equal to 1000"):
+            spec_from_mapping({"boundary": {"kind": "circle", "radius": radius}})
+    for values in ({"dot": "1e-9m"}, {"mount": "M2:0mm,1e308mm"}, {"radius": 1e300}):
+        with pytest.raises(InputError, match=r"1 um to 1 km|of at most 1 km|unit with the number"):
+            spec_from_mapping(values)
+    assert spec_from_mapping({"print_sigma": "1e-9m", "noise_model": "image"}).print_sigma == 1e-9

@@ -15,7 +15,7 @@ from markergen.geometry.contour import Contour, area, backward, circle, placed
 from markergen.geometry.distance import Edges, Interior
 from markergen.geometry.outlines import Ring, canonical_contours, polygons_of
 from markergen.geometry.region import Region, enclosing_circle, signed_area
-from markergen.units import format_length
+from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH, format_length
 
 CIRCLE_CORNERS = 720
 """Corners of the polygon that approximates a circle in drawings; it is 1.4 um off at a radius of 0.15 m."""
@@ -111,19 +111,23 @@ class Circle(Boundary):
     Raises
     ------
     InputError
-        If the radius is not a finite number above 0, or the center is not finite.
+        If the radius is not a number from 1 um to 1 km, or the center is farther off than 1 km.
     """
 
     size: float
     center: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.size) and self.size > 0):
+        if not self.size > 0 or not isfinite(self.size):
             raise InputError(
                 "a radius above 0", f"radius={self.size} m", "give a positive length such as 0.15 or 150mm"
             )
+        if not SMALLEST_LENGTH <= self.size <= LARGEST_LENGTH:
+            raise InputError("a radius of 1 um to 1 km", f"radius={self.size} m", "write its unit, such as 150mm")
         if not all(map(isfinite, self.center)):
             raise InputError("a finite center", f"center={self.center} m", "give two lengths")
+        if not all(abs(x) <= LARGEST_LENGTH for x in self.center):
+            raise InputError("a center of at most 1 km", f"center={self.center} m", "give two lengths")
 
     @property
     def radius(self) -> float:

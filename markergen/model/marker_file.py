@@ -26,8 +26,18 @@ from markergen.model.json_text import UNNAMED, Location, findings_of, in_one_lin
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize
 from markergen.model.openings import hole_clashes, sunk
 from markergen.model.rig import Rig
-from markergen.model.shape_file import STRICT, BoundaryFile, Finite, SubstrateFile, built, holds_together
+from markergen.model.shape_file import (
+    STRICT,
+    BoundaryFile,
+    Coordinate,
+    Finite,
+    Positive,
+    SubstrateFile,
+    built,
+    holds_together,
+)
 from markergen.model.tag import FAMILIES, Tag
+from markergen.units import LARGEST_LENGTH
 
 FORMAT = "markergen-marker"
 VERSIONS = (1, 2)
@@ -48,10 +58,10 @@ SINCE = "x-since"
 SINCE_2: Any = Field(json_schema_extra={SINCE: 2})
 """Marks a key added in version 2: ``key: Annotated[..., SINCE_2] = default``."""
 
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST_LENGTH)]
 Id = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Three = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Place = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 
 
 class _MarkerPart(BaseModel):
@@ -124,11 +134,11 @@ class _Tag(_MarkerPart):
 
     family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]  # a table, not a list of words
     id: Annotated[int, Field(ge=0)]
-    side: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Side of the black square.")]
-    quiet_zone: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Width of the white edge around it.")]
+    side: Annotated[Positive, Field(description="Side of the black square.")]
+    quiet_zone: Annotated[Positive, Field(description="Width of the white edge around it.")]
     corner_order: Literal["top left, top right, bottom right, bottom left"]
     corners: Annotated[
-        list[Three],
+        list[Place],
         Field(min_length=4, max_length=4, description="Corners of the black square, x y z in the marker frame."),
     ]
 
@@ -172,7 +182,7 @@ class PoseFile(_MarkerPart):
     """T_outer_inner: X_outer = R X_inner + t."""
 
     rotation: Annotated[list[Three], Field(min_length=3, max_length=3, description="R, row by row.")]
-    translation: Annotated[Three, Field(description="t, m.")]
+    translation: Annotated[Place, Field(description="t, m.")]
 
 
 class _Plate(_MarkerPart):

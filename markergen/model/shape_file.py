@@ -4,17 +4,27 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from markergen.errors import InputError
 from markergen.geometry.outlines import Ring
 from markergen.model.boundary import Boundary, Circle, Polygon
 from markergen.model.json_text import UNNAMED
 from markergen.model.substrate import EDGE, LARGEST, MOST_HOLES, THINNEST, Hole, Substrate
+from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Point = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+
+
+def _no_dust(value: float) -> float:
+    if value < SMALLEST_LENGTH:
+        raise ValueError("give a size of 1 um to 1 km")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, le=LARGEST_LENGTH), AfterValidator(_no_dust)]
+Coordinate = Annotated[float, Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH)]
+Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 Width = Annotated[float, Field(ge=0, le=LARGEST)]
 
 STRICT = ConfigDict(extra="forbid", strict=True, defer_build=True)
@@ -115,8 +125,8 @@ def built(file: Any) -> tuple[Boundary, ...]:
 class HoleFile(_ShapePart):
     """A round hole through the plate; `sink` is the diameter of a countersink of 90 degrees at the printed face."""
 
-    x: Finite
-    y: Finite
+    x: Coordinate
+    y: Coordinate
     diameter: Annotated[float, Field(gt=0, le=LARGEST)]
     sink: Width = 0.0
     use: Literal["mount", "dowel"] = "mount"

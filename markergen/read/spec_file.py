@@ -40,7 +40,7 @@ from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boun
 from markergen.read.poses import poses_as_stated, settled_poses
 from markergen.read.poses.conventions import READING
 from markergen.read.poses.rows import numbers_of_rows
-from markergen.units import parse_length, parse_settings
+from markergen.units import SMALLEST_LENGTH, parse_length, parse_settings
 
 
 def _length(value: object) -> float:
@@ -49,6 +49,13 @@ def _length(value: object) -> float:
     except InputError as error:
         # pydantic collects ValueErrors with their paths; an InputError would stop at the first.
         raise ValueError(error.args[2]) from None
+
+
+def _sized(value: Any, info: ValidationInfo) -> Any:
+    """Refuse sizes below 1 um; standard deviations may be as small as they like."""
+    if isinstance(value, float) and 0 < abs(value) < SMALLEST_LENGTH and "sigma" not in str(info.field_name):
+        raise ValueError("give a length of 1 um to 1 km")
+    return value
 
 
 def _length_or_auto(value: object) -> float | str:
@@ -135,8 +142,8 @@ def _quality(value: object) -> object:
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
 Room = Annotated[BoundaryFile, BeforeValidator(partial(_shape, origin="center"))]
 Plate = Annotated[SubstrateFile, BeforeValidator(_plate)]
-Length = Annotated[float, BeforeValidator(_length)]
-DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
+Length = Annotated[float, BeforeValidator(_length), AfterValidator(_sized)]
+DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto), AfterValidator(_sized)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Whole = Annotated[int, Field(lt=2**63)]  # TOML's integers have 64 bits
 Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]

@@ -2,7 +2,7 @@
 # tests: tests/model/test_poses.py tests/read/test_poses.py
 
 from dataclasses import dataclass, fields, replace
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -166,7 +166,7 @@ def _value(key: str, text: str) -> Any:
     if key != "distance":
         low, *rest = (_degrees(key, end) for end in ends)
         return low, *(rest or [low])
-    low, *rest = (parse_length(end, "distance") for end in ends)
+    low, *rest = (parse_length(end, "distance", inf) for end in ends)
     # 600..1500mm may be meant as 600 mm, and would be read as 600 m.
     units = [end.strip().lstrip("-+.0123456789eE").strip() for end in ends]
     if len(units) == 2 and "" in units and set(units) - {"", "m"}:

@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 from pathlib import Path
 from typing import Any
 
@@ -270,7 +270,7 @@ def parse_boundary(
     kind, measures, place = shape.groups() if shape is not None else ("circle", str(text), None)
     center = _place(place, origin)
     if kind == "circle":
-        radius = parse_length(measures, "radius")
+        radius = parse_length(measures, "radius", inf)
         _check_size(2 * radius, text, origin)
         return Circle(radius, center)
     half = _half_sides(measures)
@@ -363,7 +363,7 @@ def _half_sides(measures: str) -> Array:
     sides = measures.split("x")
     if len(sides) != 2:
         raise InputError("a width and a height", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
-    half = np.array([parse_length(side, name) / 2 for side, name in zip(sides, ("width", "height"), strict=True)])
+    half = np.array([parse_length(side, name, inf) / 2 for side, name in zip(sides, ("width", "height"), strict=True)])
     if not (half > 0).all():
         raise InputError("sides above 0", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
     return half
