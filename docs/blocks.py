@@ -135,7 +135,7 @@ def run(page: Path, folder: Path) -> None:
     sys.argv = [page.name]
     names = {"__name__": "__main__"}
     search = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    variables = {**os.environ, "PATH": search, "ROOT": str(ROOT), "PYTHONPATH": str(ROOT)}
+    variables = {**os.environ, "PATH": search, "ROOT": str(ROOT), "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     for block in blocks(page.read_text(encoding="utf-8")):
         text, start = block.runnable(), time.monotonic()
         if not text.strip() or block.kind == "text":

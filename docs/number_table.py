@@ -12,6 +12,7 @@ from docs.numbers import (
     ERROR,
     PAPER,
     README,
+    RESULTS,
     RIGS,
     THEORY,
     VALIDATE,
@@ -26,13 +27,14 @@ POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
 
 
 def _design(options: str, seconds: float) -> Command:
-    return Command(f"markergen design {options} -o marker.json", seconds)
+    room = "" if "--paper" in options else "--radius 0.15 "
+    return Command(f"markergen design {room}{options} --details -o marker.json", seconds)
 
 
 FOUR, FIVE, SIX, EIGHT = (_design(f"--n {n}", 4) for n in (4, 5, 6, 8))
 HOMOGRAPHY = _design("--n 4 --objective homography", 5)
 CONDITION = _design("--n 6 --objective condition", 10)
-VALIDATED = Command(f"{FIVE.line} && markergen validate marker.json --runs 2 --views 0", 8)
+VALIDATED = Command(f"{FIVE.line} && markergen validate marker.json --runs 2 --views 0 --details", 8)
 RELIEF_20, RELIEF_50 = (
     _design(f"--n 6 --dot 0 --clearance 0 --relief {height}mm --objective rotation", 8) for height in (20, 50)
 )
@@ -76,7 +78,7 @@ BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
 MISPRINTED = Command(
-    "markergen design --n 5 -o five.json && markergen design --n auto -o many.json && "
+    "markergen design --n 5 --radius 0.15 -o five.json && markergen design --n auto --radius 0.15 -o many.json && "
     "markergen compare five.json many.json circles:7x7 "
     "charuco:5x5 checkerboard:9x9 aruco:DICT_4X4_50 apriltag:36h11 --print-sigma 0.1mm --views 100",
     500,
@@ -99,7 +101,9 @@ SIDED_POSE, SIDED_LOOSE, SIDED_TIGHT = (
 
 
 def _sided(row: str, command: Command, output: str = "this marker # # @ # @") -> Number:
-    return Number(DESIGN, f"| {row} | # | # | # |", "markergen design --n 5 --dot 10mm", [(command, output)])
+    return Number(
+        DESIGN, f"| {row} | # | # | # |", "markergen design --n 5 --radius 0.15 --dot 10mm", [(command, output)]
+    )
 
 
 def _in_three_rooms(camera: str) -> Number:
@@ -156,17 +160,27 @@ def _ranged(row: str) -> Number:
     return Number(DESIGN, f"| {row} | # | # | # | # | # |", RANGES.line, [(RANGES, output)])
 
 
+PLAN = "Plan with # deg and # mm at up to @ m; measure the print with twenty photographs (markergen calibrate): # deg"
+
+
+def _planned(options: str, seconds: float) -> Number:
+    command = f"markergen design --paper A4{options}"
+    return Number(
+        README, f"| `{command}` | # deg, # mm | # deg |", command, [(_design(f"--paper A4{options}", seconds), PLAN)]
+    )
+
+
 def _table_row(n: int, command: Command) -> Number:
     # With four dots the square is the regular polygon, whose row has it.
     output = f"{THIS} {NGON} ... random, median @ # @ @ @"
-    return Number(README, f"| {n} | # | # | # |", "markergen design --n 5", [(command, output)])
+    return Number(RESULTS, f"| {n} | # | # | # |", "markergen design --n 5 --radius 0.15", [(command, output)])
 
 
 def _asymmetric() -> Number:
     return Number(
         DESIGN,
         "That costs little: # % of the pose error for 5 dots, # % for 6, # % for 8",
-        "markergen design --n 5",
+        "markergen design --n 5 --radius 0.15",
         [
             source
             for n, command in ((5, FIVE), (6, SIX), (8, EIGHT))
@@ -194,10 +208,10 @@ def _speed(row: str, label: str) -> Number:
     )
 
 
-def _rival(row: str, label: str, file: str = README) -> Number:
+def _rival(row: str, label: str) -> Number:
     """Errors and share of views of a contestant, and the bound of its pattern."""
     return Number(
-        file,
+        COMPARISON,
         f"| {row} | # (# to #) | # | # % | # |",
         "markergen compare marker.json",
         [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
@@ -261,44 +275,51 @@ def _middle(*values: float) -> Sequence[float]:
 
 
 MEASURED: Sequence[Entry] = (
+    *(_planned(options, seconds) for options, seconds in (("", 4), (" --n 20", 12), (" --camera phone", 10))),
+    Number(
+        README,
+        "| `markergen design --radius 0.15`, on A2 | # deg, # mm | # deg |",
+        "markergen design --radius 0.15",
+        [(FIVE, PLAN)],
+    ),
     _table_row(4, FOUR),
     _table_row(5, FIVE),
     _table_row(8, EIGHT),
     Number(
-        README,
+        RESULTS,
         "the homography's error of four dots is # px if the square has its corners on the diagonals, and # px if",
         "`--objective homography`",
         [(HOMOGRAPHY, "this marker @ @ @ # @ regular 4-gon @ @ @ # @")],
     ),
     Number(
-        README,
+        RESULTS,
         "from six dots on, c(A) is smaller with one of them in the middle, # instead of #",
         "`--objective condition`",
         [(CONDITION, "this marker @ @ @ @ # regular 6-gon @ @ @ @ #")],
     ),
     Number(
-        README,
+        RESULTS,
         "the expected displacement is # to # % below that of the polygon",
         "python examples/one_sided_camera.py",
         [(command, "mm, # % less") for command in ONE_SIDED],
         lambda *less: [min(less), max(less)],
     ),
     Number(
-        README,
+        RESULTS,
         "rotation is # to # % worse than the polygon's",
         "python examples/one_sided_camera.py",
         [(command, "rotation: # times") for command in ONE_SIDED],
         lambda *times: [100 * (min(times) - 1), 100 * (max(times) - 1)],
     ),
     Number(
-        README,
+        RESULTS,
         "the homography # to # times as far off",
         "python examples/one_sided_camera.py",
         [(command, "homography: # times") for command in ONE_SIDED],
         lambda *times: [min(times), max(times)],
     ),
     Number(
-        README,
+        RESULTS,
         "A print error of @ mm costs # deg, the noise of the image #. A calibration off by @ px in fx and fy and @ px "
         "in the principal point costs more: # deg with both",
         "`validate marker.json`",
@@ -306,15 +327,14 @@ MEASURED: Sequence[Entry] = (
         lambda image, print_, both: [print_, image, both],
     ),
     Number(
-        README,
+        RESULTS,
         "lower the rotation bound of six control points from # deg to # or # deg",
         "--relief 50mm --objective rotation",
         [(RELIEF_20, "this marker @ # @ - - best without relief @ #"), (RELIEF_50, "this marker @ # @ - -")],
         lambda low, flat, high: [flat, low, high],
     ),
     *(
-        _rival(row, label, file)
-        for file in (README, COMPARISON)
+        _rival(row, label)
         for row, label in (
             ("markergen, 5 dots", "marker.json"),
             ("5 x 5 circles, OpenCV", "circles:5x5"),
@@ -326,14 +346,14 @@ MEASURED: Sequence[Entry] = (
         )
     ),
     Number(
-        README,
+        RESULTS,
         "are as good as five dots, with # times the ink",
         "markergen compare marker.json",
         [(COMPARED, "circles:5x5 # cm2"), (COMPARED, "marker.json # cm2")],
         lambda grid, dots: [grid / dots],
     ),
     Number(
-        README,
+        RESULTS,
         "those of tags and boards stay # to # times above theirs",
         "markergen compare marker.json",
         [(COMPARED, f"{label} @ cm2 @ #") for label in ("aruco:DICT_4X4_50", "charuco:5x5")],
@@ -345,7 +365,7 @@ MEASURED: Sequence[Entry] = (
     Number(
         DESIGN,
         "a loss of @ % leaves # of # %",
-        "markergen design --n 5 --dot 10mm",
+        "markergen design --n 5 --radius 0.15 --dot 10mm",
         [(SIDED_LOOSE, "this marker # @ @ @ @"), (SIDED_POSE, POSE), (SIDED_POSE, "regular 5-gon # @ @ @ @")],
         lambda loose, pose, ngon: [100 * (1 - loose / ngon), 100 * (1 - pose / ngon)],
     ),
@@ -411,7 +431,7 @@ MEASURED: Sequence[Entry] = (
     Number(
         DETECT,
         "therefore takes # px instead of",
-        "markergen design --image-noise blur_px=2",
+        "markergen design --radius 0.15 --image-noise blur_px=2",
         [(_design("--image-noise blur_px=2", 4), "its image is at least # px across")],
     ),
     _speed("marker with key ring, of 5 dots", "markergen, ring"),

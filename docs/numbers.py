@@ -29,7 +29,7 @@ PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).pa
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
 CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
-FAQ = "docs/faq.md"
+FAQ, RESULTS, INSTALL = "docs/faq.md", "docs/results.md", "docs/install.md"
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 
 GENERATED = ("docs/cli.md", "docs/templates.md")
@@ -142,7 +142,10 @@ def commands_of(entry: Entry) -> list[Command]:
 
 def output_of(command: Command) -> str:
     """Both outputs of a command, in a new folder from which the examples can be reached."""
-    places = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    places = {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+    }
     # Wide enough for every table.
     settings = {"OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
     with tempfile.TemporaryDirectory() as folder:

@@ -19,6 +19,11 @@ class Written(NamedTuple):
     def __str__(self) -> str:
         return "\n  ".join([f"wrote {self.path}", *self.notes])
 
+    @property
+    def brief(self) -> str:
+        """The file and its two most important notes, on one line."""
+        return f"wrote {self.path}{': ' * bool(self.notes)}{' '.join(self.notes[:2])}"
+
 
 _IN_CHECKOUT = {"templates": "templates", "schemas": "docs"}
 """Folders of a checkout by their name in the wheel."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Unpack
 from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
 from markergen.defaults import PRINT_SIGMA
-from markergen.drawing.paper import SheetOptions
-from markergen.drawing.sheet_layout import USUAL, fits, largest_disk
+from markergen.drawing.paper import SheetOptions, paper_of_locale
+from markergen.drawing.sheet_layout import USUAL, fits, largest_disk, page_room
 from markergen.errors import InputError
 from markergen.exporters import RECORD, ExportOptions
 from markergen.exporters.saving import check_exports, family_paths, save, save_family, with_record
@@ -49,8 +49,14 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-Make = Callable[[int], Spec]
-"""Spec of a marker by its radius in mm."""
+Make = Callable[..., Spec]
+"""Spec of a marker by the radius of its room, or the width and height, in mm."""
+
+PAGE = "page"
+"""Boundary that is the largest rectangle which a page holds."""
+
+ROOMS = ("radius", "boundary", "boundary_unit", "layer", "ignore_open", "template", "points", "target")
+"""Options that say how large a marker is, or belong to others that do."""
 
 MEASURES = ("edge", "height", "pitch", "plate", "angle")
 SHARED = (
@@ -206,7 +212,7 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
             else save(result.body, paths, request.choices, request.inputs)
         )
         written = [
-            file._replace(notes=(*file.notes, f"It replaces another marker: {replaced[file.path]!r}."))
+            file._replace(notes=(f"It replaces another marker: {replaced[file.path]!r}.", *file.notes))
             if file.path in replaced and (is_rig or replaced[file.path].spec_hash != result.marker.spec_hash)
             else file
             for file in files
@@ -297,23 +303,25 @@ def request_of(options: Mapping[str, Any]) -> Request:
         if option in asked:
             values.pop(alternative, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
-    fit = values.get("radius") == "fit"
+    fit, page = values.get("radius") == "fit", values.get("boundary") == PAGE
     if fit and values.get("target"):
         raise InputError("a length for the radius", "--radius fit with --target", "give --radius 90mm, for example")
-    if fit:
+    if fit or page:
         values = {"paper": USUAL.name, **values}
         if hasattr(values.get("camera"), "read"):  # An open file can be read only once.
             values["camera"] = Camera.load(values["camera"])
     sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
     choices = choices_of(sheet)
+    if page:
+        values = {name: value for name, value in values.items() if name != "boundary"}
 
     @cache
-    def make(radius: int) -> Spec:
-        mapping = {**values, "radius": f"{radius}mm"} if fit else values
-        return spec_from_mapping(mapping, str(template or "the options"))
+    def make(*room: int) -> Spec:
+        named = {"radius": f"{room[0]}mm"} if fit else {"boundary": "rect:{}mmx{}mm".format(*room)} if page else {}
+        return spec_from_mapping(values | named, str(template or "the options"))
 
     limits = radius_limits(make, choices.sheet) if fit else None
-    spec = make(limits[0] if limits else 0)
+    spec = make(limits[0]) if limits else make(*_held_by_page(make, choices.sheet)) if page else make()
     if fit and spec.relief:
         raise InputError("a length for the radius of a marker with relief", "--radius fit", "sheets hold flat ones")
     ids = values.get("ids")
@@ -390,6 +398,21 @@ def _tags(asked: dict[str, Any], count: int) -> list[str]:
     return [str(replace(first, id=first.id + k)) for k in range(count)]
 
 
+def with_page(options: Mapping[str, Any], environment: Mapping[str, str]) -> dict[str, Any]:
+    """Return options whose room, if they name none, is the page in the printer: A4 or letter, by the locale."""
+    if any(options.get(name) is not None for name in ROOMS):
+        return dict(options)
+    return {**options, "boundary": PAGE, "paper": options.get("paper") or paper_of_locale(environment)}
+
+
+def _held_by_page(make: Make, sheet: SheetOptions) -> tuple[int, int]:
+    """Width and height in mm of a room that fits whatever the layout, as the first of `radius_limits`."""
+    room = page_room(sheet)
+    while room > (held := page_room(sheet, _beyond(make(*room)))):
+        room = held
+    return room
+
+
 def radius_limits(make: Make, sheet: SheetOptions) -> tuple[int, int]:
     """Radii in mm: one that fits whatever the layout, and the largest whose outline alone fits.
 
@@ -445,7 +468,7 @@ def _beyond(spec: Spec) -> float:
 
     The fewest of `--n auto` would have the largest dots.
     """
-    spec = replace(spec, n=4) if spec.n == AUTO else spec
+    spec = replace(spec, n=4, target="") if spec.n == AUTO else spec
     if spec.dot == "auto":
         diameter = largest_that_leaves_room(spec)
         clearance = clearance_of(spec, diameter)

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices here are tiny and come in batches: threads inside the linear algebra only cost time and memory.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    debug, Silence.on = "--debug" in arguments, "--quiet" in arguments
+    debug, Silence.on, whole = (flag in arguments for flag in ("--debug", "--quiet", "--help-all"))
     WARNINGS.setLevel(logging.ERROR if Silence.on else logging.WARNING)
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - a device, until the process ends
@@ -35,11 +35,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("expected a standard output, found it closed; send it to a file or /dev/null")
         return UNUSABLE
     try:
-        command = [word for word in arguments if word not in ("--debug", "--quiet")]
+        command = [word for word in arguments if word not in ("--debug", "--quiet", "--help-all")]
+        command += ["--help"] * whole
+        if not command and sys.stdin and sys.stdin.isatty() and sys.stdout.isatty():
+            from markergen.cli.asking import asked
+
+            command = asked()
         # As with git: `markergen help design`.
-        status = _run([*command[1:], "--help"] if command[:1] in ([], ["help"]) else command)
+        status = _run([*command[1:], "--help"] if command[:1] in ([], ["help"]) else command, whole)
         sys.stdout.flush()
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, EOFError):
         status = INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has closed the pipe; without this, Python complains again at exit.
@@ -56,9 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], whole_help: bool) -> int:
     import typer
 
+    from markergen.cli.options import Help
+
+    Help.whole = whole_help
     from markergen.cli.commands import app
     from markergen.errors import MarkergenError
 

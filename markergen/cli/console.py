@@ -174,13 +174,18 @@ def is_shown(json: Path | None) -> bool:
     return is_stdout(json) or not Silence.on
 
 
-def print_result(result: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None) -> None:
+def print_result(
+    result: "Result", json: Path | None, parts: Iterable["str | Table"] | None = None, details: bool = True
+) -> None:
     """Print all or some parts of a result and the files written; or JSON, if standard output is wanted for that."""
     from markergen.presentation.tables import print_parts
 
     if is_stdout(json):
         sys.stdout.write(result.to_json().decode())
     elif not Silence.on:
-        print_parts(result.parts() if parts is None else parts, sys.stdout)
-    for file in result.written:
-        (note if is_stdout(json) else report)(str(file))
+        print_parts((result.parts() if details else result.brief()) if parts is None else parts, sys.stdout)
+    lines = [str(file) if details else file.brief for file in result.written]
+    if not details:
+        lines = [*lines[:-1], f"{f'{lines[-1]} ' if lines else ''}(--details shows all else)"]
+    for line in lines:
+        (note if is_stdout(json) else report)(line)

@@ -1,7 +1,7 @@
 """Declared options as those of a command: parsers, types, and help by group."""
 # tests: tests/cli/test_help.py
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -21,6 +21,7 @@ Rows = list[tuple[str, str]]
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON; - is standard output.")
 ]
+Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes, instead of a few lines.")]
 Refine = Annotated[str | None, typer.Option(hidden=True, callback=console.ignored, metavar="NAME")]
 Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
 
@@ -44,15 +45,21 @@ GUESSES = {
     "--diameter": ("--dot", "--dot 20mm is the diameter of a dot, --radius 150mm half that of the room"),
     **dict.fromkeys(("--dots", "--count", "--num", "--number"), ("--n", "write --n 8")),
     **dict.fromkeys(("--out", "--file", "--format"), ("--output", "write -o marker.pdf; its suffix is the format")),
-    **dict.fromkeys(("--unit", "--units"), ("--radius", "lengths carry their unit: 150mm, 0.15, 6in")),
+    "--units": ("--radius", "lengths carry their unit: 150mm, 0.15, 6in"),
     **dict.fromkeys(("--dictionary", "--dict", "--family"), ("--tag", "write --tag aruco:DICT_4X4_50:7")),
     "--calibration": ("--camera", "write --camera camera.yaml"),
 }
 """What users of other tools type: the option that has to exist for an answer, and the answer."""
 
 
+class Help:
+    """Whether help lists every option, ``--help-all``, instead of those of a command that are needed most."""
+
+    whole = False
+
+
 def with_options(
-    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
+    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None, first: Sequence[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command so that its ``**options`` are those of a table; options not given are not passed on.
 
@@ -62,6 +69,8 @@ def with_options(
         One of `markergen.options.declarations`.
     listed : mapping of title to callable, optional
         Two-column rows to show in help under each title, created on demand.
+    first : sequence of str
+        Options that ``--help`` lists; all by default.
     """
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
@@ -79,7 +88,7 @@ def with_options(
             body(**{name: value for name, value in arguments.items() if name in named or value not in (None, [])})
 
         command.__signature__ = Signature([*parameters, *more])  # type: ignore[attr-defined]
-        command.__dict__["listed"] = listed
+        command.__dict__.update(listed=listed, first=first)
         command.__annotations__ = {parameter.name: parameter.annotation for parameter in (*parameters, *more)}
         return command
 
@@ -122,8 +131,11 @@ class GroupedCommand(TyperCommand):
         """Write arguments, then each group of options."""
         groups: dict[str, Rows] = {}
         other_options = []
+        first = () if Help.whole else getattr(self.callback, "first", ())
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
+            if first and param.param_type_name != "argument" and param.name not in first:
+                continue
             group = getattr(param, "rich_help_panel", None)
             if record is None:
                 continue
@@ -135,6 +147,8 @@ class GroupedCommand(TyperCommand):
                 other_options.append(record)
         listed = getattr(self.callback, "listed", None) or {}
         groups = {**{title: rows() for title, rows in listed.items()}, **groups}
+        if first:
+            other_options.append(("--help-all", f"Show all {len(self.params)} options."))
         for title, records in {**groups, "Options": other_options}.items():
             with formatter.section(title):
                 formatter.write_dl(records)

@@ -1,7 +1,7 @@
 """Paper of a sheet: known sizes, the area inside the margins, and the user's options."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import sqrt
@@ -219,6 +219,21 @@ class SheetOptions:
                 if paper is papers[-1] and not frames:
                     raise
         return frames
+
+
+LETTER = frozenset(["BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE"])
+"""Territories whose printers hold letter paper (Unicode CLDR); those of all others hold A4."""
+
+
+def paper_of_locale(environment: Mapping[str, str]) -> str:
+    """Return the paper that printers hold where the user lives, A4 or letter; A4 if the locale names no territory.
+
+    >>> paper_of_locale({"LANG": "en_US.UTF-8"}), paper_of_locale({"LANG": "C.UTF-8"}), paper_of_locale({})
+    ('letter', 'A4', 'A4')
+    """
+    locale = next(filter(None, map(environment.get, ("LC_ALL", "LC_PAPER", "LANG"))), "")
+    territory = re.split(r"[.@]", locale)[0].rpartition("_")[2]
+    return "letter" if territory in LETTER else "A4"
 
 
 def both_ways(sizes: Sequence[Paper]) -> list[Paper]:

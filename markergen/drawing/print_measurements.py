@@ -30,6 +30,7 @@ from markergen.drawing.scene import (
 )
 from markergen.drawing.text import text
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.planned_error import planned_error_of
 from markergen.model.rescale import RULERS_MM
 
 BAND = 3.8
@@ -45,6 +46,12 @@ Span = tuple[float, float]
 
 LEAST = 10.0
 """Minimum length worth measuring, mm."""
+
+PROVING = 100
+"""Length of a ruler in mm from which it proves the scale by itself."""
+
+READING = 0.3
+"""Error in mm of a length read on paper, at both of its ends together."""
 
 SHOWN = (0.993, 0.9955)
 """Measured shares of the rulers' lengths along x and y in the example command."""
@@ -154,15 +161,15 @@ def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[S
     return spans
 
 
-def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
-    """Remedy if the rulers of a sheet do not measure these lengths in mm: a sentence, and a command."""
+def remedy_words(lengths: tuple[float, float]) -> tuple[str, str]:
+    """Remedy if these lengths of a sheet, in mm, do not measure that: a sentence, and a command."""
     options = ""
-    for name, length, share in zip("xy", rulers, SHOWN, strict=True):
+    for name, length, share in zip("xy", lengths, SHOWN, strict=True):
         if length:
-            options += f" --measured-{name} {length * share:.1f}mm --nominal-{name} {length}mm"
+            options += f" --measured-{name} {length * share:.1f}mm --nominal-{name} {length:.4g}mm"
     return (
         "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
-        "both rulers and run, for instance:",
+        "both lengths and run, for instance:",
         f"markergen rescale marker.json{options} -o printed.json",
     )
 
@@ -213,7 +220,31 @@ def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -
             heading = f"along {name}: dots {pair.first} and {pair.second}{where}"
             lines = (f"{pair.between:.1f} mm between centers", f"{pair.over:.1f} mm over outer edges")
             facts.append((name, heading, lines, "regular"))
-    return [*facts, ("rulers", "rulers", (ruler_words(rulers), "to be true to 0.1 mm"), "regular")]
+    if plan := planned_error_of(marker.provenance):
+        facts.append(("plan", "error to plan with", (plan.amounts, plan.reach), "regular"))
+    proof = "; ".join(short_rulers(marker, rulers).values()) or "to be true to 0.1 mm"
+    return [*facts, ("rulers", "rulers", (ruler_words(rulers), proof), "regular")]
+
+
+def short_rulers(marker: Marker, rulers: tuple[int, int]) -> dict[str, str]:
+    """What rulers too short to prove the scale are worth, by axis, and the longest distance between dots instead."""
+    words = {}
+    for axis, (name, length) in enumerate(zip("xy", rulers, strict=True)):
+        pair = far_pair(marker.control_points, axis)
+        if length < PROVING and pair and pair.between > length:
+            proves = f"{name} proves its scale to {100 * READING / length:.2g} %" if length else f"none along {name}"
+            words[name] = f"{proves}: measure dots {pair.first} and {pair.second}"
+    return words
+
+
+def _along(marker: Marker, axis: int) -> Pair | None:
+    """Pair as of `far_pair` whose distance is along the axis, to 0.5 %."""
+    pair = far_pair(marker.control_points, axis)
+    if pair is None:
+        return None
+    ids = [point.id for point in marker.control_points]
+    first, second = (marker.xyz[ids.index(dot), axis] for dot in (pair.first, pair.second))
+    return pair if abs(first - second) * 1e3 > 0.995 * pair.between else None
 
 
 def ruler_words(rulers: tuple[int, int]) -> str:
@@ -264,7 +295,11 @@ def draw_footer(
         "ruler-y",
     )
     lengths = (x_length, y_length)
-    remedy = remedy_lines(frame, remedy_words(lengths), frame.block_top + 7.6 * scale, 1.6 * scale)
+    straight = [
+        pair.between if name in short_rulers(markers[0], lengths) and (pair := _along(markers[0], axis)) else length
+        for axis, (name, length) in enumerate(zip("xy", lengths, strict=True))
+    ]
+    remedy = remedy_lines(frame, remedy_words((straight[0], straight[1])), frame.block_top + 7.6 * scale, 1.6 * scale)
     lines = facts(frame, measured_columns(markers[0], lengths, where), frame.checks_y, "check")
     block_marks, block_text = title_block(frame, markers, factor, page)
     layers: dict[str, tuple[Shape, ...]] = {

@@ -29,6 +29,7 @@ from markergen.drawing.print_measurements import (
     draw_footer,
     far_pair,
     ruler_words,
+    short_rulers,
 )
 from markergen.drawing.scene import (
     BLACK,
@@ -147,6 +148,13 @@ def largest_disk(options: SheetOptions, beyond: float = 0.0) -> int:
     Quiet zones extend `beyond` mm outside the disk, all around.
     """
     return max(_disk_on(frame, beyond, options.colors) for frame in options.candidates())
+
+
+def page_room(options: SheetOptions, beyond: float = 0.0) -> tuple[int, int]:
+    """Width and height in whole mm of the largest rectangle that one page holds; for `beyond` see `largest_disk`."""
+    rooms = (_room(frame, beyond, options.colors) for frame in options.candidates())
+    width, height = max(rooms, key=lambda room: room[0] * room[1])
+    return floor(width), floor(height)
 
 
 def _disk_on(frame: Frame, beyond: float, colors: Colors) -> int:
@@ -333,10 +341,13 @@ def _single_notes(
     boundary = figure.marker.boundary
     shape = "disk" if is_disk(boundary) else "outline"
     large = not options.paper and min(paper.width, paper.height) > USUAL.width
+    tiles = f" With --paper {USUAL.name}, a .pdf has it on tiles; {_fitting(figure, options)}." if large else ""
+    pairs = [far_pair(figure.marker.control_points, "xy".index(name)) for name in short_rulers(figure.marker, lengths)]
+    better = f", and better {' and '.join(map(str, pairs))}" if pairs else ""
+    where = "stands on" if options.paper else "needs"
     return (
-        f"The marker {'stands on' if options.paper else 'needs'} {paper}: its {shape} is {size_words(boundary)}.",
-        *([f"With --paper {USUAL.name}, a .pdf has it on tiles; {_fitting(figure, options)}."] if large else []),
-        f"Print at 100 %, then check that the rulers on the sheet measure {ruler_words(lengths)}.",
+        f"The marker {where} {paper}: its {shape} is {size_words(boundary)}.{tiles}",
+        f"Print at 100 %, then check that the rulers on the sheet measure {ruler_words(lengths)}{better}.",
         *compensated_note(figure),
         *nameless_note(nameless),
     )

@@ -352,3 +352,6 @@ def _number(value: object) -> int | float | None:
 
 PAPER_CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)
 """The simulated camera of Acuna & Willert (2018), section IV."""
+
+NAMED_CAMERAS = {"webcam": PAPER_CAMERA, "phone": Camera(4032, 3024, 3000.0, 3000.0, 2015.5, 1511.5)}
+"""Typical cameras, by the names that stand for their files: 44 degrees wide, and 68."""

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -12,14 +12,15 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
-from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.files import Written
+from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import DOT_PIXELS
 from markergen.model.goal import NGON, parse_goal
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import check_holes, near_holes
+from markergen.model.planned_error import KEY, PlannedError, planned_error_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.model.sight import Coverage, coverage
@@ -29,7 +30,7 @@ from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
-from markergen.optimize.dot_count import outlook, sources_of
+from markergen.optimize.dot_count import outlook, planned_error, usual_sources
 from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, needs_scales, pixels_across, size_given
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.problem import (
@@ -207,7 +208,34 @@ class Design(Result):
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), noise))
-        return [self.summary, *filter(None, [self.outlook]), self._bound, *tables, _effort(self.seconds)]
+        plan = [self.plan.sentence] if self.plan else []
+        more = [self.outlook] if self.outlook else []
+        return [self.summary, *plan, *more, self._bound, *tables, _effort(self.seconds)]
+
+    def brief(self) -> Sequence[str | Table]:
+        """See `Result.brief`: the marker, what it is for, the error to plan with, and what more dots would bring."""
+        if self.account:
+            return self.parts()
+        camera, poses, dots = self.spec.camera, self.setting.poses, self.dots
+        keyed = "" if self.spec.asymmetric else ", dot 0 is the key ring"
+        size = f"dots of {format_length(dots.diameter)}{keyed}" if dots.diameter else "bare points"
+        usual = camera == PAPER_CAMERA, self.spec.poses == "paper"
+        flags = [flag for flag, is_usual in zip(("--camera", "--poses"), usual, strict=True) if is_usual]
+        yours = f"; {' and '.join(flags)} describe{'s' * (len(flags) == 1)} yours" if flags else ""
+        unseen = f"; {poses.dropped} poses do not see the whole marker" if poses.dropped else ""
+        view_deg = np.rad2deg(2 * np.arctan(camera.width / 2 / camera.fx))
+        near, far = poses.distance.min(), poses.distance.max()
+        lines = [
+            f"{len(self.marker)} control points in a {self.marker.boundary}: {size}",
+            f"for a camera of {camera.width} x {camera.height} px, {view_deg:.0f} degrees wide, at {near:.2g} to "
+            f"{far:.2g} m{unseen}{yours}",
+        ]
+        return [*lines, *([self.plan.sentence] if self.plan else []), *filter(None, [self.outlook])]
+
+    @property
+    def plan(self) -> PlannedError | None:
+        """The error to plan with; None for a rig, a relief, bare points and dots of several sizes."""
+        return planned_error_of(self.body.provenance)
 
     @property
     def certificate(self) -> Certificate:
@@ -292,11 +320,10 @@ class Design(Result):
 
     @cached_property
     def outlook(self) -> str:
-        """Predicted error from all sources, and what more dots would bring, of a flat marker with dots of one size."""
+        """What more dots of a flat marker with dots of one size would bring; may be empty."""
         if self.account or self.spec.relief or not self.dots.diameter:
             return ""
-        sources = sources_of(self.spec)
-        sources = sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
+        sources = usual_sources(self.spec)
         return outlook(self.marker.xyz[:, :2], self.dots.diameter, self.spec, self.setting, sources)
 
     @property
@@ -494,6 +521,9 @@ def _design(
     _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
+    if dots.diameter and not spec.relief:
+        plan = planned_error(points, dots.diameter, spec, setting)
+        marker = replace(marker, provenance={**marker.provenance, KEY: plan.as_dict()})
     check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
     check_holes(marker)
     if spec.relief:

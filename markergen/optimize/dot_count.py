@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import MANY, layout_safety
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
+from markergen.defaults import MEASURED_SIGMA, PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance
@@ -28,6 +29,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.goal import parse_goal
+from markergen.model.planned_error import PlannedError
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import MOST_LOSSES, MOST_POINTS, USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -146,6 +148,25 @@ def sources_of(spec: Spec) -> ErrorSources:
     return ErrorSources(spec.print_sigma, covariance, scale_sigma=spec.scale_sigma)
 
 
+def usual_sources(spec: Spec) -> ErrorSources:
+    """`sources_of` a spec, with the usual print in place of an exact one."""
+    sources = sources_of(spec)
+    return sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
+
+
+def planned_error(points: Array, diameter: float, spec: Spec, setting: Setting) -> PlannedError:
+    """Error to plan with of dots of one diameter in m at points (n, 2) in m, with the errors of `usual_sources`."""
+    sources = usual_sources(spec)
+    budgets = [
+        marker_budget(points, diameter, setting, spec.image_noise, errors)
+        for errors in (sources, replace(sources, print_sigma=MEASURED_SIGMA, scale_sigma=0.0))
+    ]
+    rotation, measured = (float(np.sqrt(np.mean(budget.rotation_deg["total"] ** 2))) for budget in budgets)
+    translation = float(np.sqrt(np.mean(budgets[0].translation["total"] ** 2)))
+    gains = sources.print_sigma > MEASURED_SIGMA
+    return PlannedError(rotation, 1e3 * translation, float(setting.poses.distance.max()), measured if gains else None)
+
+
 def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
     """Settle the number of dots, and unless the spec has one their diameter.
 
@@ -191,7 +212,7 @@ def common(spec: Spec) -> str:
 
 
 def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, sources: ErrorSources) -> str:
-    """Predicted errors of dots and of a flat marker's rotation, and what more dots would bring, in a few lines.
+    """What more dots of a flat marker would bring, in a line or two; empty if it is not worth a word.
 
     Parameters
     ----------
@@ -207,27 +228,22 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         budget = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
         return f"{np.sqrt(np.mean(budget**2)):.3g} deg"
 
-    slopes = image_slopes(image_jacobian(points, setting.camera, setting.poses), setting.poses)
-    spread = np.trace(dot_covariances(slopes, diameter, spec.image_noise), axis1=-2, axis2=-1)
-    text = f"expect {degrees(points, diameter)} RMS in all, with a print good to {format_length(sources.print_sigma)}"
-    text += "" if sources.camera_covariance is not None else " and an exact calibration"
-    text += f"; dots are measured to about {np.sqrt(spread.mean() / 2):.1g} px per axis"
     try:
         forecaster = at_a_glance(spec, setting.poses, sources)
         forecasts = forecaster.by_count(most=1)
     except InputError:
-        return text
+        return ""
     now = forecaster.value(points, diameter)
     more = {n: forecast for n, forecast in forecasts.items() if n > len(points) and forecast.value < now / WORTH}
     if not more:
-        return text
+        return ""
     least = min(forecast.value for forecast in more.values())
     best = next(forecast for forecast in more.values() if forecast.value <= NEAR_BEST * least)
-    half = next((forecast for forecast in more.values() if forecast.value <= now / 2), None)
+    text, half = "", next((forecast for forecast in more.values() if forecast.value <= now / 2), None)
     if half and half.n < best.n:
         size = format_length(half.diameter)
-        text += f"\nhalf the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}"
-    return f"{text}\nabout the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
+        text = f"half the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}; "
+    return f"{text}about the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
 
 
 def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "Forecaster":

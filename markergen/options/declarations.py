@@ -80,8 +80,9 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         LengthOrFit,
         Option(
             LAYOUT,
-            "Radius of the disk that contains all dots; fit: the largest that a page of --paper (default A4) holds.",
+            "Radius of a disk that contains all dots; fit: the largest that a page of --paper (default A4) holds.",
             "150mm",
+            otherwise="the room is the page in the printer; in Python and specs 150mm",
             metavar="LENGTH|fit",
         ),
     ]
@@ -89,7 +90,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Shape,
         Option(
             LAYOUT,
-            "Instead of a disk: rect:200mmx100mm, or outlines with holes from an SVG, DXF, GeoJSON or KiCad file.",
+            "Instead of a disk: rect:200mmx100mm, page for all that a page of --paper holds, or outlines with holes "
+            "from an SVG, DXF, GeoJSON or KiCad file.",
             metavar="SHAPE|FILE",
         ),
     ]

@@ -38,6 +38,10 @@ class Result(ABC):
     def parts(self) -> Sequence[str | Table]:
         """Return sentences and tables in display order."""
 
+    def brief(self) -> Sequence[str | Table]:
+        """Return what a command prints without ``--details``: by default, all parts."""
+        return self.parts()
+
     @abstractmethod
     def to_json(self) -> bytes:
         """Return the results as JSON text."""

@@ -9,18 +9,18 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.comparison.baselines import line_up
-from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
+from markergen.model.planned_error import amount
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
 from markergen.optimize.design import Design
-from markergen.optimize.dot_count import at_a_glance, sources_of
+from markergen.optimize.dot_count import at_a_glance, usual_sources
 from markergen.optimize.dot_size import choose_dots, size_given
 from markergen.optimize.problem import Fault, FeasibleRegion, faults, objective_of
 from markergen.optimize.to_marker import dress
@@ -31,7 +31,7 @@ from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import cells_of, plan_for, source_of
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
-from markergen.validation.sentences import amount, limit_sentences, marker_plan
+from markergen.validation.sentences import limit_sentences, marker_plan
 from markergen.validation.views import SyntheticViews
 
 USUAL_COUNT = 8
@@ -96,8 +96,7 @@ class Sketch:
     @property
     def sources(self) -> ErrorSources:
         """Print and calibration of the spec; the usual print where it has an exact one."""
-        sources = sources_of(self.spec)
-        return sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
+        return usual_sources(self.spec)
 
     @property
     def series(self) -> SyntheticViews[Marker]:

@@ -23,6 +23,7 @@ from markergen.files import Written
 from markergen.model.body_json import load_marker, load_rig
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.planned_error import amount
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, planned_print
@@ -37,7 +38,6 @@ from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_nam
 from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import source_of
 from markergen.validation.metrics import rms
-from markergen.validation.sentences import amount
 from markergen.validation.setting import setting_of
 from markergen.validation.views import SyntheticViews
 

@@ -1,4 +1,4 @@
-"""The error that a user should plan with: that of the hardest distance and tilt, checked against the rendered views."""
+"""The error that a user should plan with, RMS over all poses to first order, checked by samples and rendered views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -53,7 +53,7 @@ def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: flo
 
 
 def plan_for_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudget) -> dict[str, Any]:
-    """Errors to expect of a rig, to first order: by the number of plates in view, and in the hardest case to plan with.
+    """Errors to expect of a rig, to first order: over all poses, which is to plan with, and by the plates in view.
 
     Parameters
     ----------
@@ -69,7 +69,8 @@ def plan_for_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudg
     served = series.coverage.served
     measured = any(plate.marker.places_measured for plate in series.marker.plates)
     return {
-        **{key: max(row[key] for row in expected.values()) for key in _KEYS},
+        **_first_order(joint, served),
+        "distance": float(series.poses.distance[served].max()),
         "by_plates": rows,
         "all": {"poses": int(served.sum()), **_first_order(joint, served)},
         "alone": _first_order(alone, served),
@@ -85,12 +86,13 @@ def _first_order(budget: PoseBudget, poses: Mask) -> dict[str, float]:
 
 
 def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dict[str, Any]:
-    """Expected errors in the hardest cell, the distance and tilt with the largest error, and over all poses.
+    """Expected errors over all poses, and in the hardest cell, the distance and tilt with the largest error.
 
     Returns
     -------
     dict
-        ``rotation_deg`` and ``translation_mm``, to plan with: the RMS in its hardest cell. ``hardest`` with these cells
+        ``rotation_deg`` and ``translation_mm``, to plan with: the RMS over all poses to first order, as `PlannedError`
+        has it, up to the farthest ``distance`` in m. ``hardest`` with the hardest cells
         as ``rotation_deg`` and ``translation_mm``, and ``all``, with ``poses``, the RMS ``rotation_deg``,
         ``translation_mm``, ``translation_pct`` and ``first_order_deg``, ``flip_rate``, ``failure_rate``, and the number
         of ``sampled`` poses; the cells also with ``distance`` and ``tilt``. ``draws``: estimates at each sampled pose.
@@ -103,7 +105,9 @@ def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dic
         name = max(cells, key=lambda cell: rms(values[cells[cell]]))
         hardest[key] = _cell(expected, poses, cells[name]) | {"distance": name[0], "tilt": name[1]}
     return {
-        **{key: hardest[key][key] for key in _KEYS},
+        "rotation_deg": rms(expected.first_order_deg),
+        "translation_mm": rms(expected.first_order_mm),
+        "distance": float(poses.distance.max()),
         "hardest": hardest,
         "all": _cell(expected, poses, np.ones(len(poses), dtype=bool)),
         "draws": expected.drawn_deg.shape[1],

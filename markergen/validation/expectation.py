@@ -60,8 +60,8 @@ class Expectation:
 
     Attributes
     ----------
-    first_order_deg : array (P,)
-        RMS rotation error by the covariance alone.
+    first_order_deg, first_order_mm : arrays (P,)
+        RMS errors by the covariance alone.
     rotation_deg, translation_mm : arrays (P,)
         RMS errors, with flips; inf where the pose is undetermined.
     flip_rate, failure_rate : arrays (P,)
@@ -73,6 +73,7 @@ class Expectation:
     """
 
     first_order_deg: Array
+    first_order_mm: Array
     rotation_deg: Array
     translation_mm: Array
     flip_rate: Array
@@ -143,6 +144,7 @@ def expect(
     count = _draws(len(poses), int(chosen.sum()) * len(series.marker))
     expected = Expectation(
         rotation_deg,
+        1e3 * translation,
         np.sqrt(rotation_deg**2 + chance * turned_deg**2),
         np.sqrt((1e3 * translation) ** 2 + chance * moved_mm**2),
         chance,

@@ -22,7 +22,13 @@ from markergen.validation.bounds import budget_of
 from markergen.validation.metrics import STATISTICS
 from markergen.validation.report import html_report, rig_report
 from markergen.validation.report.plots import errors_over
-from markergen.validation.sentences import detail_sentences, plan_sentences
+from markergen.validation.sentences import (
+    agreement,
+    detail_sentences,
+    detection_sentence,
+    limit_sentences,
+    plan_sentences,
+)
 from markergen.validation.setting import setting_for
 from markergen.validation.view_records import DETECTOR
 from markergen.validation.views import Picture, SyntheticViews, remove_earlier
@@ -364,6 +370,16 @@ class Validation(SavableResult):
         plan, *more = plan_sentences(results)
         # The verdict last, where a terminal still shows it.
         return [tables.conditions(results), *tables.result_tables(results), *detail_sentences(results), *more, plan]
+
+    def brief(self) -> list[str | Table]:
+        """See `Result.brief`: the verdict, what the views show, and what limits it."""
+        results, views = self._results, self._results["views"]
+        plan = plan_sentences(results)
+        if not self._is_rig:
+            compared = results["headline"]["views"]
+            plan = [*plan[:2], *([detection_sentence(views)] if views else [])]
+            plan += agreement(compared) if compared and compared["disagreements"] else []
+        return [*plan, *limit_sentences(results)]
 
     def __repr__(self) -> str:
         results, views = self._results, self._results["views"]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from markergen.model.planned_error import PlannedError, amount
 from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
 from markergen.presentation.tables import number, percent
 from markergen.units import format_length
@@ -60,49 +61,47 @@ def detail_sentences(results: Mapping[str, Any]) -> list[str]:
 def marker_plan(claim: Mapping[str, Any]) -> list[str]:
     """Sentences about a marker's `headline`, with that of `compare_views` under ``views``."""
     rotated, moved = (claim["hardest"][key] for key in _POSE_UNITS)
-    over_all, deg, mm = claim["all"], amount(claim["rotation_deg"]), amount(claim["translation_mm"])
-    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
-    rate = f" ({percent(rotated['flip_rate'])} there)" if rotated["flip_rate"] > LEAST_SAID else ""
-    with_flips = f"RMS, including flips{rate}"
-    views = claim.get("views") or {}
+    over_all, views = claim["all"], claim.get("views") or {}
     # What is claimed is no plan where the views of the same run contradict it.
     begin, end = (
         ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
     )
-    if _place(rotated) == _place(moved):
-        plan = f"{begin} {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(rotated)}.{frontal}{end}"
-    else:
-        places = f"{deg} deg (at {_place(rotated)}) and {mm} mm (at {_place(moved)})"
-        plan = f"{begin} {places} {with_flips}: the hardest cases.{frontal}{end}"
-    if rotated["failure_rate"]:
-        plan += f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
     sentences = [
-        plan,
-        f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
-        f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
-        f"{claim['source']}.",
+        f"{begin} {_planned(claim).amounts} {_planned(claim).reach}: RMS over {over_all['poses']} poses, with "
+        f"{claim['source']}.{end}"
     ]
+    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
+    rate = f", including flips ({percent(rotated['flip_rate'])})" if rotated["flip_rate"] > LEAST_SAID else ""
+    deg, mm = f"{amount(rotated['rotation_deg'])} deg", f"{amount(moved['translation_mm'])} mm"
+    if _place(rotated) == _place(moved):
+        hardest = f"{deg} and {mm} at {_place(rotated)}"
+    else:
+        hardest = f"{deg} at {_place(rotated)} and {mm} at {_place(moved)}"
+    failed = f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
+    sentences.append(f"The hardest: {hardest}{rate}.{frontal}{failed if rotated['failure_rate'] else ''}")
     if over_all["sampled"]:
         says = f" (in the hardest it claims {amount(rotated['first_order_deg'])} deg)" if rotated["sampled"] else ""
+        really = f"{amount(over_all['rotation_deg'])} deg and {amount(over_all['translation_mm'])} mm over all poses"
         sentences.append(
             f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
-            f" {claim['draws']} estimates were sampled in each, and are what counts here."
+            f" {claim['draws']} estimates sampled in each make it {really}."
         )
-    return sentences + (_agreement(claim["views"]) if claim.get("views") else [])
+    return sentences + (agreement(claim["views"]) if claim.get("views") else [])
 
 
 def _rig_plan(results: Mapping[str, Any]) -> list[str]:
     """State what to plan with of a rig, first, what several plates gain, and what the views found."""
     plan, poses, views = results["headline"], results["poses"], results["views"]
+    planned = _planned(plan)
     hardest = max(plan["by_plates"], key=lambda name: plan["by_plates"][name]["rotation_deg"] or np.inf)
 
     def errors(row: Mapping[str, Any]) -> str:
         return f"{amount(row['rotation_deg'])} deg and {amount(row['translation_mm'])} mm"
 
     sentences = [
-        f"Plan with {errors(plan)} RMS: the hardest case, with {hardest} plate{'s' * (hardest != '1')} in view.",
-        f"Over all {plan['all']['poses']} poses: {errors(plan['all'])}, with {plan['source']}; the best plate of each "
-        f"alone: {errors(plan['alone'])}.",
+        f"Plan with {planned.amounts} {planned.reach}: RMS over {plan['all']['poses']} poses, with {plan['source']}.",
+        f"The hardest: {errors(plan['by_plates'][hardest])} with {hardest} plate{'s' * (hardest != '1')} in view; over "
+        f"all poses the best plate of each alone gives {errors(plan['alone'])}.",
     ]
     if results["rig"]["relation_exact"]:
         sentences.append("The relation of the plates is taken as exact: the rig has no relation_covariance.")
@@ -118,7 +117,8 @@ def _rig_plan(results: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _agreement(views: Mapping[str, Any]) -> list[str]:
+def agreement(views: Mapping[str, Any]) -> list[str]:
+    """Say whether rendered views, compared by `compare_views`, agree with the errors expected of them."""
     sentences, agreed = [], []
     for name, where in (("hardest", "in the hardest case"), ("all", "over all poses")):
         for key, unit in _POSE_UNITS.items():
@@ -236,8 +236,7 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
         sentences.append(line)
     if first and exact:
         sentences.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
-    # Its first line is what the verdict says of all poses.
-    if more := "; ".join((budget.get("outlook") or "").splitlines()[1:]):
+    if more := budget.get("outlook"):
         sentences.append(f"{more[0].upper()}{more[1:]}.")
     return sentences
 
@@ -289,14 +288,14 @@ def advice_sentences(advice: "Advice", marker: "Marker", poses: "PoseDistributio
     return sentences
 
 
-def amount(value: float | None, digits: int = 2) -> str:
-    """Format an error with that many significant digits; a missing or infinite one as a word."""
-    return "unbounded" if value is None or not np.isfinite(value) else number(float(value), digits)
-
-
 def at(distance: float, tilt_deg: float) -> str:
     """Describe a viewpoint: ``At 1.5 m and 70 deg``."""
     return f"At {distance:.3g} m and {tilt_deg:.3g} deg"
+
+
+def _planned(claim: Mapping[str, Any]) -> PlannedError:
+    unbounded = {key: np.inf if claim[key] is None else claim[key] for key in _POSE_UNITS}
+    return PlannedError(**unbounded, distance=claim["distance"])
 
 
 def _views(count: int) -> str:

@@ -33,7 +33,7 @@ def test_it_is_what_the_command_designs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = design(**QUICK, output="lib.pdf", paper="A3", seed=1)
     words = [f"--{name}={value}" for name, value in QUICK.items()]
-    assert main(["design", *words, "--seed", "1", "--paper", "A3", "-o", "cli.pdf"]) == 0
+    assert main(["design", *words, "--seed", "1", "--paper", "A3", "-o", "cli.pdf", "--details"]) == 0
     assert Path("lib.json").read_bytes() == Path("cli.json").read_bytes()
     assert Path("lib.pdf").read_bytes() == Path("cli.pdf").read_bytes()
     printed = capsys.readouterr().out

@@ -5,21 +5,24 @@ import json
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from sentences import sentence
 
 from markergen.api.design import design, largest_that_fits, radius_limits
 from markergen.cli import main
-from markergen.drawing.paper import SheetOptions
+from markergen.drawing.paper import SheetOptions, find_paper
 from markergen.drawing.sheet_layout import fits, pages_for
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
+from markergen.model.marker import Marker
 from markergen.model.spec import AUTO, Spec
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import spec_from_mapping
 
+PAGED = {"n": 4, "restarts": 1, "dot": "20mm", "poses": "cone:count=30"}
 QUICK = {"n": 4, "dot": "8mm", "restarts": 1, "poses": "cone:count=30"}
 
 
@@ -112,3 +115,26 @@ def test_what_cannot_fit_is_said():
         design(radius="fit", boundary="rect:0.1x0.2")
     with pytest.raises(InputError, match="radius='fits'"):
         design(radius="fits")
+
+
+@pytest.mark.parametrize(("locale", "paper"), [("de_DE.UTF-8", "A4"), ("en_US.UTF-8", "letter"), ("C", "A4")])
+def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, paper):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LC_ALL", locale)
+    words = ["design", "--n=4", "--restarts=1", "--poses=cone:count=30", "--quiet"]
+    assert main([*words, "-o", "page.pdf"]) == 0
+    found = Marker.load("page.json")
+    options = SheetOptions(paper)
+    assert fits(found, options)
+    width, height = np.ptp(found.boundary.outlines()[0], axis=0)
+    page = find_paper(paper)
+    assert 1e3 * width > page.width - 36
+    assert 1e3 * height > page.height - 92
+    assert main([*words, "--radius=60mm", "-o", "disk.pdf"]) == 0
+    assert Marker.load("disk.json").boundary == Circle(0.06)
+
+
+def test_python_does_not_depend_on_the_locale(monkeypatch):
+    monkeypatch.setenv("LC_ALL", "en_US.UTF-8")
+    assert design(**PAGED).marker.boundary == Circle(0.15)
+    assert str(design(**PAGED, boundary="page").marker.boundary) == "polygon of 178 mm x 217 mm"

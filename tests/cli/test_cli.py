@@ -54,7 +54,7 @@ def test_a_closed_standard_output_is_told(here, capsys, monkeypatch, command):
 
 
 def test_the_main_job(here, capsys):
-    assert main(["design", "--n", "5", "--radius", "0.15", "-o", "marker.pdf", "-o", "marker.svg"]) == 0
+    assert main(["design", "--n", "5", "--radius", "0.15", "-o", "marker.pdf", "-o", "marker.svg", "--details"]) == 0
     said = capsys.readouterr().out
     assert names(here) == {"marker.pdf", "marker.svg", "marker.json"}
     for words in (
@@ -65,7 +65,7 @@ def test_the_main_job(here, capsys):
         "random, median",
     ):
         assert words in said
-    assert main(["validate", "marker.json", "--runs", "3", "--views", "4", "--json", "results.json"]) == 0
+    assert main(["validate", "marker.json", "--runs", "3", "--views", "4", "--json", "results.json", "--details"]) == 0
     said = capsys.readouterr().out
     for words in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "4 of 4 rendered views detected"):
         assert words in said
@@ -122,7 +122,7 @@ def test_the_record_is_known_by_its_place_not_its_spelling(here, capsys):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("arguments", ["--help", "templates", "export marker.json -o m.svg"])
 def test_a_full_standard_output_is_one_line(marker, arguments):
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with Path("/dev/full").open("w") as full:
         run = subprocess.run(
             [sys.executable, "-m", "markergen", *arguments.split()],
@@ -159,7 +159,7 @@ def test_version(capsys):
         ("design -o /", ".pdf"),
         ("design -o .", ".pdf"),
         ("design -o a/../m.pdf -o ./m.pdf", "twice"),
-        ("design --n 12 --dot 80mm", "of which 8 fit"),
+        ("design --radius 0.15 --n 12 --dot 80mm", "of which 8 fit"),
         ("design --n 5 --dot 500mm", "of which 0 fit"),
         ("design --objective speed", "known: condition, homography, pose"),
         ("design --objective pos", "did you mean 'pose'?"),
@@ -172,7 +172,7 @@ def test_version(capsys):
         ("design -o marker", ".pdf"),
         ("design -o a.pdf -o a.pdf", "twice"),
         ("design -o none/marker.pdf", "the folder none does not exist"),
-        ("design --restarts 1 -o m.pdf --paper A3 --no-tile", "A2"),
+        ("design --radius 0.15 --restarts 1 -o m.pdf --paper A3 --no-tile", "A2"),
         ("design -o m.pdf --paper A99", "A0"),
         ("design --restarts 1 --dot 0 -o m.pdf", "dot"),
         ("design --seed -1", "seed"),
@@ -282,7 +282,7 @@ def test_a_reader_that_has_left_is_no_error():
     """Told by the first line, which here leaves within the command."""
     reader, writer = os.pipe()
     os.close(reader)
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "PYTHONUNBUFFERED": "1"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "markergen", "templates"]
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, env=environment)
     os.close(writer)
@@ -293,7 +293,7 @@ def test_a_reader_that_has_left_is_no_error():
     "arguments", ["validate marker.json --json r.json", "design --n 12 --objective condition -o m.pdf"]
 )
 def test_ctrl_c_ends_cleanly(marker, arguments):
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.Popen(
         [sys.executable, "-m", "markergen", *arguments.split()],
         cwd=marker.parent, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -86,7 +86,7 @@ def test_fish(home):
 
 
 def test_what_zsh_is_given(home, monkeypatch):
-    assert f"\n{ZSH}\n" in (ROOT / "README.md").read_text()
+    assert f"\n{ZSH}\n" in (ROOT / "docs" / "install.md").read_text()
     monkeypatch.setenv("_MARKERGEN_COMPLETE", "complete_zsh")
     monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "markergen design --objective trans")
     assert output_of("markergen") == ["_arguments '*: :((\"translation\"))'"]

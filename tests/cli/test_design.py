@@ -77,7 +77,7 @@ def test_camera_and_poses_of_files_are_used_throughout(here, capsys):
             angle = np.pi * turn
             rows.writerow([0.01, 0.02, 0.8 + turn / 10, np.sin(angle / 2), 0, 0, np.cos(angle / 2)])
     files = ["--camera", "camera.yaml", "--poses", "poses.csv"]
-    assert main(quick("--boundary", "rect:0.2x0.15", *files)) == 0
+    assert main(quick("--boundary", "rect:0.2x0.15", *files, "--details")) == 0
     assert "12 poses (poses.csv)" in capsys.readouterr().out
     spec = json.loads((here / "m.json").read_text())["provenance"]["spec"]
     assert spec["camera"]["distortion"]["coefficients"][0] == -0.2
@@ -92,7 +92,7 @@ def test_camera_and_poses_of_files_are_used_throughout(here, capsys):
 
 
 def test_losses_are_printed(here, capsys):
-    assert main(quick("--n", "5", "--survive", "1", "--aggregate", "cvar:0.9")) == 0
+    assert main(quick("--n", "5", "--survive", "1", "--aggregate", "cvar:0.9", "--details")) == 0
     said = capsys.readouterr().out
     for words in ("none hidden", "worst: dot", "mean of any 1 hidden", "found in", "MB of memory"):
         assert words in said
@@ -159,7 +159,7 @@ def test_inputs_are_not_overwritten(here, capsys):
 
 def test_a_keep_out_that_keeps_nothing_out_is_told(here, capsys):
     keep_outs = ["--keep-out", "circle:5mm@0.2m,10mm", "--keep-out", "circle:5mm@149mm,0"]
-    assert main(quick("--n", "4", *keep_outs)) == 0
+    assert main(quick("--n", "4", "--radius", "150mm", *keep_outs)) == 0
     (warning,) = capsys.readouterr().err.splitlines()
     assert sentence("keep-out outside", 1, "5 mm", "200 mm, 10 mm") in warning
 
@@ -179,7 +179,7 @@ def test_a_layout_without_a_homography_is_refused(here, capsys):
 
 def test_what_was_minimized_is_printed(here, capsys):
     """The table has each criterion with its own aggregate: that of the spec is told beside it."""
-    assert main(quick("--n", "6", "--aggregate", "max", "--survive", "1", "--trace", "way.csv")) == 0
+    assert main(quick("--n", "6", "--aggregate", "max", "--survive", "1", "--trace", "way.csv", "--details")) == 0
     value = float(list(csv.DictReader((here / "way.csv").read_text().splitlines()))[-1]["objective"])
     assert f"loss of 1 dot of {value:.4g} m, seed 0" in capsys.readouterr().out
 

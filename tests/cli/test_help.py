@@ -1,6 +1,7 @@
 """Commands are thin, and their help is made of what is declared."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ def test_a_command_parses_calls_and_prints(name):
 
 
 def test_help_comes_in_groups(capsys):
-    assert main(["design", "--help"]) == 0
+    assert main(["design", "--help-all"]) == 0
     text = capsys.readouterr().out
     titles = ["Layout:", "Camera and poses:", "Dots and labels:", "Sheet:", "Solid:", "Search:", "Files:", "Options:"]
     places = [text.index(f"\n{title}\n") for title in titles]
@@ -32,6 +33,17 @@ def test_help_comes_in_groups(capsys):
     # Each option stands in its group.
     assert places[0] < text.index("--keep-out") < places[1] < text.index("--poses NAME") < places[2]
     assert places[5] < text.index("--objective") < places[6]
+
+
+@pytest.mark.parametrize("name", ["design", "validate", "export"])
+def test_help_lists_the_options_most_needed(name, capsys):
+    assert main([name, "--help"]) == 0
+    brief = re.findall(r"^  (?:-\w, )?(--[\w-]+)", capsys.readouterr().out, re.MULTILINE)
+    assert main([name, "--help-all"]) == 0
+    everything = re.findall(r"^  (?:-\w, )?(--[\w-]+)", capsys.readouterr().out, re.MULTILINE)
+    assert 12 <= len(brief) <= 14
+    assert len(everything) > 1.5 * len(brief)
+    assert set(brief) - {"--help-all"} <= set(everything)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -26,7 +26,7 @@ def test_views_report_and_pictures(here, capsys, tmp_path):
     pictures.mkdir()
     (pictures / "failure-0099.png").write_bytes(b"of another run")
     (pictures / "mine.png").write_bytes(b"not of any run")
-    assert main([*SHORT, "--views", "5", "--report", str(report), "--pictures", str(pictures)]) == 0
+    assert main([*SHORT, "--views", "5", "--report", str(report), "--pictures", str(pictures), "--details"]) == 0
     said = capsys.readouterr().out
     for words in ("Error budget", "Synthetic views", "5 of 5 rendered views detected", "print limits"):
         assert words in said

@@ -93,7 +93,7 @@ def test_pages_show_and_report(path):
     assert not re.findall(r".*\b(?:told|said|tells)\b.*", text)
 
 
-OTHERS = {"--aprilcube", "--packages-select", "--nthreads", "--nworkers"}
+OTHERS = {"--aprilcube", "--force-reinstall", "--no-deps", "--packages-select", "--nthreads", "--nworkers"}
 """Flags of other programs, which pages name outside their commands."""
 
 

@@ -12,9 +12,9 @@ from markergen.read.outlines.boundary import parse_boundary
 
 def test_notes_say_which_paper_and_why(make_ngon):
     sheet = sheet_for(make_ngon(5, 0.15, 0.036))
-    assert sheet.notes[0] == sentence("needs paper", "A2 (420 x 594 mm)", "disk is 300 mm across")
-    assert sheet.notes[1] == "With --paper A4, a .pdf has it on tiles; " + sentence("page holds", "A4", 89, "A4")
-    assert "200 mm" in sheet.notes[2]
+    tiled = " With --paper A4, a .pdf has it on tiles; " + sentence("page holds", "A4", 89, "A4")
+    assert sheet.notes[0] == sentence("needs paper", "A2 (420 x 594 mm)", "disk is 300 mm across") + tiled
+    assert "200 mm" in sheet.notes[1]
     larger = sheet_for(make_ngon(5, 0.15, 0.036), "A1")
     assert larger.notes[0] == sentence("stands on", "A1 (594 x 841 mm)", "300 mm") + "."
     assert not any("design" in note for note in larger.notes)

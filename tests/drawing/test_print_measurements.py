@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sentences import sentence
 
-from markergen.drawing.print_measurements import BAND, far_pair, place_ruler, remedy_words, ruler
+from markergen.drawing.print_measurements import BAND, far_pair, place_ruler, remedy_words, ruler, short_rulers
 from markergen.drawing.scene import Disk, Line, bounds
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint
@@ -52,6 +52,13 @@ def test_the_command_states_the_length_of_every_ruler():
         "-o printed.json"
     )
     assert "measured-y" not in remedy_words((150, 0))[1]
+
+
+def test_a_short_ruler_names_the_scale_it_proves_and_longer_distances(make_ngon):
+    square = make_ngon(4, 0.1, 0.02)
+    assert short_rulers(square, (150, 100)) == {}
+    assert short_rulers(square, (150, 20)) == {"y": "y proves its scale to 1.5 %: measure dots 0 and 2"}
+    assert short_rulers(square, (0, 100)) == {"x": "none along x: measure dots 1 and 3"}
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -116,7 +116,6 @@ SENTENCES = {
     "layout title": "What the layout allows, for image noise of {}",
     "mean hidden": "mean of any {} hidden",
     "worst hidden": "worst: {} hidden",
-    "expected error": "expect {} RMS in all, with a print good to {} and an exact calibration",
     "noise of": "image noise of {}",
     "print error": " and a print error of {}",
     "for noise": " for image noise{}: larger",

@@ -24,7 +24,22 @@ def _suffixes() -> list[tuple[str, str]]:
 
 
 @with_options(
-    ExportKeywords, listed={"Suffixes": _suffixes, "Processes": _processes, "Suffixes for a rig.json": rig_suffixes}
+    ExportKeywords,
+    listed={"Suffixes": _suffixes, "Processes": _processes, "Suffixes for a rig.json": rig_suffixes},
+    first=[
+        "output",
+        "paper",
+        "orientation",
+        "margin",
+        "dpi",
+        "colors",
+        "net",
+        "compensate",
+        "process",
+        "thickness",
+        "mount",
+        "outline",
+    ],
 )
 def export(
     marker: Annotated[

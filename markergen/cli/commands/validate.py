@@ -7,12 +7,28 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Json, Refine, Report, with_options
+from markergen.cli.options import Details, Json, Refine, Report, with_options
 from markergen.options import VIEW
 from markergen.options.declarations import ValidateKeywords
 
 
-@with_options(ValidateKeywords)
+@with_options(
+    ValidateKeywords,
+    first=[
+        "camera",
+        "poses",
+        "runs",
+        "views",
+        "optics",
+        "print_sigma",
+        "camera_covariance",
+        "report",
+        "pictures",
+        "json",
+        "fail_if",
+        "details",
+    ],
+)
 def validate(
     marker: Annotated[
         Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
@@ -30,6 +46,7 @@ def validate(
         Path | None, typer.Option(metavar="DIR", help="Write failed, worst and typical views as PNG.")
     ] = None,
     json: Json = None,
+    details: Details = False,
     fail_if: Annotated[
         list[str] | None,
         typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
@@ -52,7 +69,7 @@ def validate(
     files: dict[str, Any] = {"json": console.file_of(json), "report": report, "pictures": pictures}
     with console.progress_bar() as progress:
         result = prove(marker, camera, progress=progress, **files, **options)
-    console.print_result(result, json)
+    console.print_result(result, json, details=details)
     verdicts = [result.check(expression) for expression in fail_if or []]
     for passed, verdict in verdicts:
         (console.note if passed else console.complain)(f"{'passed' if passed else 'FAILED'}: {verdict}")

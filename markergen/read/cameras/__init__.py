@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
-from markergen.model.camera import Camera
+from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, document_of
 from markergen.read.cameras.statements import remark_doubts, remark_unused_keys
 from markergen.read.cameras.unreadable import refuse_unreadable
@@ -114,8 +114,8 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     """Read the camera of a calibration file: OpenCV, ROS, Kalibr, COLMAP or a table of plain numbers.
 
     ``path#NAME`` selects one of several cameras in a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``, and
-    ``path#640x480`` gives the size of the images to a file without it. The
-    principal point is converted to the convention of `Camera`: pixel centers at integers.
+    ``path#640x480`` gives the size of the images to a file without it. The principal point is converted to the
+    convention of `Camera`: pixel centers at integers. The names of `NAMED_CAMERAS` stand for typical cameras.
 
     Raises
     ------
@@ -123,6 +123,8 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
         If the file cannot be read, has no known format, or is incomplete or inconsistent; the message names file and
         key.
     """
+    if str(path) in NAMED_CAMERAS:
+        return NAMED_CAMERAS[str(path)]
     return _camera_of(*sized_document(path))
 
 

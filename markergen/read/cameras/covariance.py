@@ -13,7 +13,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import place_of, read
-from markergen.model.camera import Camera
+from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras import COVARIANCE, NAMES, format_of, sized_document, split
 from markergen.read.cameras.calibration import entries
 from markergen.read.cameras.document import Document, Fields, document_of
@@ -50,7 +50,7 @@ def camera_covariance(value: Path | str | Array | None, source: object, camera: 
         return read_camera_covariance(value, camera)
     if isinstance(source, Mapping):
         return _stored(document_of(source, "the dict"), None, camera)
-    if isinstance(source, str | os.PathLike):
+    if isinstance(source, str | os.PathLike) and str(source) not in NAMED_CAMERAS:
         return _stored(*sized_document(source), camera)
     return None
 

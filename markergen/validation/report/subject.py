@@ -64,6 +64,11 @@ class Expected:
         return np.rad2deg(rotation_bound(self.covariance))
 
     @property
+    def first_order_mm(self) -> Array:
+        """RMS translation error (P,) in mm by the covariance."""
+        return 1e3 * np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=-2, axis2=-1))
+
+    @property
     def rotation_deg(self) -> Array:
         """RMS rotation error (P,) in degrees."""
         return self.sampled["rotation_deg"] if self.sampled else self.first_order_deg
@@ -71,9 +76,7 @@ class Expected:
     @property
     def translation_mm(self) -> Array:
         """RMS translation error (P,) in mm."""
-        if self.sampled:
-            return self.sampled["translation_mm"]
-        return 1e3 * np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=-2, axis2=-1))
+        return self.sampled["translation_mm"] if self.sampled else self.first_order_mm
 
     @property
     def translation_pct(self) -> Array:
@@ -115,7 +118,7 @@ class Subject:
         expected, none = self.expected, np.zeros(len(self.expected.poses))
         undrawn = np.zeros((len(none), 0))
         first_order = Expectation(
-            expected.first_order_deg, expected.rotation_deg, expected.translation_mm,
+            expected.first_order_deg, expected.first_order_mm, expected.rotation_deg, expected.translation_mm,
             none, none, none > 0, undrawn, undrawn,
         )  # fmt: skip
         return headline(first_order, expected.poses, expected.source)

@@ -108,4 +108,4 @@ def test_bare_points_have_no_size_to_print(results, make_ngon, few, quick):
 def test_one_pose_is_enough(results, pentagon, few, quick):
     one = replace(few, poses=PoseDistribution("one", few.poses.rotation[[30]], few.poses.translation[[30]]))
     without = {**results, "views": None, "headline": None, "expected": None}
-    assert "Over all 1 poses" in html_report(without, pentagon, one).decode()
+    assert "RMS over 1 poses" in html_report(without, pentagon, one).decode()

@@ -1,0 +1,69 @@
+"""The error to plan with: the one number that sheets, commands, reports and the studio give for a marker."""
+# tests: tests/optimize/test_planned_error.py
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import isfinite
+from typing import Any
+
+KEY = "error_to_plan_with"
+"""Its key in the provenance of a marker."""
+
+
+@dataclass(frozen=True)
+class PlannedError:
+    """RMS errors of the pose over all poses of a design, to first order, with image noise and the print's error.
+
+    Attributes
+    ----------
+    rotation_deg, translation_mm : float
+    distance : float
+        Distance of the farthest pose, m.
+    measured_deg : float or None
+        Rotation error once twenty photographs have measured the print; None if the print is no larger source.
+    """
+
+    rotation_deg: float
+    translation_mm: float
+    distance: float
+    measured_deg: float | None = None
+
+    @property
+    def amounts(self) -> str:
+        """Both errors, such as ``0.33 deg and 0.64 mm``."""
+        return f"{amount(self.rotation_deg)} deg and {amount(self.translation_mm)} mm"
+
+    @property
+    def reach(self) -> str:
+        """Distances that they hold at, such as ``at up to 1.5 m``."""
+        return f"at up to {self.distance:.2g} m"
+
+    @property
+    def sentence(self) -> str:
+        """What to plan with, and what a measured print gains."""
+        gain = "" if self.measured_deg is None else (
+            f"; measure the print with twenty photographs (markergen calibrate): {amount(self.measured_deg)} deg"
+        )  # fmt: skip
+        return f"Plan with {self.amounts} {self.reach}{gain}."
+
+    def as_dict(self) -> dict[str, float]:
+        """Return plain JSON values of four digits."""
+        return {key: float(f"{value:.4g}") for key, value in asdict(self).items() if value is not None}
+
+
+def planned_error_of(provenance: Mapping[str, Any]) -> PlannedError | None:
+    """Return the error that a marker's provenance has; None if it has none, as that of a rig or a relief."""
+    stored: Any = provenance.get(KEY)
+    try:
+        return PlannedError(**{key: float(value) for key, value in stored.items()})
+    except (AttributeError, TypeError, ValueError):  # Absent, or written by hand.
+        return None
+
+
+def amount(value: float | None, digits: int = 2) -> str:
+    """Format an error with that many significant digits; a missing or infinite one as a word.
+
+    >>> amount(0.332), amount(None)
+    ('0.33', 'unbounded')
+    """
+    return "unbounded" if value is None or not isfinite(value) else f"{value:#.{digits}g}".rstrip(".")

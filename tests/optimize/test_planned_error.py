@@ -1,0 +1,42 @@
+"""The error to plan with is one number: in marker.json, on the sheet, and where it is validated."""
+
+import pytest
+
+from markergen.api.design import design
+from markergen.api.validate import validate
+from markergen.drawing.print_measurements import measured_columns
+from markergen.model.marker import Marker
+from markergen.model.planned_error import KEY, PlannedError, planned_error_of
+
+
+@pytest.fixture(scope="module")
+def found():
+    return design(n=5, boundary="page", paper="A5", dot="12mm", poses="cone:count=20,distance=0.3..0.8m", restarts=1)
+
+
+def test_it_is_the_same_everywhere(found, tmp_path):
+    found.marker.save(tmp_path / "marker.json")
+    plan = planned_error_of(Marker.load(tmp_path / "marker.json").provenance)
+    assert plan == found.plan
+    proved = validate(found.marker, runs=0, views=0)
+    assert proved.headline["rotation_deg"] == pytest.approx(plan.rotation_deg, rel=1e-3)
+    assert proved.headline["translation_mm"] == pytest.approx(plan.translation_mm, rel=1e-3)
+    for text in (found.brief(), proved.brief(), measured_columns(found.marker, (100, 100))):
+        assert plan.amounts in " ".join(map(str, text))
+
+
+def test_a_measured_print_is_better(found):
+    exact = validate(found.marker, runs=0, views=0, print_sigma="0.01mm")
+    assert exact.headline["rotation_deg"] == pytest.approx(found.plan.measured_deg, rel=1e-3)
+    assert found.plan.measured_deg < 0.5 * found.plan.rotation_deg
+
+
+@pytest.mark.parametrize("stored", [{}, {KEY: 3}, {KEY: {"rotation_deg": "x"}}, {KEY: {"rotation_deg": 1, "other": 2}}])
+def test_files_without_it(stored):
+    assert planned_error_of(stored) is None
+
+
+def test_an_error_without_a_measured_one():
+    plan = PlannedError(0.1234, 1.5, 0.999)
+    assert plan.sentence == "Plan with 0.12 deg and 1.5 mm at up to 1 m."
+    assert planned_error_of({KEY: plan.as_dict()}) == plan
