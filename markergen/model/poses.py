@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
+from markergen.model.pose_doubts import other_conventions, plausibility
 from markergen.registry import Registry
 
 Codes = NDArray[np.int8]
@@ -42,19 +43,21 @@ REASONS = {
 SMALLEST_WIDTH = 10.0
 """Least plausible width in px of a marker: four dots of 2.5 px, the smallest that are found, do not fit into less."""
 
-WIDEST = np.deg2rad(120)
-"""Field of view in rad that a camera is taken to have where none is known."""
-USUAL, SURE = 0.8, 0.95
-"""Shares of poses that look at the marker: fewer are doubted if more do by another convention. Inverses of poses on a
-cone, and those with a quaternion in another order, look at it in 35 to 65 % of cases, as tried with 8 cones."""
-FARTHEST = 50.0
-"""Largest plausible distance in m of half of the poses: of a marker of 2 m, 10 px with a focal length of 250 px."""
-
 _CORNER = 0.1
 """Minimum turn of the outline in rad at a corner: more than between neighboring points of a round rim."""
 
 _AT_ONCE = 1_000_000
 """Number of projected points in one chunk: some 100 MB."""
+
+
+class Placing(Protocol):
+    """Rule for poses in the view of a camera."""
+
+    def placed(self, camera: Camera, points: Array | None) -> tuple[Array, Array]:
+        """Rotation (P, 3, 3) and translation (P, 3) of poses that see all points, or without points the origin."""
+
+    def at_distance(self, distance: float) -> "PoseDistribution":
+        """The poses from one distance in m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,8 @@ class PoseDistribution:
         Sentence for the user if the poses seem to follow another convention or unit; usually empty.
     weight : array (P,) or None
         How much each pose counts in an aggregate, above 0; None if all count the same.
+    placing : Placing or None
+        Places poses anywhere in the view of a camera, once it is known; these then look straight at the origin.
     """
 
     name: str
@@ -81,6 +86,7 @@ class PoseDistribution:
     dropped: int = 0
     doubt: str = ""
     weight: Array | None = None
+    placing: "Placing | None" = None
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -129,6 +135,8 @@ class PoseDistribution:
             If none is left; the message counts the reasons.
         """
         points = raised(silhouette(boundary), height)
+        if self.placing is not None:
+            return self.placed(camera, points).seen_whole(boundary, camera, height)
         codes = visibility(points, self.rotation, self.translation, camera)
         kept = np.flatnonzero(codes == SEEN)
         if not kept.size:
@@ -153,6 +161,16 @@ class PoseDistribution:
                 f"from half of the poses, {away} away, the marker is at most {width:.2g} px wide: is the unit another?"
             )
         return replace(self.taken(kept, self.dropped + len(self) - kept.size), doubt=doubt)
+
+    def placed(self, camera: Camera, points: Array | None = None) -> Self:
+        """Place poses whose text asks for it anywhere in a camera's view; others are returned unchanged.
+
+        All points (m, 2 or 3) are then in view, or without points the origin.
+        """
+        if self.placing is None:
+            return self
+        rotation, translation = self.placing.placed(camera, points)
+        return replace(self, rotation=rotation, translation=translation, placing=None)
 
     def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
         """Keep the poses with these indices; `dropped` is the count for the result."""
@@ -334,7 +352,6 @@ COLUMNS = "tx ty tz qx qy qz qw"
 MOST_KEPT = 2000
 """Maximum number of poses stored in marker.json; of more poses that see the marker, a sample is taken."""
 
-_FLIP = np.diag([1.0, -1.0, -1.0])
 _LOOKED_AT = 5000
 """Number of poses that are tested with other conventions."""
 
@@ -419,64 +436,18 @@ class RecordedPoses(PoseDistribution):
     def plausibility(self) -> str:
         """Return what is odd about the poses whatever camera and marker they are for; or an empty string."""
         sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
-        rotation, translation = self.rotation[sample], self.translation[sample]
-        share = _looking(rotation, translation)
-        if share < USUAL:
-            # Directions do not depend on the unit.
-            trials = [trial for trial in _other_conventions(rotation, translation) if " mm" not in trial[0]]
-            shares = [_looking(*poses) for _, *poses in trials]
-            best = int(np.argmax(shares))
-            least = f"{share:.0%} of the poses look at the marker's front"
-            if shares[best] > max(2 * share, 0.1) or shares[best] > SURE:
-                words = f"{shares[best]:.0%} would if the file {trials[best][0]}"
-                return f"{least}; {words}: look up which way its format goes"
-            if share < 1 / 2:
-                return f"{least}, and not more by any usual convention: are they about another origin, or of a body?"
-        away = float(np.median(self.distance))
-        if away > FARTHEST:
-            return f"half of the poses are more than {away:.4g} m away: is the unit another, such as mm?"
-        return ""
+        return plausibility(self.rotation[sample], self.translation[sample])
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
         sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
         # Fewer could be chance.
         best, most = "", max(2 * share, 0.1)
-        for convention, rotation, translation in _other_conventions(self.rotation[sample], self.translation[sample]):
+        for convention, rotation, translation in other_conventions(self.rotation[sample], self.translation[sample]):
             visible = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
             if visible > most:
                 best, most = convention, visible
         return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
 
 
-def _looking(rotation: Array, translation: Array) -> float:
-    """Share of poses whose camera is in front of the marker and has its origin in a view of `WIDEST`."""
-    distance = np.maximum(np.linalg.norm(translation, axis=-1), np.finfo(float).tiny)
-    front = np.sum(rotation[:, :, 2] * translation, axis=-1) < 0
-    return float(np.mean(front & (translation[:, 2] > np.cos(WIDEST / 2) * distance)))
-
-
 def _name(file: str, sampled_from: int) -> str:
     return f"{file}, a sample of {sampled_from}" if sampled_from else file
-
-
-def _other_conventions(rotation: Array, translation: Array) -> list[tuple[str, Array, Array]]:
-    """Return common mistakes, in words, with the poses that would be meant."""
-    from scipy.spatial.transform import Rotation
-
-    back = rotation.swapaxes(-1, -2)
-    inverse = -np.einsum("pij,pj->pi", back, translation)
-    # Of q = (x, y, z, w) read as x y z w, the turn of w x y z, of the poses and of their inverses.
-    first = Rotation.from_quat(Rotation.from_matrix(rotation).as_quat()[:, [1, 2, 3, 0]]).as_matrix()
-    last = Rotation.from_quat(Rotation.from_matrix(back).as_quat()[:, [1, 2, 3, 0]]).as_matrix().swapaxes(-1, -2)
-    return [
-        ("had the quaternion's w first", first, translation),
-        ("had the quaternion's w first", last, -np.einsum("pij,pj->pi", last, inverse)),
-        ("were in mm", rotation, translation / 1000),
-        ("held inverses in mm", back, inverse / 1000),
-        ("were in mm, with the quaternion's w first", first, translation / 1000),
-        ("were in mm, with the quaternion's w first", last, -np.einsum("pij,pj->pi", last, inverse) / 1000),
-        ("held their inverses", back, inverse),
-        ("were for a camera frame with y up and z backward", _FLIP @ rotation, translation @ _FLIP),
-        ("held inverses for a camera frame with y up and z backward", _FLIP @ back, inverse @ _FLIP),
-        ("were for a marker frame with y down and z into the face", rotation @ _FLIP, translation),
-    ]

@@ -239,6 +239,7 @@ class Coverage:
 
 def coverage(body: Body, camera: Camera, poses: PoseDistribution) -> Coverage:
     """What each pose sees of a body; dots are large enough from `Feature.least_pixels` on."""
+    poses = poses.placed(camera)
     return Coverage(body.xyz, 2 * body.radii, poses, dots_in_view(body, camera, poses), body.owner)
 
 
@@ -252,6 +253,7 @@ def poses_that_serve(marker: Marker, camera: Camera, poses: PoseDistribution) ->
     """
     if len(marker.constellations) < 2:
         return poses.seen_whole(marker.boundary, camera, marker.height)
+    poses = poses.placed(camera)
     kept = np.flatnonzero(coverage(marker, camera, poses).served)
     if not kept.size:
         raise InputError(

@@ -409,7 +409,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
         If the objective is not the error of a pose, or no dots fit that are seen.
     """
     begin = perf_counter()
-    poses = poses_from(spec.poses)
+    poses = poses_from(spec.poses).placed(spec.camera)
     scales = tuple(
         replace(scale, points=np.round(number(scale.points), 10) + 0.0) for scale in nested(spec, poses, progress)
     )

@@ -283,7 +283,7 @@ def design_rig(
     begin = perf_counter()
     given = given or {}
     check_objective(spec, True)
-    poses = poses_from(spec.poses)
+    poses = poses_from(spec.poses).placed(spec.camera)
     blocks, sizes = _sized(shape, spec, tags, poses, given, progress)
     for block in blocks:
         check_parts(block.spec, block.setting)

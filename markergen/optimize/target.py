@@ -110,6 +110,8 @@ def _choice(chosen: Forecast, spec: Spec, target: Target, error: float, shrinks:
 
 def at_distance(poses: PoseDistribution, distance: float) -> PoseDistribution:
     """Poses moved along their lines of sight to a distance in m from the marker's origin."""
+    if poses.placing is not None:
+        return poses.placing.at_distance(distance)
     moved = poses.translation * (distance / poses.distance)[:, None]
     every = np.round(np.concatenate([poses.rotation.reshape(-1, 9), moved], axis=1), 9)
     kept = np.sort(np.unique(every, axis=0, return_index=True)[1])

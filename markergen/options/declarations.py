@@ -134,8 +134,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Poses,
         Option(
             VIEW,
-            "Camera poses: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a CSV, "
-            "JSON, TUM or COLMAP file.",
+            "Camera poses: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, "
+            "view:distance=0.4..1m,tilt=0..60, or a file of poses.",
             "paper",
             metavar="NAME|CONE|FILE",
         ),
@@ -331,7 +331,7 @@ class ValidateKeywords(TypedDict, total=False):
         Poses,
         Option(
             VIEW,
-            "paper, paper-roll, cone:tilt=0..60,distance=0.4..1m, or a CSV, JSON, TUM or COLMAP file.",
+            "paper, paper-roll, cone:tilt=0..60,distance=0.4..1m, view:distance=0.4..1m, or a file of poses.",
             otherwise="the poses of the design",
             metavar="NAME|CONE|FILE",
         ),

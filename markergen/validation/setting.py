@@ -43,7 +43,7 @@ def setting_of(
                 raise InputError(expected, str(error), "correct its provenance") from None
         stated = body.provenance.get("camera")
         camera = camera or (Camera.load(stated) if stated else PAPER_CAMERA)
-        return setting_for(body, camera, poses_from(poses))
+        return setting_for(body, camera, poses_from(poses).placed(camera))
     spec = spec_of(body) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera

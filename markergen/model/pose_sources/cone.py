@@ -129,12 +129,16 @@ class Cone:
 
     def sample(self) -> tuple[Array, Array]:
         """Rotation (count, 3, 3) and translation (count, 3) in m of the poses T_camera_marker."""
+        cube = np.zeros((self.count, 4))
+        wide = [low != high for low, high in (self.distance, self.tilt, self.azimuth, self.roll)]
+        cube[:, wide] = self._unit_cube(sum(wide))
+        return self.at(cube)
+
+    def at(self, cube: Array) -> tuple[Array, Array]:
+        """Rotation and translation of the poses at points (P, 4) of the unit cube: distance, tilt, azimuth, roll."""
         cosines = tuple(np.cos(np.deg2rad(self.tilt)))
         low, high = np.array([self.distance, cosines, self.azimuth, self.roll]).T
-        wide = low != high
-        values = np.tile(low, (self.count, 1))
-        values[:, wide] += self._unit_cube(int(wide.sum())) * (high - low)[wide]
-        distance, cosine, azimuth, roll = values.T
+        distance, cosine, azimuth, roll = (low + cube * (high - low)).T
         azimuth, tilt = np.deg2rad(azimuth), np.arccos(np.clip(cosine, -1, 1))
         zero = np.zeros_like(azimuth)
         axis = np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1)
@@ -147,11 +151,15 @@ class Cone:
         rng = np.random.default_rng(self.seed)
         if self.sampling == "random":
             return rng.random((self.count, dimension))
-        golden = 2.0
-        for _ in range(60):  # Each time at least twice as near.
-            golden = (1 + golden) ** (1 / (dimension + 1))
-        steps = golden ** -np.arange(1.0, dimension + 1)
-        return np.mod(rng.random(dimension) + np.arange(self.count)[:, None] * steps, 1.0)
+        return even_points(np.arange(float(self.count)), rng.random(dimension))
+
+
+def even_points(index: Array, start: Array) -> Array:
+    """Points (P, D) of Roberts' R sequence in the unit cube, of these indices (P,), from a start (D,)."""
+    golden = 2.0
+    for _ in range(60):  # Each time at least twice as near.
+        golden = (1 + golden) ** (1 / (len(start) + 1))
+    return np.mod(start + index[:, None] * golden ** -np.arange(1.0, len(start) + 1), 1.0)
 
 
 def _value(key: str, text: str) -> Any:

@@ -92,12 +92,13 @@ def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
     InputError
         If one is given and the poses are not those of a file, or as `read_poses` does.
     """
-    if (convention := stated_convention(options)) is None:
+    option = next((key for key in READING if options.get(key) is not None), None)
+    if option is None:
         return poses
     if not isinstance(poses, str | PathLike) or (isinstance(poses, str) and is_named(poses)):
-        option = next(key for key in READING if options.get(key) is not None).replace("_", "-")
-        raise InputError(f"a file of poses with --{option}", brief(poses), "give --poses FILE, or leave it out")
-    return read_poses(Path(poses), convention)
+        expected = f"a file of poses with --{option.replace('_', '-')}"
+        raise InputError(expected, brief(poses), "give --poses FILE, or leave it out")
+    return read_poses(Path(poses), stated_convention(options) or AS_WRITTEN)
 
 
 def stated_convention(options: Mapping[str, Any]) -> PoseConvention | None:
