@@ -30,15 +30,14 @@ static const double LONGEST_STEP = 2, LONGEST_SCALE_STEP = 0.1;
 static const double LEAST_BLUR = 0.28, MOST_BLUR = 6;
 /* Minimum semi-axis, px: with less than half a pixel's blur, a dot cannot be told from a line. */
 static const double SHORTEST = 0.6;
-/* Pixels that are off by more than this share of the contrast, this multiple of the noise, and this multiple of the standard
-   deviation of the residual belong to something else. */
-static const double OUTLIER_SHARE = 0.12, OUTLIER_SIGMA = 5, OUTLIER_SPREAD = 4;
+/* Pixels that are off by more than this multiple of the standard deviation of the residual belong to something else. */
+static const double OUTLIER_SPREAD = 4;
 /* Maximum number of sectors left out, counting neighbors of strange ones: half an ellipse also fits other ellipses. */
 enum { MAX_LEFT_OUT = 5 };
-static const double MAX_TRIMMED = 0.15;
 /* Standard deviations of a hole's size about half of the ring's, and of a reflection's slope, relative to the light and in
-   1/px, about none; as if measured at this noise per contrast. */
-static const double SCALE_SIGMA = 0.05, SHINE_SIGMA = 0.003, PRIOR_NOISE = 0.02;
+   1/px, about none; as if measured at this noise per contrast. With a slope of 0.003 centers behind a blur of 2 px are worse by
+   a third; with 0.001 those of small dots under strong reflections, likewise. */
+static const double SCALE_SIGMA = 0.05, SHINE_SIGMA = 0.002, PRIOR_NOISE = 0.02;
 
 static const double TINY = 1e-12;
 
@@ -49,8 +48,6 @@ static const double SHIFT_PX = 0.05, SHIFT_SHARE = 0.004, HEIGHT = 0.3, SIGMAS =
    ellipse, lose one sector after the other until nothing is left, 56 of 1,890; from 2.5 to 4 nothing changes, covered dots
    included. */
 static const double FOREIGN = 3;
-/* Additional multiple if the opposite sector is off as well. */
-static const double EVEN = 4;
 /* Maximum share of the contrast by which the edge may be off all around: with more, covered dots fit, too. */
 static const double MISFIT = 0.025;
 /* Deviation of a sector without pixels, beyond the image's edge. */
@@ -69,14 +66,11 @@ static const double BAND_BLURS = 3, MIN_BAND = 2.5, MAX_BAND = 9;
    leave 0.08. */
 static const double MAX_MISFIT = 0.12, MAX_NOISE = 0.2;
 static const double MIN_MAJOR = 1, MAX_ELONGATION = 10, MAX_SIGMA = 0.5, HOLE_SCALES[2] = {0.15, 0.85};
-/* Ratio of a slope squared to its variance above which the slope is the dot's own: one in 20,000 by chance. */
-static const double OWN_SLOPE = 10;
 /* Ratio of the sectors' shifts, squared, to what noise explains, above which the covariance grows by it. One dot in a hundred
    is above. */
 static const double MUCH_UNEVEN = 2;
-/* Maximum distances from the rough center, of all dots and of those twice as uneven as that, px plus a share of the longer
-   semi-axis: what covers a dot, or a shadow's edge across it, can pull the fit off by more. */
-static const double MAX_MOVE = 0.7, UNEVEN_MOVE = 0.15, MOVE_SHARE = 0.003;
+/* Maximum distance from the rough center, px plus a share of the longer semi-axis. */
+static const double MAX_MOVE = 0.7, MOVE_SHARE = 0.003;
 /* Levels in the middle of certain disks, glossy ones included, and certain rings; number of blurs below which a shorter
    semi-axis tells a kind badly, whatever the level. */
 static const double DISK_BELOW = 0.3, RING_ABOVE = 0.7, TOLD_BLURS = 3.5, SHOWN_BLURS = 2.1;
@@ -146,8 +140,7 @@ static inline Seen blurred_ellipse(const Shape *s, Lanes x, Lanes y)
 enum { X, Y, GREY, REAL, WEIGHT, RESIDUAL, MODEL, HEARD, ALONG, DOWN, OUTLINE, INNER, BULGE, INK, ARRAYS };
 
 /* Sums over a sector's pixels: of their number; with h = derivative by the outline, r = residual and m = model, of h^2, h r, r,
-   m, m^2, m r and r^2, with r clipped at half the contrast in h r and the last; of those that count and are heard, their
-   number and r^2. */
+   m, m^2, m r and r^2; of those that count and are heard, their number and r^2. */
 enum { NUMBER, HH, HR, R, M, MM, MR, RR, USED, SQUARES, SUMS };
 
 /* A dot that is being fitted. */
@@ -313,21 +306,19 @@ static double variance_of(const Descent *dot)
 static void sum_sectors(Descent *dot)
 {
     float *const *pixels = dot->pixels;
-    const float half = (float)(0.5 * (dot->p[LIGHT] - dot->p[DARK]));
     for (int k = 0; k < SECTORS; k++) {
         Lanes sums[SUMS] = {{0}};
         for (int64_t i = dot->start[k]; i < dot->start[k + 1]; i += LANES) {
             const Lanes real = read(pixels[REAL] + i), h = real * read(pixels[OUTLINE] + i), r = read(pixels[RESIDUAL] + i);
             const Lanes m = real * read(pixels[MODEL] + i), used = read(pixels[HEARD] + i) * read(pixels[WEIGHT] + i);
-            const Lanes clipped = most_of(least_of(r, all(half)), all(-half)) * real;
             sums[NUMBER] += real;
             sums[HH] += h * h;
-            sums[HR] += h * clipped;
+            sums[HR] += h * r;
             sums[R] += r * real;
             sums[M] += m;
             sums[MM] += m * m;
             sums[MR] += m * r;
-            sums[RR] += clipped * clipped;
+            sums[RR] += real * r * r;
             sums[USED] += used;
             sums[SQUARES] += used * r * r;
         }
@@ -358,8 +349,8 @@ static void strangeness(const Descent *dot, double noise, double *strange)
     for (int k = 0; k < SECTORS; k++) {
         const double *sums = dot->sums[k], information = larger(sums[HH], TINY), size = fabs(shift[k]);
         /* Blur other than the model's moves opposite edges alike, and does not move the center. */
-        const double across = shift[(k + SECTORS / 2) % SECTORS], sign = (shift[k] > 0) - (shift[k] < 0);
-        const double opposite = larger(sign * across, 0), uneven = larger(size - opposite, size / EVEN);
+        const double across = shift[(k + SECTORS / 2) % SECTORS];
+        const double uneven = shift[k] * across > 0 ? larger(size - fabs(across), 0) : size;
         const double allowed = SHIFT_PX * larger(1, dot->p[BLUR]) + SHIFT_SHARE * dot->size[0];
         const double mean = sums[M] / larger(sums[NUMBER], 1), power = larger(sums[MM] - mean * sums[M], TINY);
         const double height = (sums[MR] - mean * sums[R]) / power;
@@ -597,10 +588,9 @@ static int sectors_left_out(const Descent *dot)
 /* Gives zero weight to foreign pixels and sectors; returns whether this changed anything. */
 static int leave_out(Descent *dot)
 {
-    const double noise = dot->noise, contrast = dot->p[LIGHT] - dot->p[DARK];
     double strange[SECTORS], worst = 0;
     int bad[SECTORS], changed = 0;
-    strangeness(dot, noise, strange);
+    strangeness(dot, dot->noise, strange);
     /* Foreign edges distort the fit, and so make other sectors look strange: the worst go first. */
     for (int k = 0; k < SECTORS; k++)
         if (!dot->left_out[k])
@@ -611,7 +601,7 @@ static int leave_out(Descent *dot)
     for (int k = 0; k < SECTORS; k++)
         dot->left_out[k] |= bad[k] || bad[(k + 1) % SECTORS] || bad[(k + SECTORS - 1) % SECTORS];
     /* If the blur differs from the model's, many pixels are off by a little, which is harmless. */
-    const double limit = larger(larger(OUTLIER_SHARE * contrast, OUTLIER_SIGMA * noise), OUTLIER_SPREAD * sqrt(variance_of(dot)));
+    const double limit = OUTLIER_SPREAD * sqrt(variance_of(dot));
     for (int k = 0; k < SECTORS; k++) {
         const float most = dot->left_out[k] ? 0 : (float)limit;
         for (int64_t i = dot->start[k]; i < dot->start[k + 1]; i++) {
@@ -688,13 +678,8 @@ typedef struct {
 
 static int is_complete(const Descent *dot)
 {
-    double strange[SECTORS], trimmed = 0, number = 0;
-    for (int k = 0; k < SECTORS; k++) {
-        number += dot->sums[k][NUMBER];
-        for (int64_t i = dot->start[k]; i < dot->start[k + 1] && !dot->left_out[k]; i++)
-            trimmed += dot->pixels[REAL][i] > dot->pixels[WEIGHT][i];
-    }
-    if (!dot->alive || !(dot->step < SETTLED) || trimmed > MAX_TRIMMED * number)
+    double strange[SECTORS];
+    if (!dot->alive || !(dot->step < SETTLED))
         return 0;
     strangeness(dot, dot->noise, strange);
     for (int k = 0; k < SECTORS; k++)
@@ -784,7 +769,7 @@ static int fit_blob(Descent *dot, const Image *image, const Blob *blob, int ring
     eigenvalues(p, &trace, &root);
     if (!is_complete(dot) || !(noise < MAX_NOISE * contrast) || !(variance < slack * slack + misfit * misfit) ||
         !(trace - root < 2 / MIN_MAJOR && trace + root < 2 / SHORTEST && trace + root < MAX_ELONGATION * (trace - root)) ||
-        !(moved < (fit->uneven > 2 * MUCH_UNEVEN ? UNEVEN_MOVE : MAX_MOVE) + MOVE_SHARE * blob->semi[0]) ||
+        !(moved < MAX_MOVE + MOVE_SHARE * blob->semi[0]) ||
         (ring && !(p[SCALE] > HOLE_SCALES[0] && p[SCALE] < HOLE_SCALES[1])))
         return 0;
     covariances(dot, variance, fit);
@@ -858,12 +843,9 @@ static void shrink_slopes(Fit *fits, int64_t count)
     const double even = freedom > 0 ? smaller(1, odd / freedom * (1 + sqrt(2 / freedom))) : 1;
     for (int64_t i = 0; i < count; i++) {
         Fit *fit = fits + i;
-        for (int part = 0; part < 2; part++) {
-            /* A dot's own may be beyond doubt, as at the edge of a shadow. */
-            const double square = square_slopes(fit, part, &own), variance = larger(shared[part], square - OWN_SLOPE * own);
+        for (int part = 0; part < 2; part++)
             for (int axis = 0; axis < 2; axis++)
-                shrink_slope(fit, part, axis, larger(variance, 1e-12));
-        }
+                shrink_slope(fit, part, axis, larger(shared[part], 1e-12));
         for (int k = 0; k < 3; k++)
             fit->centers[k] *= fit->uneven > MUCH_UNEVEN ? fit->uneven : even;
     }

@@ -211,14 +211,9 @@ static int build_pyramid(const Image *image, double smallest, Pyramid *p)
    not differ from its mean, but a closed band along its edge does.
 
    One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
-   A component without a run in a row is complete, and its place is used again: memory is that of a few rows.
+   A component without a run in a row is complete, and its place is used again: memory is that of a few rows. */
 
-   Moments are sums over runs from column a to b, with n = b - a + 1 and s = a + b:
-       2 sum x = n s    12 sum x^2 = n (3 s^2 + n^2 - 1)    2 sum xy = n s y
-   modulo 2^64; relative to the corner of the component's box, they are exact again for boxes of up to 2^15 pixels' side.
-   Larger ones are left out. */
-
-enum { HALF = 3, LARGEST = 1 << 15 };
+enum { HALF = 3 };
 
 /* Least depth below the local mean of dark pixels: in grey levels of the finest level, which has most of the texture, and of
    the others; and as a multiple of the noise. */
@@ -239,9 +234,10 @@ typedef struct {
     int32_t first, last, component;
 } Run;
 
+/* Sums over its pixels: 1, x, y, x^2, xy, y^2. */
 typedef struct {
-    uint64_t pixels, x2, y, xx12, xy2, yy;
-    int32_t left, right, top, bottom;
+    double pixels, x, y, xx, xy, yy;
+    int32_t left, right, top, bottom; /* the last one -1 for one that is free */
     int32_t into; /* itself, or the component that it was joined to; the next free one */
 } Component;
 
@@ -285,19 +281,15 @@ static int32_t final(const Component *all, int32_t i)
 static void join(Component *a, const Component *b)
 {
     a->pixels += b->pixels;
-    a->x2 += b->x2;
+    a->x += b->x;
     a->y += b->y;
-    a->xx12 += b->xx12;
-    a->xy2 += b->xy2;
+    a->xx += b->xx;
+    a->xy += b->xy;
     a->yy += b->yy;
-    if (b->left < a->left)
-        a->left = b->left;
-    if (b->right > a->right)
-        a->right = b->right;
-    if (b->top < a->top)
-        a->top = b->top;
-    if (b->bottom > a->bottom)
-        a->bottom = b->bottom;
+    a->left = b->left < a->left ? b->left : a->left;
+    a->right = b->right > a->right ? b->right : a->right;
+    a->top = b->top < a->top ? b->top : a->top;
+    a->bottom = b->bottom > a->bottom ? b->bottom : a->bottom;
 }
 
 static int touches(double place, double side, double half)
@@ -313,29 +305,22 @@ static int touches(double place, double side, double half)
    1 for disks to 2 for thin bands. */
 static int is_elliptic(const Component *c, Edge *outline)
 {
-    const uint64_t n = c->pixels, left = (uint64_t)c->left, top = (uint64_t)c->top;
-    const uint64_t sum_x = c->x2 / 2 - n * left, sum_y = c->y - n * top;
-    if (c->right - c->left >= LARGEST || c->bottom - c->top >= LARGEST)
-        return 0;
-    const double pixels = (double)n, x = (double)sum_x / pixels, y = (double)sum_y / pixels;
-    const double sum_xx = (double)((c->xx12 - 12 * left * (2 * sum_x + n * left)) / 12);
-    const double sum_xy = (double)((c->xy2 - 2 * (left * sum_y + top * sum_x + n * left * top)) / 2);
-    const double sum_yy = (double)(c->yy - top * (2 * sum_y + n * top));
+    const double pixels = c->pixels, x = c->x / pixels, y = c->y / pixels;
     /* Pixels are squares. */
-    const double xx = sum_xx / pixels - x * x + 1. / 12, xy = sum_xy / pixels - x * y;
-    const double yy = sum_yy / pixels - y * y + 1. / 12, determinant = xx * yy - xy * xy;
+    const double xx = c->xx / pixels - x * x + 1. / 12, xy = c->xy / pixels - x * y, yy = c->yy / pixels - y * y + 1. / 12;
+    const double determinant = xx * yy - xy * xy;
     const double mean = 4 * PI * sqrt(determinant), area = (pixels + mean) / 2, hollow = mean / area;
     const double most = smaller(HOLLOW_LEAST + HOLLOW_GROWTH * sqrt(area / PI), MAX_HOLLOW);
     const double elongation = MAX_ELONGATION + 1 / MAX_ELONGATION;
     if (!((xx + yy) * (xx + yy) < elongation * elongation * determinant && hollow < 1 + most))
         return 0;
-    if (!touches(x, c->right - c->left, 2 * sqrt(xx / hollow)) || !touches(y, c->bottom - c->top, 2 * sqrt(yy / hollow)))
+    if (!touches(x - c->left, c->right - c->left, 2 * sqrt(xx / hollow)) ||
+        !touches(y - c->top, c->bottom - c->top, 2 * sqrt(yy / hollow)))
         return 0;
     /* The root of the spread. */
     const double scale = 4 / hollow, root = scale * sqrt(larger(determinant, 1e-12));
     const double size = sqrt(scale * (xx + yy) + 2 * root);
-    *outline = (Edge){{x + (double)c->left, y + (double)c->top, (scale * xx + root) / size, scale * xy / size,
-                          (scale * yy + root) / size}};
+    *outline = (Edge){.e = {x, y, (scale * xx + root) / size, scale * xy / size, (scale * yy + root) / size}};
     return 1;
 }
 
@@ -455,7 +440,7 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
     int status = enough ? 0 : NO_MEMORY;
     /* One row more, without a dark pixel, completes what is left. */
     for (int64_t y = 0; y <= height && !status; y++) {
-        int32_t here_count = 0, i = 0, joined = -1;
+        int32_t here_count = 0, i = 0;
         if (y < height) {
             const uint8_t *row = image->rows + y * image->stride;
             const int64_t of_coarse = y / 2 < coarse->height ? y / 2 : coarse->height - 1;
@@ -480,10 +465,6 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
                 else if (other != own) {
                     join(all + own, all + other);
                     all[other].into = own;
-                    all[other].pixels = 0;
-                    /* Kept until no run refers to it; its number of the next such one is in `left`. */
-                    all[other].left = joined;
-                    joined = other;
                 }
             }
             if (own < 0) {
@@ -497,37 +478,31 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
             here[j] = (Run){a, b, own};
         }
         for (int32_t j = 0; j < here_count; j++) {
-            const int32_t a = here[j].first, b = here[j].last, own = final(all, here[j].component);
-            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
+            const int32_t a = here[j].first, b = here[j].last, own = here[j].component = final(all, here[j].component);
+            const double n = b - a + 1, s = a + b, v = (double)y;
             Component *c = all + own;
             c->pixels += n;
-            c->x2 += n * s;
+            c->x += n * s / 2;
             c->y += n * v;
-            c->xx12 += n * (3 * s * s + n * n - 1);
-            c->xy2 += n * s * v;
+            c->xx += n * (3 * s * s + n * n - 1) / 12;
+            c->xy += n * s * v / 2;
             c->yy += n * v * v;
             c->left = a < c->left ? a : c->left;
             c->right = b > c->right ? b : c->right;
             c->bottom = (int32_t)y;
-            here[j].component = own;
         }
+        /* Those of the row above that do not go on: joined ones, and complete ones. Several runs may refer to one. */
         for (int32_t k = 0; k < above_count; k++) {
-            const int32_t own = final(all, above[k].component);
+            const int32_t own = above[k].component;
             Component *c = all + own;
             Edge outline;
-            if (c->bottom == y || !c->pixels)
+            if (c->bottom == y || c->bottom < 0)
                 continue;
-            if (c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_edge(found, &outline))
+            if (c->into == own && c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_edge(found, &outline))
                 status = NO_MEMORY;
-            c->pixels = 0; /* once, although several runs may refer to it */
-            c->left = joined;
-            joined = own;
-        }
-        while (joined >= 0) {
-            const int32_t next = all[joined].left;
-            all[joined].into = free_one;
-            free_one = joined;
-            joined = next;
+            c->bottom = -1;
+            c->into = free_one;
+            free_one = own;
         }
         Run *swapped = above;
         above = here;
