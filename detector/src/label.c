@@ -248,6 +248,15 @@ void update_blob(Scene *scene, int64_t k)
    30 dots is found in every five hundredth image of another one of 24; with a half, four of eight dots are too few. */
 static const double FOLLOWS = 0.25;
 
+static double frame_area(const Scene *scene) { return (double)scene->camera->width * (double)scene->camera->height; }
+
+/* (1 - q/32)^16, which is exp(-q/2) but for 1 % where it is large, in a tenth of the time: a labeling of 24 dots asks 576 times. */
+static double bump(double q)
+{
+    const double a = larger(1 - q / 32, 0), b = a * a, c = b * b, d = c * c;
+    return d * d;
+}
+
 static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, double *alike)
 {
     const Shown *shown = scene->shown + k, *other = scene->shown + o;
@@ -260,15 +269,24 @@ static void density(const Scene *scene, int64_t k, int64_t o, double *shaped, do
     /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
     const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, wide_px = 0.06 * (double)scene->camera->width;
     const double dx = (a[0] - b[0]) * scene->px, dy = (a[1] - b[1]) * scene->px, apart = dx * dx + dy * dy;
-    const double area = (double)scene->camera->width * (double)scene->camera->height;
     const double one = wide_px * wide_px, other_px = smaller(64 * shown->mean * shown->mean, one);
-    const double place = 0.25 / area + 0.25 / (2 * PI * one) * exp(-0.5 * apart / one) +
-                         0.5 / (2 * PI * other_px) * exp(-0.5 * apart / other_px);
-    *shaped = place * (0.8 * exp(-0.5 * square / narrow) / (narrow * sqrt(narrow)) + 0.2 * exp(-0.5 * square / wide) / (wide * sqrt(wide))) /
+    const double place = 0.25 / frame_area(scene) + 0.25 / (2 * PI * one) * bump(apart / one) +
+                         0.5 / (2 * PI * other_px) * bump(apart / other_px);
+    *shaped = place * (0.8 * bump(square / narrow) / (narrow * sqrt(narrow)) + 0.2 * bump(square / wide) / (wide * sqrt(wide))) /
               15.7496099457; /* (2 pi)^1.5 */
-    *alike = place * exp(-0.5 * square / (0.0625 * shown->mean * shown->mean));
+    *alike = place * bump(square / (0.0625 * shown->mean * shown->mean));
 }
 
+/* Density at a blob of clutter that none of the others shows. */
+static double broad_clutter(const Scene *scene, const Shown *shown)
+{
+    const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
+    /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
+    const double round = larger(exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)), 0.0111);
+    return round / (2 * PI * spread * spread * sqrt(2) * s * 6.2) / frame_area(scene);
+}
+
+/* Densities of both kinds that the other blobs show at blob k of a labeling. */
 static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n, double *shaped, double *alike)
 {
     Shown *shown = scene->shown + k;
@@ -291,14 +309,12 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
             *shaped -= less * one;
             *alike -= less * other;
         }
-    const double area = (double)scene->camera->width * (double)scene->camera->height;
-    const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
-    const double round = exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)) / (2 * PI * spread * spread);
-    /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
-    const double broad = larger(round, 0.0111 / (2 * PI * spread * spread)) / (sqrt(2) * s * 6.2);
-    *shaped = larger(*shaped, 0) + broad / area;
-    *alike = larger(*alike, 0) + 1 / area;
+    *shaped = larger(*shaped, 0) + broad_clutter(scene, shown);
+    *alike = larger(*alike, 0) + 1 / frame_area(scene);
 }
+
+/* Evidence below which a first fit of the labels of a guess does not lead to the right ones: these begin above -60. */
+static const double HOPELESS = -100;
 
 /* Standard deviations that places may have beyond their own, px, with how likely each is: lens, print and refraction are
    never quite as the files say. The largest grows by a share of the layout's extent in the image: files of other cameras
@@ -386,8 +402,9 @@ static double missed_together(int64_t missing, int64_t count)
    averaged over standard deviations that places may have beyond their own. S is the covariance of the place, from image and
    print; dR the difference of the outline's root, px, but for a common factor; the last two are P.-S. Laplace's integral over
    poses, whose prior p is even over directions, over the image and over the logarithm of the distance within a factor of
-   100. Dots outside the frame have no part in it. `each` (n), unless NULL, has every dot's own part. */
-double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work, double *each)
+   100. Dots outside the frame have no part in it. work->each has every labeled dot's own
+   part. Below HOPELESS, it is less than what is returned. */
+double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
 {
     const Pose *pose = &labeling->pose;
     const int parameters = scene->calibrated ? 6 : 7;
@@ -406,8 +423,6 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     for (int64_t i = 0; i < layout->count; i++) {
         Outline *drawn = work->drawn + i;
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, drawn);
-        if (each)
-            each[i] = 0;
         if (labeling->labels[i] < 0) {
             if (!drawn->seen || drawn->facing < LIMIT_FACING || !in_frame(scene, drawn))
                 continue;
@@ -433,7 +448,8 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         labeling->count++;
     }
     common /= weights;
-    shapes -= 0.5 * common * common / (INK * INK) + 0.5 * log(weights * INK * INK);
+    const double common_shape = -0.5 * common * common / (INK * INK) - 0.5 * log(weights * INK * INK);
+    shapes = common_shape;
     const double factor = exp(common) * scene->px;
     /* What the outlines alone tell of their plane's tilt, along it and across: information, and slope of its logarithm. */
     double plane[2] = {0}, slope[2] = {0}, outlines = 0;
@@ -465,10 +481,8 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         plane[1] += trust * bend * bend / 2;
         outlines += trust * radius * radius;
         const double kind = kind_evidence(scene, layout->dots + i, blob);
-        double clutter, alike;
-        clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
-        shapes += shape - log(clutter);
-        disks -= log(alike);
+        work->shape[i] = shape;
+        shapes += shape - log(broad_clutter(scene, shown));
         /* Where most dots are too small to be seen, those that seem to be are others. */
         const double px = 2 * shorter_px(scene, drawn->shape);
         kinds += kind + log(px < LIMIT_PX ? SEEN_BELOW : px < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1);
@@ -484,8 +498,8 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             const double miss = W[0] * x * x + 2 * W[1] * x * y + W[2] * y * y;
             const double place = -0.5 * miss - 0.5 * log(4 * PI * PI * det);
             sum[b] += place;
-            if (each && b == 2)
-                each[i] = place + smaller(shape - log(clutter), -log(alike)) + kind;
+            if (b == 2)
+                work->each[i] = place + kind;
             if (b == 0)
                 chi2 += miss;
             double *M = N[b];
@@ -528,6 +542,27 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             best = b;
         }
     }
+    double ratio = 0;
+    for (int b = 0; b < BEYONDS; b++)
+        ratio += exp(sum[b] - total);
+    missed += missed_together(labeling->missing, plain);
+    labeling->sigma = sqrt(offset / (double)(2 * labeling->count - 6 > 1 ? 2 * labeling->count - 6 : 1));
+    labeling->chi2 = chi2;
+    labeling->beyond = beyond[best];
+    labeling->evidence = total + log(ratio) + kinds + missed + prior;
+    if (labeling->evidence + shapes < HOPELESS)
+        return labeling->evidence += shapes;
+    shapes = common_shape;
+    for (int64_t i = 0; i < layout->count; i++) {
+        const int64_t k = labeling->labels[i];
+        double clutter, alike;
+        if (k < 0)
+            continue;
+        clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
+        shapes += work->shape[i] - log(clutter);
+        disks -= log(alike);
+        work->each[i] += smaller(work->shape[i] - log(clutter), -log(alike));
+    }
     /* Equal disks, too, have the outlines that they have by a plane that is one of many, and at a distance: what outlines tell
        of these is no accident, and no evidence. At small tilts they change by its square. */
     disks += log(RANGE / (sqrt(2 * PI) * INK)) - 0.5 * common * common / (INK * INK);
@@ -535,14 +570,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const double known = plane[i] + sqrt(outlines) / 2;
         disks += 0.5 * log(known) - 0.5 * slope[i] * slope[i] / known;
     }
-    missed += missed_together(labeling->missing, plain);
-    double ratio = 0;
-    for (int b = 0; b < BEYONDS; b++)
-        ratio += exp(sum[b] - total);
-    labeling->sigma = sqrt(offset / (double)(2 * labeling->count - 6 > 1 ? 2 * labeling->count - 6 : 1));
-    labeling->chi2 = chi2;
-    labeling->beyond = beyond[best];
-    labeling->evidence = total + log(ratio) + smaller(shapes, disks) + kinds + missed + prior;
+    labeling->evidence += smaller(shapes, disks);
     if (!(labeling->evidence < INFINITY))
         labeling->evidence = -INFINITY;
     return labeling->evidence;
@@ -666,7 +694,7 @@ void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, 
     if (mirrors)
         mirrored_pose(layout->dots, work->matches, m, &labeling->pose, &other);
     const double chi2 = fit(scene, layout, m, work, &labeling->pose);
-    evidence_of(scene, layout, labeling, work, NULL);
+    evidence_of(scene, layout, labeling, work);
     if (!mirrors)
         return;
     /* Outlines tell them apart, too: where centers fit far worse, they have no say. */
@@ -675,7 +703,7 @@ void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, 
         return;
     Labeling second = *labeling;
     second.pose = other;
-    if (evidence_of(scene, layout, &second, work, NULL) > labeling->evidence)
+    if (evidence_of(scene, layout, &second, work) > labeling->evidence)
         *labeling = second;
 }
 
@@ -685,7 +713,7 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
     for (int round = 0; round < 3 && labeling->count > LEAST_DOTS; round++) {
         int64_t worst = -1;
         double least = -3;
-        evidence_of(scene, layout, labeling, work, work->each);
+        evidence_of(scene, layout, labeling, work);
         for (int64_t i = 0; i < layout->count; i++)
             if (labeling->labels[i] >= 0 && work->each[i] < least) {
                 least = work->each[i];
@@ -705,9 +733,6 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
         *labeling = fewer;
     }
 }
-
-/* Evidence below which a first fit of the labels of a guess does not lead to the right ones: these begin above -60. */
-static const double HOPELESS = -100;
 
 /* Labels again where the fitted pose has the dots, until nothing changes. */
 void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
@@ -1398,6 +1423,7 @@ int work_for(Work *work, int64_t dots)
     work->least = work->numbers + 5 * n;
     work->each = work->numbers + 6 * n;
     work->apart = work->numbers + 7 * n;
+    work->shape = work->numbers + 8 * n;
     work->labels = work->indices;
     work->next = work->indices + n;
     work->trial = work->indices + 2 * n;

@@ -52,7 +52,7 @@ typedef struct {
 /* Memory of a search, and how much it did. */
 typedef struct {
     Outline *drawn;
-    double *numbers, *seen, *weight, *least, *each, *apart;
+    double *numbers, *seen, *weight, *least, *each, *apart, *shape;
     int64_t *indices, *labels, *next, *trial, *chosen;
     Match *matches;
     Guess *guesses;
@@ -85,7 +85,7 @@ int pool_for(Pool *pool, int64_t dots);
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool);
 void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
-double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work, double *each);
+double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
 void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool);
 int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
