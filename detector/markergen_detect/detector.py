@@ -416,7 +416,7 @@ def _misplaced(plates: "list[tuple[str, str, float]]") -> str:
     places, lines = {name: place for name, place, _ in plates}, []
     for name, place, turn in plates:
         if place == name:
-            lines.append(f"{name} looks turned by {turn:.0f} deg")
+            lines.append(f"{name} looks " + ("mirrored" if np.isnan(turn) else f"turned by {turn:.0f} deg"))
         elif place and places.get(place) == name:
             lines += [f"{name} and {place} exchanged"] if name < place else []
         else:

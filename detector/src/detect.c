@@ -400,12 +400,23 @@ static Pose exchanged(const Plate *plate, const Plate *other, const Pose *seen)
     return body;
 }
 
+/* Whether the mirrored image of a layout is there; pool is one for it. */
+static int is_mirrored(Frame *frame, const Layout *layout, Pool *pool)
+{
+    pool->count = 0;
+    mirror_scene(&frame->scene);
+    search(&frame->scene, layout, &frame->budget, 0, &frame->work, pool);
+    mirror_scene(&frame->scene);
+    return best_of(pool)->evidence > SURE + 10;
+}
+
 /* Looks for each plate by itself where a body's labeling has left a plate's dots unexplained, or another one contradicts it:
-   plates that are not at their places become the finding's. Returns how many, or NO_MEMORY. */
+   plates that are not at their places become the finding's, those that are mirrored with a turn that is nan. Returns how many, or
+   NO_MEMORY. */
 static int contradictions(Frame *frame, const Layout *layout, const Labeling *chosen, Finding *finding)
 {
     Pose poses[PLATES];
-    int64_t plates[PLATES], count = 0, unexplained = 0;
+    int64_t plates[PLATES], count = 0, unexplained = 0, mirrored[PLATES], mirrors = 0;
     for (int64_t p = 0; p < layout->plate_count && finding->state == FOUND; p++) {
         int64_t missing = 0, there = 0;
         for (int64_t d = 0; d < layout->count; d++)
@@ -429,7 +440,8 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
             if (best_of(&pool)->evidence > SURE) {
                 poses[count] = best_of(&pool)->pose;
                 plates[count++] = p;
-            }
+            } else if (unexplained && mirrors < PLATES && is_mirrored(frame, &own, &pool))
+                mirrored[mirrors++] = p;
         }
         free((void *)own.constellations[layout->constellation_count].dots);
         free((void *)own.constellations);
@@ -453,7 +465,8 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
                 int mutual = 0;
                 for (int64_t m = 0; m < count; m++)
                     mutual |= m != k && own[k] == plates[m] && own[m] == plates[k];
-                score += own[k] == plates[k] ? fabs(turn[k]) < TURNED ? 6 : 4 : mutual ? 5 : own[k] >= 0 ? 2 : 0;
+                score += own[k] == plates[k] ? 4 : mutual ? 3 : own[k] >= 0 ? 0 : -2;
+                score += own[k] >= 0 && fabs(turn[k]) < TURNED ? 2 : 0;
             }
             if (score > most) {
                 most = score;
@@ -468,6 +481,10 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
         finding->plates[finding->misplaced] = plates[k];
         finding->places[finding->misplaced] = places[k];
         finding->plate_turns[finding->misplaced++] = turns[k];
+    }
+    for (int64_t k = 0; k < mirrors && finding->misplaced < PLATES; k++) {
+        finding->plates[finding->misplaced] = finding->places[finding->misplaced] = mirrored[k];
+        finding->plate_turns[finding->misplaced++] = NAN;
     }
     return (int)finding->misplaced;
 }
@@ -652,18 +669,6 @@ static int next_finding(Frame *frame)
     return status ? status : 1;
 }
 
-/* Whether the mirrored image of a layout is there. */
-static int is_mirrored(Frame *frame, int64_t l)
-{
-    Scene *scene = &frame->scene;
-    Pool *pool = &frame->quests[l].pool;
-    pool->count = 0;
-    mirror_scene(scene);
-    search(scene, frame->model->layouts + l, &frame->budget, 0, &frame->work, pool);
-    mirror_scene(scene);
-    return best_of(pool)->evidence > SURE + 10;
-}
-
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                     Findings *findings)
 {
@@ -702,7 +707,8 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
         if (there)
             continue;
         Finding *why = &frame.quests[l].why;
-        if (why->state == UNFIT && findings->blob_count >= LEAST_DOTS && !late(&frame.budget) && is_mirrored(&frame, l))
+        const int searched = why->state == UNFIT && findings->blob_count >= LEAST_DOTS && !late(&frame.budget);
+        if (searched && is_mirrored(&frame, model->layouts + l, &frame.quests[l].pool))
             why->state = MIRRORED;
         Finding finding = *why;
         finding.member = (int32_t)k;

@@ -336,7 +336,7 @@ typedef struct {
     double turn[TURNS];      /* by which they are turned about the plate's normal, rad */
     int64_t misplaced;       /* plates that are not where or as they should be */
     int64_t plates[PLATES], places[PLATES]; /* these, and the plates in whose places they are, -1 for none */
-    double plate_turns[PLATES]; /* by which they are turned there, rad */
+    double plate_turns[PLATES]; /* by which they are turned there, rad; nan for mirrored ones */
     int64_t count, missing;
     double evidence, margin; /* of the labeling; how much less the next other one has */
     double sigma;            /* RMS by which the places miss, px */

@@ -18,14 +18,11 @@ static void normalization(const double *points, int64_t m, double *center, doubl
 /* Whether some four of the points have no three on a line: no line has all of them but one. */
 static int in_general_position(const double *points, int64_t m)
 {
-    double center[2], scale;
-    normalization(points, m, center, &scale);
-    int general = m >= 4 && scale < INFINITY;
+    int general = m >= 4;
     for (int64_t left_out = 0; left_out < m && general; left_out++) {
         double sum[5] = {0};
         for (int64_t i = 0; i < m; i++) {
-            const double u = (points[2 * i] - center[0]) * scale, v = (points[2 * i + 1] - center[1]) * scale;
-            const double terms[5] = {u, v, u * u, u * v, v * v};
+            const double u = points[2 * i] - points[0], v = points[2 * i + 1] - points[1], terms[5] = {u, v, u * u, u * v, v * v};
             for (int k = 0; k < 5 && i != left_out; k++)
                 sum[k] += terms[k] / (double)(m - 1);
         }
@@ -72,7 +69,7 @@ static void solve_homography(const double *from, const double *to, int64_t m, do
 int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H)
 {
     enum { ROUNDS = 2 }; /* offsets of up to a pixel are known to 3e-3 px after one, and to 4e-5 px after two */
-    double *points = malloc((size_t)(2 * m + 1) * sizeof *points), middle[2], scale;
+    double *points = malloc((size_t)(2 * m + 1) * sizeof *points);
     if (!points)
         return NO_MEMORY;
     for (int64_t i = 0; i < m; i++) {
@@ -82,13 +79,10 @@ int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, in
     const int good = in_general_position(points, m);
     if (good)
         solve_homography(points, corrected, m, H);
-    normalization(points, m, middle, &scale);
     for (int round = 0; round < ROUNDS && good; round++) {
-        /* Of H and -H, the one that maps the middle of the dots to the front. The dual conic is D = r^2 (h1 h1' + h2 h2') -
-           p p', with p = H (X, Y, 1). */
-        const double sign = H[6] * middle[0] + H[7] * middle[1] + H[8] < 0 ? -1 : 1;
+        /* The dual conic is D = r^2 (h1 h1' + h2 h2') - p p', with p = H (X, Y, 1). */
         for (int64_t i = 0; i < m; i++) {
-            const double r = dots[matches[i].dot].radius, place[3] = {sign * points[2 * i], sign * points[2 * i + 1], sign};
+            const double r = dots[matches[i].dot].radius, place[3] = {points[2 * i], points[2 * i + 1], 1};
             double p[3];
             rotated(H, place, p);
             const double last = p[2] * p[2] - r * r * (H[6] * H[6] + H[7] * H[7]);

@@ -7,7 +7,7 @@ import pytest
 from markergen_detect import DescriptionError, Detector
 from numpy.testing import assert_allclose
 from stages import drawn
-from test_description import CAMERA, content, dots, entry
+from test_description import CAMERA, content, dots, entry, plate
 
 PLACES = [[0, 0.05, 0], [-0.045, 0.01, 0], [-0.025, -0.04, 0], [0.03, -0.042, 0], [0.048, 0.014, 0]]
 BOARD = content(entry(dots=dots(places=PLACES)))
@@ -90,6 +90,28 @@ def test_images_are_checked():
 def test_rigs_need_a_camera():
     with pytest.raises(DescriptionError, match="expected a camera"):
         Detector(content(entry(dots=dots(places=[[x, y, 0.001 * x] for x, y, _ in PLACES]))))
+
+
+OTHER = [[0.02, 0.05, 0], [-0.045, 0.03, 0], [-0.04, -0.03, 0], [0.01, -0.045, 0], [0.048, 0.0, 0], [0.0, 0.0, 0]]
+APART = np.array([0.07, 0, 0])
+SEEN_AS = {
+    "as described": ("found", "", PLACES, OTHER),
+    "mirrored": ("contradicted", "right looks mirrored", PLACES, np.array(OTHER) * [-1, 1, 1]),
+    "turned": ("contradicted", "right looks turned by", PLACES, np.array(OTHER)[:, [1, 0, 2]] * [-1, 1, 1]),
+    "exchanged": ("contradicted", "left and right exchanged", OTHER, PLACES),
+}
+
+
+@pytest.mark.parametrize("name", SEEN_AS)
+def test_a_plate_that_is_not_as_described_is_named(name):
+    state, reason, left, right = SEEN_AS[name]
+    plates = [plate("left", translation=(-APART).tolist()), plate("right", translation=APART.tolist())]
+    own = [np.array(PLACES) - APART, np.array(OTHER) + APART]
+    rows = [dot for k in (0, 1) for dot in dots(k, 5 * k, own[k].tolist())]
+    body = content({**entry(plates=plates, dots=rows), "frame": "rig"})
+    image = np.minimum(frame(np.array(left) - APART)[0], frame(np.array(right) + APART)[0])
+    (finding,) = Detector(body, CAMERA)(image)
+    assert (finding.state, reason in finding.reason) == (state, True)
 
 
 def test_threads_share_a_detector(view):
