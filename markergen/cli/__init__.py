@@ -1,8 +1,11 @@
 """The command line: thin commands and no logic. A library exception becomes one line and status 2."""
 
+import io
 import logging
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 
 from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, complain
@@ -34,6 +37,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The next file that is opened would take its place, and get what is printed.
         _complain("expected a standard output, found it closed; send it to a file or /dev/null")
         return UNUSABLE
+    for stream in (sys.stdout, sys.stderr):
+        # What a terminal's encoding does not have must not turn success into an error.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    # Not where it is ignored, as under nohup, or handled by a program that calls this one.
+    is_ours = threading.current_thread() is threading.main_thread() and (
+        signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    )
+    if is_ours:
+        signal.signal(signal.SIGTERM, _terminate)
     try:
         command = [word for word in arguments if word not in ("--debug", "--quiet", "--help-all")]
         command += ["--help"] * whole
@@ -55,10 +68,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         _complain(_explain(error))
         return UNUSABLE
+    finally:
+        if is_ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
     # Typer turns Ctrl-C into this status itself, without a message.
     if status == INTERRUPTED:
         _complain("interrupted")
     return status
+
+
+def _terminate(number: int, _: object) -> None:
+    """Leave by an exception, which closes and removes what is open; a second one ends the process at once."""
+    signal.signal(number, signal.SIG_DFL)
+    raise SystemExit(128 + number)
 
 
 def _run(arguments: list[str], whole_help: bool) -> int:

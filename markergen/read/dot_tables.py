@@ -135,7 +135,7 @@ def read_layout(path: Any) -> Rows:
     if not {"x", "y"} <= set(columns):
         raise InputError(
             f"the columns x, y and perhaps z at line {line} of {content.name}",
-            brief(",".join(names)),
+            "others",
             "name them, with their unit, as in x_mm,y_mm",
         )
     used = [columns[axis] for axis in AXES if axis in columns]

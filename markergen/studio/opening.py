@@ -40,7 +40,7 @@ NOT_OPTIONS = ("title", "substrate", "target", "n")
 @contextmanager
 def uploaded(name: str, data: bytes) -> Iterator[Path]:
     """Yield the path of a file with these bytes, for readers that take one; errors name the file as its sender does."""
-    last = re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip() or "file"
+    last = re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip(". ") or "file"
     with TemporaryDirectory() as folder:
         path = Path(folder) / last
         path.write_bytes(data)

@@ -119,7 +119,7 @@ def _table(text: str, name: str) -> Tree:
         raise InputError(f"a table in {name}", brief(str(error)), "export it again") from None
     tree.doubled += [column for column in set(columns) if columns.count(column) > 1]
     if not {"id", "x_m", "y_m", "z_m"} <= set(columns) or any(len(row) != len(columns) for row in rows):
-        raise InputError(f"columns id, x_m, y_m and z_m in {name}", brief(header), "export it again")
+        raise InputError(f"columns id, x_m, y_m and z_m in {name}", "others", "export it again")
     for row in rows:
         cells = dict(zip(columns, row, strict=True))
         for column, cell in cells.items():

@@ -1,6 +1,11 @@
 """With --quiet, errors are still printed; that all else is silent, tests/contracts/test_commands.py says."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -30,3 +35,25 @@ def test_quiet_keeps_errors_and_json(folder, monkeypatch, capfd):
     # The next command speaks again.
     assert main(["templates"]) == 0
     assert "desk-a4" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "latin-1"])
+def test_terminals_that_lack_letters_show_others_instead(encoding):
+    done = subprocess.run(
+        [sys.executable, "-m", "markergen", "templates"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"?" in done.stdout
+
+
+def test_a_terminated_command_leaves_no_file(tmp_path):
+    words = ["design", "--n", "12", "--restarts", "4000", "-o", "a.pdf"]
+    process = subprocess.Popen([sys.executable, "-m", "markergen", *words], cwd=tmp_path, stderr=subprocess.PIPE)
+    time.sleep(2)
+    process.send_signal(signal.SIGTERM)
+    _, complaint = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert b"Traceback" not in complaint
+    assert not list(tmp_path.iterdir())

@@ -149,3 +149,9 @@ def test_what_inspect_shows_is_in_the_note(tmp_path):
     assert "size 50 mm x 20 mm" in opened_file("board.kicad_pcb", board)["note"]
     poses = opened_file("poses.csv", b"tx,ty,tz,qx,qy,qz,qw\n0,0,0.5,0,0,0,1\n")
     assert "look at the marker's front" in poses["note"]
+
+
+@pytest.mark.parametrize("name", ["..", ".", "a/..", "", "  ", "...", "\\..\\"])
+def test_names_that_are_folders(name):
+    with pytest.raises(mg.InputError, match="'file'"):
+        opened_file(name, b"nothing")
