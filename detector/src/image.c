@@ -223,9 +223,6 @@ static const double SMOOTH_ABOVE = 3;
 /* Least number of pixels. */
 enum { LEAST_PIXELS = 7 };
 static const double MAX_ELONGATION = 12;
-/* Maximum of k^2, where k is the size of the hole relative to the outline: at all, and for small ones, with its growth
-   per pixel of the mean semi-axis. Thin lines that are not closed have more; the blurred holes of small rings fill up. */
-static const double MAX_HOLLOW = 1, HOLLOW_LEAST = 0.25, HOLLOW_GROWTH = 0.04;
 /* Maximum distance of the box's sides from the outline's, px and as a share of its half width. Disks and bands with a
    fifth of their outline hidden have less, squares up to 0.22. */
 static const double BOX_PX = 0.5, BOX_SHARE = 0.12;
@@ -310,9 +307,8 @@ static int is_elliptic(const Component *c, Edge *outline)
     const double xx = c->xx / pixels - x * x + 1. / 12, xy = c->xy / pixels - x * y, yy = c->yy / pixels - y * y + 1. / 12;
     const double determinant = xx * yy - xy * xy;
     const double mean = 4 * PI * sqrt(determinant), area = (pixels + mean) / 2, hollow = mean / area;
-    const double most = smaller(HOLLOW_LEAST + HOLLOW_GROWTH * sqrt(area / PI), MAX_HOLLOW);
     const double elongation = MAX_ELONGATION + 1 / MAX_ELONGATION;
-    if (!((xx + yy) * (xx + yy) < elongation * elongation * determinant && hollow < 1 + most))
+    if (!((xx + yy) * (xx + yy) < elongation * elongation * determinant))
         return 0;
     if (!touches(x - c->left, c->right - c->left, 2 * sqrt(xx / hollow)) ||
         !touches(y - c->top, c->bottom - c->top, 2 * sqrt(yy / hollow)))
