@@ -196,6 +196,9 @@ def _text(document: Document) -> Array:
     for index, line in enumerate(document.text.splitlines()):
         numbers = line.partition("#")[0].replace(",", " ")
         if numbers.strip():
+            # What is no covariance is not quoted.
+            if not rows and numbers.strip()[0] not in "-+.0123456789ni":
+                raise InputError(f"rows of numbers in {document.name}", "text", "check the path")
             rows.append(Fields(document.name, {f"line {index + 1}": numbers}).numbers(f"line {index + 1}"))
     if not rows or len({len(row) for row in rows}) > 1:
         raise InputError(
