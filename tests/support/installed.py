@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -32,4 +33,8 @@ def describe(folder: Path, name: str, groups: dict[str, dict[str, str]]) -> None
 
 def environment(*folders: Path) -> dict[str, str]:
     """Environment of a process that finds these folders and this project."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [*folders, ROOT])), "OPENBLAS_NUM_THREADS": "1"}
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(str, [*folders, ROOT, *sys.path])),
+        "OPENBLAS_NUM_THREADS": "1",
+    }
