@@ -14,6 +14,8 @@ METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in"
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e3
 """Range in m of sizes above 0, and of the amounts of coordinates: anything beyond was meant in another unit."""
 
+SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
 
@@ -50,6 +52,26 @@ def parse_length(text: str | float, name: str = "length", largest: float = LARGE
         expected = f"a {name} of at most {largest / 1e3:g} km"
         raise InputError(expected, f"{name}={text}", "write the unit with the number, such as 150mm")
     return value
+
+
+def parse_duration(text: str | float) -> float:
+    """Parse a duration such as ``30``, ``30s``, ``2min`` or ``1h`` and return seconds.
+
+    Raises
+    ------
+    InputError
+        If the text is not a positive number with one of these units.
+
+    Examples
+    --------
+    >>> parse_duration("2min"), parse_duration(30)
+    (120.0, 30.0)
+    """
+    match = _LENGTH.fullmatch(str(text))
+    seconds = float(match[1]) * SECONDS[match[2]] if match and match[2] in SECONDS else 0.0
+    if not 0 < seconds < math.inf:
+        raise InputError("a duration", repr(str(text)), "write a number and one of s, min, h: 30s")
+    return seconds
 
 
 def format_length(meters: float) -> str:

@@ -5,7 +5,9 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from math import inf
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Unpack
 
 from markergen.api.arguments import files_among
@@ -30,11 +32,12 @@ from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.dot_size import choose_dots, clearance_of, largest_that_leaves_room, needs_scales
+from markergen.optimize.ending import current_limit, limited
 from markergen.optimize.rig import design_rig
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, Watch, check_progress, given, read_as, signature_of
-from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
@@ -194,13 +197,16 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
         log.info("designing a rig of %d plates", len(request.shape.faces))
     else:
         log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
-    result = request.find(progress, watch)
+    limit = current_limit()
+    limit.at = min(limit.at, monotonic() + request.seconds)
+    with limited(limit):
+        result = request.find(progress, watch)
+        if paths or results:
+            result = result.certified(progress)
     for warning in result.warnings:
         log.warning("%s", warning)
     if request.ids:
         result = replace(result, family=members(result.marker, spec_of(result.marker) or result.spec, request.ids))
-    if results:
-        result.certify(progress)
     if progress and (paths or request.traces or request.coverages or results):
         progress("writing", 0, 1)
     written: list[Written] = []
@@ -272,6 +278,8 @@ class Request:
         Files that are read, which no output may replace.
     ids : tuple of int
         Those of a family.
+    seconds : float
+        Longest time to search.
     shape : RigShape or None
         Plates of a rig; None for a marker.
     """
@@ -284,6 +292,7 @@ class Request:
     traces: tuple[Path, ...] = ()
     coverages: tuple[Path, ...] = ()
     ids: tuple[int, ...] = ()
+    seconds: float = inf
     shape: RigShape | None = None
 
 
@@ -294,7 +303,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
     if asked.get("restarts") == 0:  # In a spec, 0 stands for the objective's default.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
-    template, output, traces, coverages = (asked.pop(name, None) for name in OUTSIDE_FILES)
+    template, seconds, output, traces, coverages = (asked.pop(name, None) for name in OUTSIDE_SPEC)
     values = read_template(str(template)) if template else {}
     if "shape" in values:
         raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
@@ -344,6 +353,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
         traces or (),
         coverages or (),
         parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
+        seconds or inf,
     )
 
 
@@ -384,6 +394,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         choices_of(asked),
         with_record(asked["output"], "rig") if asked.get("output") else [],
         files_among(template, listed, *(asked.get(key) for key in ("camera", "poses", "camera_in_body"))),
+        seconds=asked.get("time", inf),
         shape=geometry,
     )
 

@@ -1,7 +1,9 @@
 """Terminal helpers shared by the commands: exit status, progress with time left, tables, and files written."""
 # tests: tests/cli/test_detect_video.py
 
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import inf, isnan
@@ -12,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from typer import CallbackParam
 
 if TYPE_CHECKING:
+    from markergen.optimize.ending import Limit
     from markergen.options import Progress
     from markergen.presentation.results import Result
     from markergen.presentation.tables import Table
@@ -110,6 +113,34 @@ class _LogLines:
         if monotonic() > self._printed + SECONDS_BETWEEN_LINES or done == total:
             self._printed = monotonic()
             print(", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), file=sys.stderr, flush=True)
+
+
+@contextmanager
+def interruptible() -> Iterator["Limit"]:
+    """End searches at the first Ctrl-C or SIGTERM, so that what they have found is written; the next ends the program.
+
+    Yields the limit of the searches, which knows whether one was `asked` to end.
+    """
+    from markergen.optimize.ending import Limit, limited
+
+    limit, signals = Limit(), (signal.SIGINT, signal.SIGTERM)
+
+    def ask(*_: object) -> None:
+        limit.asked = True
+        restore()
+        note("ending the search; once more ends at once")
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, ask) for number in signals} if is_main else {}
+    try:
+        with limited(limit):
+            yield limit
+    finally:
+        restore()
 
 
 def _left(seconds: float) -> str:

@@ -43,6 +43,7 @@ from markergen.objectives import Objective
 from markergen.objectives.aggregates import DEFAULT_LEVEL
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.composed import ComposedObjective
+from markergen.optimize.ending import is_due
 from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
 from markergen.units import format_length
@@ -58,7 +59,7 @@ DEGREES = (12, 18, 27, 40)
 ACCURATE = 1e-7
 """Error of the interpolation, relative to the largest sensitivity, at which a higher degree is not tried."""
 
-ROUNDS, PATIENCE, WORK = 60, 12, 12_000_000
+ROUNDS, PATIENCE, WORK = 60, 12, 6_000_000
 """Maximum number of linear programs, of those in a row without a noticeable gain, and of the coefficients of all."""
 
 NOTICEABLE = 0.98
@@ -67,7 +68,7 @@ NOTICEABLE = 0.98
 CLOSE = 2e-4
 """Relative gap in A^-2 at which the bound is not improved any more."""
 
-EDGE, INSIDE = 1500, 5000
+EDGE, INSIDE = 1000, 2000
 """Approximate number of candidate places on the edge of the room and inside."""
 
 MORE = 200
@@ -310,13 +311,13 @@ class _Program:
             bound = solution.prices.sum() + self.n * max(float(excess.max()), 0.0)
             before, more = best, np.zeros((0, 2))
             if bound - 1 < (best - 1) * NOTICEABLE:
-                tolerance = max(CLOSE / 4, (bound - 1) / 20) / self.n
+                tolerance = max(CLOSE / 2, (bound - 1) / 20) / self.n
                 highest, more = self._highest(cut, caps[priced], solution.prices[priced], least, tolerance)
                 best = min(best, float(solution.prices.sum() + self.n * (highest + 10 * fields.error(cut))))
             since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + 1
             crowded = self._crowded(solution.weights)
             reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
-            if best < reached + CLOSE or since == PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
+            if is_due() or best < reached + CLOSE or since == PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
                 break
             used = solution.weights > 0
             load = _cap(caps, self.places[used], solution.weights[used], self.pitch, 0.0)[0]

@@ -44,6 +44,7 @@ from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.design import Account, Design
 from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes, sources_of
 from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of
+from markergen.optimize.ending import Ended, current_limit
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, check, objective_of, room_of, rough_of
 from markergen.optimize.search import search
@@ -234,7 +235,11 @@ class JointProblem:
             around, k = divmod(step, len(blocks))
             if k in fixed:
                 continue
-            moved = (*blocks[:k], replace(blocks[k], points=move(blocks, k, around)), *blocks[k + 1 :])
+            try:
+                points = move(blocks, k, around)
+            except Ended:
+                break
+            moved = (*blocks[:k], replace(blocks[k], points=points), *blocks[k + 1 :])
             better = whole(moved) if only_better else value
             if not only_better or better < value:
                 blocks, value = moved, better
@@ -453,7 +458,8 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
         {"design": row},
         spec,
         value=value,
-        seconds=perf_counter() - begin,
+        seconds=(seconds := perf_counter() - begin),
+        interrupted=seconds * current_limit().ended,
         covered=covered,
         account=account,
     )

@@ -32,7 +32,9 @@ from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, planned_error, usual_sources
 from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, needs_scales, pixels_across, size_given
+from markergen.optimize.ending import Ended, current_limit, limited
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
+from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.problem import (
     TOLERANCE,
     FeasibleRegion,
@@ -67,6 +69,29 @@ UPRIGHT = 1e-5
 
 WORSE = 0.1
 """Relative excess of another criterion over that of a comparison layout that is worth a warning."""
+
+
+CLEARANCE, ASKED, IMAGES = "clearance", "asked", "images"
+"""Why dots keep their gap: it is their clearance, it was asked for, or images of dots run together in a smaller one."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Smallest gap between dots with which a layout was sought.
+
+    Attributes
+    ----------
+    length : float
+        In m.
+    reason : str
+        `CLEARANCE`, `ASKED` or `IMAGES`.
+    without : float
+        Value of a layout that keeps only the clearance; inf if none was sought.
+    """
+
+    length: float = 0.0
+    reason: str = CLEARANCE
+    without: float = np.inf
 
 
 @dataclass(frozen=True, repr=False)
@@ -113,6 +138,8 @@ class Design(Result):
         Label safety of the dots; None for bare points, unless the layout alone has to identify them.
     value : float
         Value of the spec's objective, in its unit.
+    gap : Gap
+        Smallest gap between dots that the search had to keep.
     seconds : float
         Duration of the design.
     trace : tuple of Step
@@ -130,6 +157,8 @@ class Design(Result):
         How the plates of a rig are told apart, in words.
     safety : float
         Smallest RMS displacement in px of a plate's dots with which another plate fits as well; inf with tags.
+    interrupted : float
+        Seconds after which the search was interrupted; 0 if it was not. Such designs are not reproducible.
     account : Account or None
         What there is to say of a rig, or of dots of several sizes.
 
@@ -157,6 +186,7 @@ class Design(Result):
     spec: Spec = field(compare=False)
     labels: LabelSafety | None = field(default=None, compare=False)
     value: float = field(default=0.0, compare=False)
+    gap: Gap = field(default=Gap(), compare=False)
     seconds: float = field(default=0.0, compare=False)
     trace: tuple[Step, ...] = ()
     family: tuple[Marker, ...] = ()
@@ -166,9 +196,10 @@ class Design(Result):
     single: Array | None = field(default=None, compare=False)
     told_apart: str = ""
     safety: float = np.inf
+    interrupted: float = field(default=0.0, compare=False)
     account: Account | None = field(default=None, compare=False)
     _certificates: list[Certificate] = field(default_factory=list, compare=False)
-    """The certificate, once it is known; shared by copies."""
+    """The certificate, and that without the gap, once they are known; shared by copies."""
 
     @property
     def marker(self) -> Marker:
@@ -203,14 +234,14 @@ class Design(Result):
     def parts(self) -> list[str | Table]:
         """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
         if self.account:
-            return [self.account.summary, self.account.table, f"found in {self.seconds:.1f} s"]
+            return [self.account.summary, *self._interruption, self.account.table, f"found in {self.seconds:.1f} s"]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), noise))
         plan = [self.plan.sentence] if self.plan else []
-        more = [self.outlook] if self.outlook else []
-        return [self.summary, *plan, *more, self._bound, *tables, _effort(self.seconds)]
+        more = [*filter(None, [self.outlook]), self._bound, *self._interruption]
+        return [self.summary, *plan, *more, *tables, _effort(self.seconds)]
 
     def brief(self) -> Sequence[str | Table]:
         """See `Result.brief`: the marker, what it is for, the error to plan with, and what more dots would bring."""
@@ -230,12 +261,26 @@ class Design(Result):
             f"for a camera of {camera.width} x {camera.height} px, {view_deg:.0f} degrees wide, at {near:.2g} to "
             f"{far:.2g} m{unseen}{yours}",
         ]
-        return [*lines, *([self.plan.sentence] if self.plan else []), *filter(None, [self.outlook])]
+        return [
+            *lines,
+            *([self.plan.sentence] if self.plan else []),
+            *filter(None, [self._kept_apart.strip(), self.outlook]),
+            *self._interruption,
+        ]
 
     @property
     def plan(self) -> PlannedError | None:
         """The error to plan with; None for a rig, a relief, bare points and dots of several sizes."""
         return planned_error_of(self.body.provenance)
+
+    @property
+    def _interruption(self) -> list[str]:
+        """That the search was interrupted, and how far it had come, in words."""
+        if not self.interrupted:
+            return []
+        bound = self.certificate.lower_bound
+        above = f", {100 * (self.value / bound - 1):.1f} % above its lower bound" if bound else ""
+        return [f"search interrupted after {self.interrupted:.0f} s{above}"]
 
     @property
     def certificate(self) -> Certificate:
@@ -250,15 +295,51 @@ class Design(Result):
             region = self.dots.region(self.spec)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
             objective = objective_of(self.spec, self.setting, ngon)
-            self._certificates.append(
-                certify(objective, region, points if self.spec.relief else points[:, :2], progress)
-            )
+            for room in dict.fromkeys((region, region.without_gap)):
+                self._certificates.append(
+                    certify(objective, room, points if self.spec.relief else points[:, :2], progress)
+                )
         return self._certificates[0]
+
+    def certified(self, progress: Progress | None = None) -> "Design":
+        """Return the same design with lower bounds in the provenance of its marker, see `certify`."""
+        if not isinstance(self.body, Marker) or self.account:
+            return self
+        self.certify(progress)
+        return replace(self, body=replace(self.body, provenance={**self.body.provenance, "search": self.found_under()}))
+
+    def found_under(self) -> dict[str, Any]:
+        """Constraints under which the layout was sought, what a gap costs, and lower bounds once they are known.
+
+        ``gap_m`` is the least gap between two dots, ``clearance_m`` that between a dot and everything else. A gap
+        chosen for the ``images`` costs a fraction of the value of at least ``gap_costs[0]``, since a better layout is
+        known without it, and at most ``gap_costs[1]``, by the lower bound without it.
+        """
+        stored, bounds = self.marker.provenance["spec"], [bound.lower_bound for bound in self._certificates] or [0.0]
+        least = max(0.0, 1 - self.gap.without / self.value)
+        costs = [least, max(least, 1 - bounds[-1] / self.value)]
+        demands = {name: stored[name] for name in ("asymmetric", "relief", "survive") if stored.get(name)}
+        return plain(
+            {
+                "value": self.value,
+                "clearance_m": self.dots.clearance,
+                "gap_m": self.gap.length,
+                "gap_reason": self.gap.reason,
+                "gap_costs": costs if self.gap.reason == IMAGES else None,
+                "lower_bound": bounds[0] or None,
+                "lower_bound_without_gap": bounds[-1] or None,
+                "interrupted_s": self.interrupted or None,
+                "limits": [str(limit) for limit in parse_goal(self.spec.objective).limits],
+                "points": bool(stored.get("points")),
+                **demands,
+            }
+        )
 
     def to_json(self) -> bytes:
         """Return value, lower bound (null if none is known), dots, criteria, warnings and files as JSON text."""
         results = self.account.results if self.account else {}
-        files = {"warnings": self.warnings, "files": files_as_json(self.written)}
+        files: dict[str, Any] = {"warnings": self.warnings, "files": files_as_json(self.written)}
+        files |= {"interrupted_s": self.interrupted} if self.interrupted else {}
         return json_bytes(plain({**(results or self._results()), **files}))
 
     def _results(self) -> dict[str, Any]:
@@ -269,11 +350,18 @@ class Design(Result):
             "unit": OBJECTIVES[parse_goal(self.spec.objective).lead].unit,
             "lower_bound": None if bound.reason else bound.lower_bound,
             "dots": {"n": len(self.marker), "diameter_m": self.dots.diameter, "clearance_m": self.dots.clearance},
+            "constraints": self._constraints(),
             "label_safety_px": self.labels.least if self.labels else None,
             "poses": stored["poses"],
             "noise": self.setting.noise_words,
             "criteria": self.criteria,
         }
+
+    def _constraints(self) -> dict[str, Any]:
+        """The room, and what else the layout was sought under."""
+        blocked = [region.as_dict() for region in self.spec.blocked]
+        found = {name: value for name, value in self.found_under().items() if name not in ("value", "lower_bound")}
+        return {"boundary": self.spec.boundary.as_dict(), "keep_outs": blocked, **found}
 
     def __str__(self) -> str:
         return "\n".join([*(f"warning: {warning}" for warning in self.warnings), super().__str__()])
@@ -304,7 +392,23 @@ class Design(Result):
             f"seed {spec['seed']}, spec {self.marker.spec_hash}\n"
             + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")
             + self._labels
+            + self._kept_apart
             + self._gaps
+        )
+
+    @property
+    def _kept_apart(self) -> str:
+        """A gap that was not asked for, and what it costs, in words."""
+        if self.gap.reason != IMAGES:
+            return ""
+        least, most = (f"{100 * cost:.1f}" for cost in self.found_under()["gap_costs"])
+        costs = (
+            f"{least} %" if least == most else f"{least} to {most} %" if self._certificates else f"{least} % or more"
+        )
+        clearance = format_length(self.dots.clearance).replace(" ", "")
+        return (
+            f"\na gap of {format_length(self.gap.length)}, chosen so that images of dots do not run together, costs "
+            f"{costs} of the error; --gap {clearance} leaves it out"
         )
 
     @property
@@ -346,8 +450,9 @@ class Design(Result):
         if column is None or certificate.reason:
             return certificate.sentence
         name, _, unit = column.title.rpartition(" ")
-        bound = certificate.lower_bound * column.factor
-        return f"lower bound of the {name} error {bound:.4g} {unit}: {certificate.sentence}"
+        bound, *without = (column.factor * bound.lower_bound for bound in self._certificates)
+        more = "".join(f"; without that gap, the bound is {lower:.4g} {unit}" for lower in without)
+        return f"lower bound of the {name} error {bound:.4g} {unit}: {certificate.sentence}{more}"
 
     @property
     def _labels(self) -> str:
@@ -440,9 +545,9 @@ class Design(Result):
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False, watch: Watch | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and make it a marker.
 
-    If nothing is said about dots and gaps, and images of the dots would run together, the layout is sought once more
-    with a gap that keeps them apart, which is then in the spec. Equal specs give equal markers, traced and watched or
-    not. For `progress` and `watch` see `markergen.options`.
+    If nothing is said about dots and gaps, and images of the dots would run together, the layout is sought with a gap
+    that keeps them apart, which is then in the spec, and what it costs in the design. Equal specs give equal markers,
+    traced and watched or not. For `progress` and `watch` see `markergen.options`.
 
     Raises
     ------
@@ -450,46 +555,109 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
         homography, or no layout was found with the demanded label safety.
     """
-    wanted: list[float] = []
-    result = _design(spec, progress, traced, watch, wanted)
-    gap = wanted[0] if wanted else _wanted_gap(result.marker.xyz, result.dots, result.setting, result.spec)
-    if not gap:
-        return result
-    try:
-        apart = _design(replace(result.spec, gap=gap), progress, traced, watch)
-    except InputError as error:
-        log.info("no gap of %s: %s", format_length(gap), error)
-        return _design(spec, progress, traced, watch) if wanted else result
-    return replace(apart, seconds=result.seconds + apart.seconds)
-
-
-def _wanted_gap(points: Array, dots: DotSize, setting: Setting, spec: Spec) -> float:
-    """Gap in m that keeps images of dots apart, of which nothing is said; 0 if none does, or they are apart."""
-    if spec.dot is not None or spec.gap or spec.points or not dots.diameter:
-        return 0.0
-    close = crowding(points, dots.diameter, setting.camera, setting.poses, spec.image_noise)
-    return 0.0 if close is None or close.gap >= dots.diameter else close.gap
-
-
-def _design(
-    spec: Spec, progress: Progress | None, traced: bool, watch: Watch | None, wanted: list[float] | None = None
-) -> Design:
-    """Design once; a gap that is seen to be wanted before the search has ended, ends it, and is added to `wanted`."""
     begin = perf_counter()
-    choice = settled(spec, progress)
-    spec = choice.spec if choice else spec
+    try:
+        choice = settled(spec, progress)
+    except Ended:
+        raise InputError(
+            "time to settle what is open", f"{perf_counter() - begin:.0f} s", "allow more --time"
+        ) from None
+    reason = ASKED if spec.gap else IMAGES if choice else CLEARANCE
+    task = _task_of(choice.spec if choice else spec, choice.reason if choice else "", progress)
+    layout, crowded = None, None
+
+    def refuse_crowds(points: Array) -> None:
+        if task.wanted_gap(points):
+            raise _Crowded(points)
+
+    try:
+        layout = _place(task, progress, traced, watch, refuse_crowds)
+        crowded = layout.points if task.wanted_gap(layout.points) else None
+    except _Crowded as error:
+        (crowded,) = error.args
+    gap = Gap(max(task.spec.gap, task.dots.clearance), reason)
+    if crowded is not None:
+        try:
+            apart = _task_of(replace(task.spec, gap=task.wanted_gap(crowded)), "", progress)
+            layout = _place(apart, progress, traced, watch)
+            gap = Gap(apart.spec.gap, IMAGES, _value_without_gap(apart, crowded, layout.points))
+            task = apart
+        except InputError as error:
+            log.info("no gap of %s: %s", format_length(task.wanted_gap(crowded)), error)
+    layout = layout or _place(task, progress, traced, watch)
+    result = _made(task, layout, gap, perf_counter() - begin)
+    log.info("designed %r in %.1f s", result.marker, result.seconds)
+    return result
+
+
+def _value_without_gap(task: "_Task", crowded: Array, points: Array) -> float:
+    """Value of a layout that keeps only the clearance: a crowded one, or one of it and points (n, 2), polished."""
+    room = task.region.without_gap
+    value = float(task.objective(crowded[None])[0])
+    if len(points) > ALL_PAIRS_UP_TO:
+        return value
+    with limited(None):
+        return min(value, *(polish(task.objective, room, start)[1] for start in (crowded, points)))
+
+
+class _Crowded(Exception):
+    """Images of the dots of a layout, the argument, run together."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is to be placed, and where."""
+
+    spec: Spec
+    dots: DotSize
+    setting: Setting
+    region: FeasibleRegion
+    ngon: Array | None
+    objective: Objective
+
+    def wanted_gap(self, points: Array) -> float:
+        """Gap in m that keeps images of dots apart, of which nothing is said; 0 if none does, or they are apart."""
+        spec, diameter = self.spec, self.dots.diameter
+        if spec.dot is not None or spec.gap or spec.points or spec.relief or not diameter:
+            return 0.0
+        close = crowding(points, diameter, self.setting.camera, self.setting.poses, spec.image_noise)
+        return 0.0 if close is None or close.gap >= diameter else close.gap
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """A layout that was found, others to compare it with, and the way to it."""
+
+    points: Array
+    others: dict[str, Array]
+    way: list[tuple[str, Array]]
+
+
+def _task_of(spec: Spec, reason: str, progress: Progress | None) -> _Task:
+    """Task of a spec whose number of dots is settled, for a reason that explains their size."""
     check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     check_parts(spec, Setting(spec.boundary, spec.camera, poses))  # reject wrong names before any search
     dots = size_given(spec, poses) if spec.points else choose_dots(spec, poses, progress)
-    dots = replace(dots, reason=choice.reason) if choice else dots
+    dots = replace(dots, reason=reason or dots.reason)
     setting, region = dots.setting(spec, poses), dots.region(spec)
     ngon = reference(spec, region, setting)
-    objective = objective_of(spec, setting, ngon)
+    return _Task(spec, dots, setting, region, ngon, objective_of(spec, setting, ngon))
+
+
+def _place(
+    task: _Task,
+    progress: Progress | None,
+    traced: bool,
+    watch: Watch | None,
+    first: Callable[[Array], None] | None = None,
+) -> _Layout:
+    """Search for the layout; `first` as in `search`."""
+    spec, setting, region, objective = task.spec, task.setting, task.region, task.objective
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
     record = Watcher(objective, region, watch, recorder) if watch else recorder
-    more = spec.restarts, progress, rough_of(spec, setting, ngon), record
+    more = spec.restarts, progress, rough_of(spec, setting, task.ngon), record
     optimum: Optimum | AsymmetricOptimum
     allowed: Callable[[Array], bool] | None = None
     others: dict[str, Array] = {}
@@ -501,23 +669,20 @@ def _design(
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
         points = number(upright(optimum.points, objective, region, lambda turned: _safe(turned, spec, setting)))
     else:
-
-        def enough(layout: Array) -> bool:
-            if wanted is None or spec.relief:
-                return False
-            gap = _wanted_gap(layout, dots, setting, spec)
-            if gap:
-                wanted.append(gap)
-            return gap > 0
-
-        optimum = search(objective, region, spec.n, rng, *more, enough)
+        optimum = search(objective, region, spec.n, rng, *more, first)
         if spec.relief:
-            flat, room = optimum.points, ReliefRoom(region, spec.relief, eyes_of(poses))
+            flat, room = optimum.points, ReliefRoom(region, spec.relief, eyes_of(setting.poses))
             optimum, others = search_relief(objective, room, flat, rng, *more), {"flat": flat}
             allowed = room.holds
         points = number(upright(optimum.points, objective, region, allowed))
     check_bounds(objective, points, spec)
-    table = compare(points, region, setting, spec.seed, others)
+    return _Layout(points, others, [*recorder.way(optimum.points), ("upright", points)] if recorder else [])
+
+
+def _made(task: _Task, layout: _Layout, gap: Gap, seconds: float) -> Design:
+    """Make the marker, and check it."""
+    spec, setting, dots, points = task.spec, task.setting, task.dots, layout.points
+    table = compare(points, task.region, setting, spec.seed, layout.others)
     _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
@@ -527,13 +692,13 @@ def _design(
     check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
     check_holes(marker)
     if spec.relief:
-        check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(poses))
-    value = float(objective(points[None])[0])
-    way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
-    trace = tuple(trace_of(way, objective)) if way else ()
-    result = Design(marker, setting, dots, table, spec, labels, value, perf_counter() - begin, trace)
-    log.info("designed %r in %.1f s", marker, result.seconds)
-    return result
+        check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(setting.poses))
+    value = float(task.objective(points[None])[0])
+    trace = tuple(trace_of(layout.way, task.objective)) if layout.way else ()
+    interrupted = seconds * current_limit().ended
+    result = Design(marker, setting, dots, table, spec, labels, value, gap, seconds, trace, interrupted=interrupted)
+    stored = {**marker.provenance, "search": result.found_under()}
+    return replace(result, body=replace(marker, provenance=stored))
 
 
 def _refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: Setting) -> None:

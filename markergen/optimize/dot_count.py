@@ -37,6 +37,7 @@ from markergen.objectives.base import either
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.dot_size import clearance_of
+from markergen.optimize.ending import Ended, limited
 from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
 from markergen.optimize.layouts import lattice
 from markergen.optimize.polish import polish
@@ -181,14 +182,18 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
     forecaster = Forecaster(spec, poses, sources_of(spec))
     forecasts = forecaster.by_count(progress)
-    least = forecaster.refined(min(forecasts.values(), key=lambda forecast: forecast.value))
+    with limited(None):
+        least = forecaster.refined(min(forecasts.values(), key=lambda forecast: forecast.value))
     # Forecasts are above what polishing finds, the more so the more freedom the dots have.
     low, high = next(n for n, forecast in forecasts.items() if forecast.value <= HOPEFUL * least.value), least.n
     chosen = least
     while low < high:
         if progress:
             progress("refinement", least.n - high + low, least.n)
-        tried = forecaster.refined(forecasts[(low + high) // 2])
+        try:
+            tried = forecaster.refined(forecasts[(low + high) // 2])
+        except Ended:
+            break
         if tried.value <= NEAR_BEST * least.value and _safe(tried, Setting(spec.boundary, spec.camera, poses), spec):
             high, chosen = tried.n, tried
         else:

@@ -20,6 +20,7 @@ from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.spec import USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
+from markergen.optimize.ending import Ended, limited
 from markergen.optimize.layouts import count_that_fit, fitting, largest_diameter, pack
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, objective_of, room_of, rough_of
@@ -301,11 +302,15 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
     candidates = [least, room]
     if least < room:
         scan = np.geomspace(least, room, SCANNED)
-        best = int(np.argmin([predicted(float(diameter)) for diameter in scan]))
-        minimum = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
-        candidates.append(float(np.clip(round(minimum, 4), least, room)))
+        try:
+            best = int(np.argmin([predicted(float(diameter)) for diameter in scan]))
+            minimum = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
+            candidates.append(float(np.clip(round(minimum, 4), least, room)))
+        except Ended:
+            candidates = predicted.tried
     # The search never reaches the ends of its interval, so they are evaluated separately.
-    diameter = min(candidates, key=predicted)
+    with limited(None):
+        diameter = min(candidates, key=predicted)
     value = predicted(diameter)
     predicted.done()
     reason, warning = _reason(spec, diameter, value, detectable, room), _warning(spec, predicted, diameter)
@@ -336,6 +341,11 @@ class _Prediction:
             points, value = optimum.points, optimum.value
         self._found[diameter] = points, value
         return value
+
+    @property
+    def tried(self) -> list[float]:
+        """Diameters tried so far; that of the scan's first layout is one of them."""
+        return list(self._found)
 
     def by_diameter(self, print_sigma: float) -> dict[float, float]:
         """Values of the layouts found, by diameter, for a print error of print_sigma in m."""

@@ -16,6 +16,7 @@ from markergen.arrays import Array
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.ending import end_if_due
 from markergen.optimize.problem import FeasibleRegion
 
 Index = NDArray[np.int64]
@@ -177,6 +178,7 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
     # The exchange ends once every dot in succession has failed to find a better place.
     still = step = 0
     while still < len(layout) and step < min(SWEEPS * len(layout), TURNS):
+        end_if_due()
         i = step % len(layout)
         rest = np.delete(layout, i)
         free = np.flatnonzero(~close[rest].any(axis=0) | (np.arange(len(close)) == layout[i]))

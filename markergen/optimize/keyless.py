@@ -35,6 +35,7 @@ from markergen.bounds.confusion.rival_fits import Rivals, SeenLayout, seen_layou
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.objectives import Objective
+from markergen.optimize.ending import Ended, end_if_due, is_due
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, polish, slsqp
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import Optimum, search
@@ -196,7 +197,10 @@ def asymmetric_search(
         for done, start in enumerate(starts):
             if progress:
                 progress("asymmetric", done, len(starts) + FINALISTS)
-            layouts.append(_cut(start, px, _Cuts(objective, region, record, looked, followed), bar))
+            try:
+                layouts.append(_cut(start, px, _Cuts(objective, region, record, looked, followed), bar))
+            except Ended:
+                break
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
                 bar = min(bar, layouts[-1].value)
         layouts = [layout for layout in layouts if region.holds(layout.points[None])[0]]
@@ -353,7 +357,7 @@ def _finished(layout: _Layout, px: float) -> list["_Candidate"]:
         safety = safety_of(cuts.scene(points), rivals=rivals)
         if region.holds(points[None])[0]:
             candidates.append(_Candidate(points, float(objective(points[None])[0]), safety))
-        if safety.least >= px or finish == FINISHES or layout.px < HOPELESS * px:
+        if safety.least >= px or finish == FINISHES or layout.px < HOPELESS * px or is_due():
             break
         cuts.keep(rivals, px)
         points = _polish(points, px * (1 + SLACK), cuts)
@@ -453,6 +457,7 @@ def distinct_layout(
     best, rank = _ranked(pool, region, rough, apart, distance)
     sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
     for size in sizes:
+        end_if_due()
         parents = best[np.arange(CHILDREN) % len(best)]
         # Half of the children move one dot only.
         moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)

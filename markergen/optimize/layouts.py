@@ -15,6 +15,7 @@ from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.constraints import contacts
+from markergen.optimize.ending import limited
 from markergen.optimize.polish import slsqp
 from markergen.optimize.problem import FeasibleRegion
 
@@ -188,7 +189,10 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     starts = list(region.sample(SAMPLES, n, rng))
     if len(region.walls) > 1:
         starts += [_spread(boundary, n, rng) for _ in range(SAMPLES)]
-    points, diameter = max((_grow(region, start, full, clearance) for start in starts), key=lambda packed: packed[1])
+    with limited(None):
+        points, diameter = max(
+            (_grow(region, start, full, clearance) for start in starts), key=lambda packed: packed[1]
+        )
     return points, max(0.0, diameter)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.objectives import Objective
 from markergen.optimize.constraints import contacts
+from markergen.optimize.ending import end_if_due
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
 
@@ -70,6 +71,11 @@ def slsqp(
     """
     from scipy.optimize import minimize
 
+    def step(x: Array) -> None:
+        end_if_due()
+        if visited:
+            visited(x)
+
     result = minimize(
         cost,
         start,
@@ -78,7 +84,7 @@ def slsqp(
         bounds=None if bounds is None else np.stack(bounds, axis=-1),
         constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
         options={"maxiter": iterations, "ftol": tolerance},
-        callback=visited,
+        callback=step,
     )
     return np.asarray(result.x)
 

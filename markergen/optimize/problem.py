@@ -199,6 +199,11 @@ class FeasibleRegion:
         """Smallest distance in m between control points: dot diameter plus clearance or gap."""
         return self.diameter + max(self.clearance, self.gap)
 
+    @property
+    def without_gap(self) -> "FeasibleRegion":
+        """The region in which dots keep only their clearance from each other."""
+        return replace(self, gap=min(self.gap, self.clearance))
+
     @cached_property
     def walls(self) -> Walls:
         """Smooth pieces of the outline."""

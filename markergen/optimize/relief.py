@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.model.occlusion import Passage, passage
 from markergen.objectives import Objective
+from markergen.optimize.ending import Ended
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
 from markergen.optimize.problem import TOLERANCE, FeasibleRegion
 from markergen.optimize.search import KEPT, Optimum, best_of
@@ -275,14 +276,20 @@ def search_relief(
         plane = room.region.sample(1, n, rng)[0] if done % 2 else flat
         up = rng.integers(0, 2, n) if done else _every_second(flat)
         start = np.column_stack([plane, room.height * up])
-        candidates.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
+        try:
+            candidates.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
+        except Ended:
+            break
     best = _flat(objective, flat)
     kept = best_of(candidates, KEPT if n <= ALL_PAIRS_UP_TO else 1)
     for done, (points, _) in enumerate(kept):
         if progress:
             progress("polish", done, len(kept))
         much = (ITERATIONS, ROUNDS) if n <= ALL_PAIRS_UP_TO else (QUICK, QUICK_ROUNDS)
-        end = polish_relief(objective, room, points, *much, record=record)
+        try:
+            end = polish_relief(objective, room, points, *much, record=record)
+        except Ended:
+            end = points, float(objective(points[None])[0]) if room.holds(points) else np.inf
         best = min(best, end, key=lambda pair: pair[1])
     if progress:
         progress("polish", len(kept), len(kept))

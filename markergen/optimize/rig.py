@@ -45,6 +45,7 @@ from markergen.optimize.dot_size import (
     wanted_diameter,
     wanted_pixels,
 )
+from markergen.optimize.ending import current_limit
 from markergen.optimize.keyless import distinct_layout
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FEW_POSES, check, check_objective, check_parts, objective_of
@@ -315,7 +316,8 @@ def design_rig(
         replace(sizes[0], reason=reason),
         {},
         spec,
-        seconds=perf_counter() - begin,
+        seconds=(seconds := perf_counter() - begin),
+        interrupted=seconds * current_limit().ended,
         covered=covered,
         joint=joint,
         single=single,

@@ -1,15 +1,16 @@
 """Global search for a flat layout.
 
-In a disk: a batch of descents from random starts, then a polish of the best few distinct results. Where corners, holes
-or many dots would trap a descent: exchange on a grid, polish, and moves of single dots, all of it for a subset of the
-poses, which is enough to rank layouts; only the best ones are polished for all poses. The best regular layouts are
-polished as well, so that no result is worse than one of them.
+In a disk: polishes of random layouts, of objectives with kinks a batch of descents. Where corners, holes or many dots
+would trap them: exchange on a grid, polish, and moves of single dots. Most of it is for a subset of the poses, which is
+enough to rank layouts; only the best few distinct results are polished for all poses. The best regular layouts are
+polished as well, so that no result is worse than one of them. A search ends early where independent random starts agree
+on a layout that no regular one beats.
 """
 # tests: tests/optimize/test_search.py tests/optimize/test_optimize.py
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from markergen.errors import InputError
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.pose import PoseObjective
+from markergen.optimize.ending import Ended, end_if_due, limited
 from markergen.optimize.exchange import ExchangeTable, distances, edge, exchange, exchange_table, places, random_layout
 from markergen.optimize.layouts import fitting, lattice, pack, regular_layouts
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
@@ -37,6 +39,15 @@ POLISHED = 5
 DISTINCT, ALIKE = 2e-4, 0.02
 """Relative difference of values, and difference of distances between dots in radii, below which layouts count as the
 same, so that only one is polished."""
+
+AGREEING = 3
+"""Number of independent starts whose agreement ends a search, and of those the best of which is shown first."""
+
+SAME = 1e-6
+"""Relative difference of values up to which a regular layout is preferred."""
+
+RANDOM = 48
+"""Number of random layouts that are polished for a subset of the poses in a disk, unless a regular one is as good."""
 
 JITTER = 0.01
 """Random perturbation, in radii, of the starts of the polish: a descent from a symmetric layout can end at a saddle
@@ -96,10 +107,11 @@ LONGEST = 0.15
 
 @dataclass(frozen=True)
 class Optimum:
-    """Best layout (n, 2) in m found, and its value."""
+    """Best layout (n, 2) in m found, its value, and whether independent starts agree on it."""
 
     points: Array
     value: float
+    settled: bool = False
 
 
 def search(
@@ -111,7 +123,7 @@ def search(
     progress: Progress | None = None,
     rough: Objective | None = None,
     record: Record | None = None,
-    enough: Callable[[Array], bool] | None = None,
+    first: Callable[[Array], None] | None = None,
 ) -> Optimum:
     """Find the layout of n control points in the region that minimizes the objective.
 
@@ -128,27 +140,20 @@ def search(
         Called with the stage, the amount done, and the total.
     record : callable or None
         Called with the layouts before and after each step (see `markergen.optimize.trace`).
-    enough : callable or None
-        Whether a layout (n, 2), which hops would improve, needs no improvement.
+    first : callable or None
+        Called with the best layout (n, 2) of a few starts; what it raises ends the search.
 
     Raises
     ------
     InputError
         If no feasible layout with a finite objective is found.
     """
-    task = Stages(objective, rough or objective, region, n, progress or _silent, record)
-    exchanged = len(region.walls) > 1 or n > ALL_PAIRS_UP_TO
-    optimum = (
-        task.exchanged(rng, restarts) if exchanged else task.descended(rng, restarts or objective.default_restarts)
-    )
-    # Spawned, so that what callers draw afterwards does not depend on it.
-    regular = task.from_regular(rng.spawn(1)[0], restarts)
-    if not optimum.value * (1 - GAIN) <= regular.value:
-        optimum = regular
-    hopping = len(region.walls) > 1 and n >= HOPPING and np.isfinite(optimum.value)
-    if hopping and not (enough and enough(optimum.points)):
-        hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / n) ** 3))
-        optimum = task.hopped(optimum, min(hops, 3 * restarts or hops), rng.spawn(1)[0])
+    task = Stages(objective, rough or objective, region, n, progress or _silent, record, first or _silent)
+    try:
+        optimum = task.searched(rng, restarts)
+    except Ended:
+        with limited(None):
+            optimum = task.best_so_far()
     if not np.isfinite(optimum.value):
         raise InputError(
             f"a {region.boundary} with room for {n} control points that are not in one line",
@@ -172,14 +177,52 @@ class Stages:
     n: int
     tell: Progress = _silent
     record: Record | None = None
+    first: Callable[[Array], None] = _silent
+    ends: list[Ranked] = field(default_factory=list)
+
+    def searched(self, rng: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best layout of all stages; its value is inf if none is feasible."""
+        # Spawned, so that what callers draw afterwards does not depend on them.
+        shaking, hopping = rng.spawn(2)
+        walled = len(self.region.walls) > 1
+        if walled or self.n > ALL_PAIRS_UP_TO:
+            optimum = self.exchanged(rng, restarts)
+        elif self.objective.nonsmooth:
+            optimum = self.descended(rng, restarts or self.objective.default_restarts)
+        else:
+            optimum = self.polished_at_random(rng, restarts)
+        if not optimum.settled:
+            regular = self.from_regular(shaking, restarts)
+            if not optimum.value * (1 - GAIN) <= regular.value:
+                optimum = regular
+        if walled and self.n >= HOPPING and np.isfinite(optimum.value) and not optimum.settled:
+            hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / self.n) ** 3))
+            optimum = self.hopped(optimum, min(hops, 3 * restarts or hops), hopping)
+        return optimum
+
+    def best_so_far(self) -> Optimum:
+        """Return the best of all layouts that were polished and of the regular ones, or a packed one."""
+        regular, values = self.regular
+        candidates = [*zip(regular, values.tolist(), strict=True)]
+        layouts = [points for points, _ in best_of(self.ends, LIKELY)]
+        if not candidates and not layouts and (packed := fitting(self.region, self.n)) is not None:
+            layouts = [packed]
+        candidates += [(points, float(self.objective(points[None])[0])) for points in layouts]
+        return Optimum(*min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf)))
 
     def polished(self, start: Array) -> Ranked:
         """Polish a layout for all poses."""
-        return polish(self.objective, self.region, start, record=self.record)
+        return self.kept(polish(self.objective, self.region, start, record=self.record))
 
     def quick(self, start: Array) -> Ranked:
         """Polish a layout just so well that it can be ranked."""
-        return polish(self.rough, self.region, start, QUICK, self.record)
+        return self.kept(polish(self.rough, self.region, start, QUICK, self.record))
+
+    def kept(self, end: Ranked) -> Ranked:
+        """Remember a layout, if it is feasible, for `best_so_far`."""
+        if np.isfinite(end[1]):
+            self.ends.append(end)
+        return end
 
     def moved(self, points: Array, to: Array) -> Array:
         """Return the feasible layout nearest to the one (n, 2) that a layout is moved to, as a start for polishing."""
@@ -199,18 +242,68 @@ class Stages:
         """Return whether a layout (n, 2) is feasible."""
         return bool(self.region.holds(points[None])[0])
 
-    def from_regular(self, rng: np.random.Generator, restarts: int) -> Optimum:
-        """Return the best result of polishing regular layouts, no worse than any regular polygon."""
+    @cached_property
+    def regular(self) -> tuple[Array, Array]:
+        """Regular layouts (B, n, 2), all polygons and the others that few poses select, and their values (B,)."""
         layouts, count = regular_layouts(self.region, self.n)
-        if not len(layouts):
-            return Optimum(layouts, np.inf)
         # Polygons are judged for all poses, since designs are compared with them.
         if len(layouts) > count:
             likely = count + np.argsort(self.rough(layouts[count:]), kind="stable")[:LIKELY]
             layouts = layouts[np.concatenate([np.arange(count), likely])]
-        candidates = best_of(
-            list(zip(layouts, self.objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR)
+        return layouts, self.objective(layouts) if len(layouts) else np.empty(0)
+
+    def polished_at_random(self, rng: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best polish of random layouts, or a regular one that is as good, which ends the search early."""
+        ends, starts = list[Ranked](), restarts or RANDOM
+        for done in range(starts):
+            self.tell("polish", done, starts + POLISHED)
+            ends.append(self.quick(self.region.sample(1, self.n, rng)[0]))
+            self.shown(ends)
+            if self.agreed(ends, restarts) and (optimum := self.as_regular(*self.polished(best_of(ends, 1)[0][0]))):
+                return optimum
+        if not np.isfinite([value for _, value in ends]).any() and (packed := fitting(self.region, self.n)) is not None:
+            ends.append(self.quick(packed))
+        # Few poses rank layouts only nearly as all do.
+        ends = [(points, float(self.objective(points[None])[0])) for points, value in ends if np.isfinite(value)]
+        candidates = best_of(ends, POLISHED)
+        for done, (points, _) in enumerate(candidates):
+            self.tell("polish", starts + done, starts + POLISHED)
+            candidates[done] = self.polished(points)
+        self.tell("polish", 1, 1)
+        points, value = min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf))
+        return self.as_regular(points, value) or Optimum(points, value)
+
+    def as_regular(self, points: Array, value: float) -> Optimum | None:
+        """Return a regular layout that is as good as a polished one (n, 2) of that value; None if none is or better."""
+        layouts, values = self.regular
+        as_good = np.flatnonzero(values <= value * (1 + SAME))
+        if not len(as_good) or values.min() < value * (1 - SAME):
+            return None
+        if self.record:
+            self.record("polish", points[None], layouts[as_good[0]][None])
+        return Optimum(layouts[as_good[0]], float(values[as_good[0]]), settled=True)
+
+    def shown(self, ends: list[Ranked]) -> None:
+        """Show the best of the first few ends, once there are enough."""
+        points, value = best_of(ends, 1)[0]
+        if len(ends) == AGREEING and np.isfinite(value):
+            self.first(points)
+
+    def agreed(self, ends: list[Ranked], restarts: int) -> bool:
+        """Return whether enough ends of independent starts have the least value, unless all restarts are asked for."""
+        least = min(value for _, value in ends)
+        return (
+            not restarts
+            and np.isfinite(least)
+            and sum(value <= least * (1 + DISTINCT) for _, value in ends) >= AGREEING
         )
+
+    def from_regular(self, rng: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best result of polishing regular layouts, no worse than any regular polygon."""
+        layouts, values = self.regular
+        if not len(layouts):
+            return Optimum(layouts, np.inf)
+        candidates = best_of(list(zip(layouts, values.tolist(), strict=True)), min(REGULAR, restarts or REGULAR))
         shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(candidates), self.n, 2))
         total = len(shakes) + KEPT
         for done, (start, shake) in enumerate(zip([points for points, _ in candidates], shakes, strict=True)):
@@ -229,8 +322,11 @@ class Stages:
 
     def descended(self, rng: np.random.Generator, restarts: int) -> Optimum:
         """Return the best of the descents from random layouts; its value is inf if none ends in a feasible layout."""
-        region = self.region
+        region, ends = self.region, list[Ranked]()
         self.tell("descent", 0, 1)
+        for start in region.sample(AGREEING, self.n, rng.spawn(1)[0]):
+            ends.append(self.quick(start))
+            self.shown(ends)
         starts = region.sample(restarts, self.n, rng)
         if not region.holds(starts).all():
             # Random points jam when the dots nearly fill the region, so one packed layout is a start as well.
@@ -253,25 +349,30 @@ class Stages:
             self.tell("polish", done, len(chosen))
         return Optimum(best, best_value)
 
-    def exchanged(self, rng: np.random.Generator, starts: int) -> Optimum:
+    def exchanged(self, rng: np.random.Generator, restarts: int) -> Optimum:
         """Return the best layout by exchange from random layouts; 0 starts: as many as suit n."""
         rough, region, n = self.rough, self.region, self.n
-        starts = starts or max(1, STARTS * MOST_DOTS // max(n, MOST_DOTS))
+        starts = restarts or max(1, STARTS * MOST_DOTS // max(n, MOST_DOTS))
         shakes, kept = (SHAKES_OF_MANY, KEPT_OF_MANY) if n >= HOPPING else (SHAKES, KEPT)
         grid, spare = _grid(region, n, rng)
         guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
-        layouts = []
+        ends: list[Ranked] = []
+        agreed = False
         for done in range(starts):
             self.tell("exchange", done, starts)
             begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
-            layouts.append(self.exchange(guide, spacing, begin))
-        if rough.nonsmooth:
-            layouts = list(descend(rough, region, np.array(layouts), record=self.record).points)
+            layout = self.exchange(guide, spacing, begin)
+            if rough.nonsmooth:
+                layout = descend(rough, region, layout[None], record=self.record).points[0]
+            ends.append(self.quick(layout))
+            self.shown(ends)
+            if agreed := self.agreed(ends, restarts):
+                break
         self.tell("exchange", starts, starts)
-        candidates = best_of([self.quick(layout) for layout in layouts], kept)
+        candidates = best_of(ends, kept)
         if np.isinf(candidates[0][1]) and (packed := fitting(region, n)) is not None:
             candidates = [polish(rough, region, packed, record=self.record)]
-        if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
+        if not agreed and n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
             candidates = best_of([*candidates, *self.shaken(*candidates[0], shakes * starts, rng)], kept)
         judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
         rim = edge(region, FINE_EDGE)
@@ -285,7 +386,8 @@ class Stages:
             self.tell("polish", total - len(candidates) + done, total)
             ends.append(self.polished(points))
         self.tell("polish", total, total)
-        return Optimum(*min(ends, key=lambda end: end[1]))
+        points, value = min(ends, key=lambda end: end[1])
+        return Optimum(points, value, agreed and value * (1 - GAIN) <= self.regular[1].min(initial=np.inf))
 
     def shaken(self, points: Array, value: float, times: int, rng: np.random.Generator) -> list[Ranked]:
         """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
@@ -437,6 +539,7 @@ def descend(
     best, best_value, reference = points.copy(), values.copy(), values.copy()
     taken = 0
     for taken in range(1, steps + 1):
+        end_if_due()
         moved = region.project(points - np.clip(step * gradient, -LONGEST * scale, LONGEST * scale))
         held = region.holds(moved)
         # Where the projection jams, the layout stays in place and its steps shrink until they are feasible.

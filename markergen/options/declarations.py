@@ -41,6 +41,7 @@ from markergen.options.shared import (
     Restarts,
     Seed,
     SheetKeywords,
+    Time,
     Workers,
 )
 
@@ -204,7 +205,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             DOTS,
             "Smallest gap between dots, if larger than --clearance.",
-            otherwise="--clearance; 2 px in the image with --n auto and --target",
+            otherwise="--clearance, or what keeps images of dots apart, without --dot; 2 px with --n auto and --target",
         ),
     ]
     asymmetric: Annotated[
@@ -267,6 +268,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     ]
     seed: Seed
     restarts: Restarts
+    time: Time
     output: Annotated[
         Files,
         Option(
@@ -291,7 +293,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     ]
 
 
-OUTSIDE_FILES = ("template", "output", "trace", "coverage")
+OUTSIDE_SPEC = ("template", "time", "output", "trace", "coverage")
 """Design options that a spec file does not have."""
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from markergen.errors import InputError
-from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH, parse_length
+from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH, parse_duration, parse_length
 
 Reader = Callable[[Any, str], Any]
 """Returns a value of a name as converted, or raises an error with only the expected part filled in."""
@@ -220,6 +220,7 @@ if TYPE_CHECKING:
     from markergen.model.rig import Rig
 
     Length = float | str
+    Duration = float | str
     LengthOrAuto = float | str
     IntOrAuto = int | str
     LengthOrFit = float | str
@@ -238,6 +239,7 @@ if TYPE_CHECKING:
 else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind.
     Length = _kind("length", "float | str", _length, float, parse_length, _LENGTH)
+    Duration = _kind("duration", "float | str", lambda value, _: parse_duration(value), str, parse_duration)
     LengthOrAuto, LengthOrFit = _length_or("auto"), _length_or("fit")
     _AUTO = {"anyOf": [{"type": "integer"}, {"const": "auto"}]}
     IntOrAuto = _kind("int or auto", "int | str", _int_or_auto, str, _typed_int_or_auto, _AUTO)

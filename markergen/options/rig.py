@@ -17,6 +17,7 @@ from markergen.options.shared import (
     Restarts,
     Seed,
     SheetKeywords,
+    Time,
 )
 
 
@@ -98,6 +99,7 @@ class RigKeywords(SheetKeywords, total=False):
     aggregate: Aggregate
     seed: Seed
     restarts: Restarts
+    time: Time
     output: Annotated[
         Files,
         Option(

@@ -5,7 +5,7 @@ from typing import Annotated, TypedDict
 
 from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import ERRORS, RUN, SEARCH, SHEET, SOLID, VIEW, Option
-from markergen.options.kinds import CameraLike, Covariance, File, Length, Shape, Texts
+from markergen.options.kinds import CameraLike, Covariance, Duration, File, Length, Shape, Texts
 
 Printed = Annotated[
     Length,
@@ -44,6 +44,15 @@ Aggregate = Annotated[
 ]
 Seed = Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
 Restarts = Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")]
+Time = Annotated[
+    Duration,
+    Option(
+        SEARCH,
+        "Longest time to search, such as 30s or 2min: the best layout by then is taken, and marked, as after Ctrl-C.",
+        otherwise="until the search ends",
+        metavar="TIME",
+    ),
+]
 Workers = Annotated[int, Option(RUN, "Number of parallel workers.", otherwise="one for each processor", metavar="N")]
 
 

@@ -30,7 +30,7 @@ from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, bu
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
-from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera, sized
@@ -257,7 +257,7 @@ _FILED: dict[str, Any] = {
 _DECLARED: dict[str, Any] = {
     STORED.get(name, name): (_FILED[option.kind], ABSENT)
     for name, option in declared(DesignKeywords).items()
-    if name not in (*OUTSIDE_FILES, *PLATE)
+    if name not in (*OUTSIDE_SPEC, *PLATE)
 } | {
     "boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT),
     "clearance": (Length | None, ABSENT),
@@ -425,7 +425,7 @@ def _camera(table: CameraTable) -> Camera:
 
 def spec_schema() -> dict[str, Any]:
     """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
-    options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_FILES}
+    options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_SPEC}
     keys = {key: _described(option) for option in options.values() for key in (option.name, *option.aliases)}
     plate = {name: _described(option) for name, option in declared(PlateKeywords).items()}
     boundary, hole = _lengths_as_text([TypeAdapter(BoundaryFile).json_schema(), HoleFile.model_json_schema()])

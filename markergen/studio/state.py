@@ -24,7 +24,7 @@ from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.optimize.problem import room_of
 from markergen.options import GROUPS, Option, as_list, declared
-from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
 from markergen.read.dot_tables import is_table, parsed_layout
@@ -37,8 +37,8 @@ from markergen.units import parse_length
 
 Options = Mapping[str, Any]
 
-ELSEWHERE = OUTSIDE_FILES
-"""Options of a design that are not part of a state: files to write."""
+ELSEWHERE = OUTSIDE_SPEC
+"""Options of a design that are not part of a state: files to write, and the time to do it in."""
 
 NOTES = ("drawing_center",)
 """What a page keeps in its state beside the options: the place in a drawing, in m, that became the marker's origin."""

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
+from pydantic import TypeAdapter
 from sentences import pattern, sentence
 
 from markergen.api.design import design
@@ -15,11 +17,16 @@ from markergen.cli import main
 from markergen.errors import InputError, OutputError
 from markergen.model.body_json import read_marker
 from markergen.model.boundary import Circle
-from markergen.model.camera import Camera
+from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import named_poses
+from markergen.model.shape_file import BoundaryFile
 from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.design import design as find
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.search import search
+from markergen.read.poses import poses_from
 
 QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 1, "poses": "cone:count=30"}
 
@@ -244,3 +251,40 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     assert measured == Marker.load(path)
     assert path.read_bytes() == before
     assert not (tmp_path / "marker.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("room", "n", "objective", "options"),
+    [
+        ("rect:150mmx60mm", 7, "pose", {}),
+        ("rect:100mmx80mm", 5, "rotation", {"dot": "20mm", "gap": "9mm"}),
+    ],
+    ids=["for the images", "asked for"],
+)
+def test_no_layout_breaks_what_the_results_claim(room, n, objective, options, tmp_path):
+    """Reads value, bounds and constraints from the JSON alone, and looks for layouts that keep them and are better."""
+    poses = "cone:distance=0.6..1.5,tilt=0..70,azimuth=-180..180,count=60"
+    design(n=n, boundary=room, objective=objective, poses=poses, json=tmp_path / "design.json", **options)
+    claims = json.loads((tmp_path / "design.json").read_text())
+    kept = claims["constraints"]
+    assert kept["gap_reason"] == ("asked" if options else "images")
+    assert kept["gap_m"] > kept["clearance_m"]
+    outline = TypeAdapter(BoundaryFile).validate_python(kept["boundary"]).build()
+    setting = Setting(outline, PAPER_CAMERA, poses_from(claims["poses"]["name"]))
+    assert len(setting.poses) == claims["poses"]["count"]
+    criterion = OBJECTIVES[claims["objective"]](setting)
+
+    def least(gap):
+        region, rng = FeasibleRegion(outline, claims["dots"]["diameter_m"], kept["clearance_m"], gap), default_rng(n)
+        layouts = region.sample(1000, n, rng)
+        best = search(criterion, region, n, rng, 2)
+        assert region.holds(layouts).sum() > 100
+        return min(criterion(layouts[region.holds(layouts)]).min(), best.value)
+
+    apart, close = least(kept["gap_m"]), least(0.0)
+    assert claims["lower_bound"] <= apart
+    assert claims["value"] <= apart * 1.001
+    assert kept["lower_bound_without_gap"] <= close
+    if not options:
+        low, high = kept["gap_costs"]
+        assert low - 1e-6 <= 1 - close / claims["value"] <= high

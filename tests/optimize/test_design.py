@@ -150,7 +150,7 @@ def test_a_traced_design_tells_its_way_and_is_the_same():
     plain, traced = (design(Spec(n=4, restarts=2), traced=traced) for traced in (False, True))
     assert to_json(plain.marker) == to_json(traced.marker)
     assert plain.trace == ()
-    assert [step.stage for step in traced.trace[:2]] == ["start", "descent"]
+    assert [step.stage for step in traced.trace[:2]] == ["start", "polish"]
     assert traced.trace[-1].objective == pytest.approx(traced.criteria["design"]["pose_m"])
 
 

@@ -30,20 +30,28 @@ def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
-def test_hops_follow_unless_what_was_found_is_enough(criterion):
+def test_what_is_raised_at_the_first_layouts_ends_the_search(criterion):
     room = polygon_from([np.array([[0, 0], [0.3, 0], [0.3, 0.1], [0, 0.1]])])
-    stages, seen = [], []
+    stages, first = [], []
 
     def progress(stage, *_):
         stages.append(stage)
 
-    begin = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress, enough=seen.append)
-    assert stages[-1] == "hops"
+    class Enough(Exception):
+        pass
+
+    def stop(points):
+        first.append(points)
+        raise Enough
+
+    with pytest.raises(Enough):
+        found(criterion(room), room, 12, dot=0.01, restarts=3, progress=progress, first=stop)
+    assert set(stages) == {"exchange"}
+    assert FeasibleRegion(room, 0.01, 0.001).holds(np.array(first)).all()
     stages.clear()
-    end = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress, enough=lambda _: True)
-    assert "hops" not in stages
-    np.testing.assert_array_equal(seen[0], end.points)
-    assert begin.value <= end.value
+    end = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress)
+    assert stages[-1] == "hops"
+    assert end.value <= criterion(room)(first[0][None])[0] * (1 + 1e-6)
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from markergen.model.poses import RecordedPoses, named_poses
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
-from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.read.spec_file import spec_from_mapping, spec_schema
 from markergen.read.templates import read_template, shipped_templates
 
@@ -347,8 +347,8 @@ def test_the_templates_fit(name):
 def test_every_option_that_a_file_has_is_described():
     described = {name: table["description"] for name, table in SCHEMA["properties"].items() if "description" in table}
     for name, option in declared(DesignKeywords).items():
-        assert (name in described) == (name not in OUTSIDE_FILES)
-        assert name in OUTSIDE_FILES or option.help in described[name]
+        assert (name in described) == (name not in OUTSIDE_SPEC)
+        assert name in OUTSIDE_SPEC or option.help in described[name]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from markergen.cli import console
 from markergen.cli.options import Details, Json, with_options
 from markergen.options.declarations import DesignKeywords
@@ -42,8 +44,10 @@ def design(json: Json = None, details: Details = False, **options: Any) -> None:
 
     options = with_page(options, os.environ)
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
-    with console.progress_bar() as progress:
+    with console.interruptible() as limit, console.progress_bar() as progress:
         result = find(progress=progress, json=console.file_of(json), **options)
         if console.is_stdout(json) or details:
             result.certify(progress)
     console.print_result(result, json, details=details)
+    if limit.asked:
+        raise typer.Exit(console.INTERRUPTED)

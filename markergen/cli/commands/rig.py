@@ -37,6 +37,8 @@ def rig(
     from markergen.api.design import rig as find
 
     options.setdefault("output", [Path("rig.json")])
-    with console.progress_bar() as progress:
+    with console.interruptible() as limit, console.progress_bar() as progress:
         result = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
     console.print_result(result, json)
+    if limit.asked:
+        raise typer.Exit(console.INTERRUPTED)
