@@ -3,8 +3,8 @@
 In a disk: polishes of random layouts, of objectives with kinks a batch of descents. Where corners, holes or many dots
 would trap them: exchange on a grid, polish, and moves of single dots. Most of it is for a subset of the poses, which is
 enough to rank layouts; only the best few distinct results are polished for all poses. The best regular layouts are
-polished as well, so that no result is worse than one of them. A search ends early where independent random starts agree
-on a layout that no regular one beats.
+polished as well, so that no result is worse than one of them. In a disk, a search ends early where independent random
+starts agree on a layout than which a regular one is as good.
 """
 # tests: tests/optimize/test_search.py tests/optimize/test_optimize.py
 
@@ -357,7 +357,6 @@ class Stages:
         grid, spare = _grid(region, n, rng)
         guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
         ends: list[Ranked] = []
-        agreed = False
         for done in range(starts):
             self.tell("exchange", done, starts)
             begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
@@ -366,13 +365,11 @@ class Stages:
                 layout = descend(rough, region, layout[None], record=self.record).points[0]
             ends.append(self.quick(layout))
             self.shown(ends)
-            if agreed := self.agreed(ends, restarts):
-                break
         self.tell("exchange", starts, starts)
         candidates = best_of(ends, kept)
         if np.isinf(candidates[0][1]) and (packed := fitting(region, n)) is not None:
             candidates = [polish(rough, region, packed, record=self.record)]
-        if not agreed and n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
+        if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
             candidates = best_of([*candidates, *self.shaken(*candidates[0], shakes * starts, rng)], kept)
         judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
         rim = edge(region, FINE_EDGE)
@@ -386,8 +383,7 @@ class Stages:
             self.tell("polish", total - len(candidates) + done, total)
             ends.append(self.polished(points))
         self.tell("polish", total, total)
-        points, value = min(ends, key=lambda end: end[1])
-        return Optimum(points, value, agreed and value * (1 - GAIN) <= self.regular[1].min(initial=np.inf))
+        return Optimum(*min(ends, key=lambda end: end[1]))
 
     def shaken(self, points: Array, value: float, times: int, rng: np.random.Generator) -> list[Ranked]:
         """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
