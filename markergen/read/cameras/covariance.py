@@ -192,7 +192,7 @@ def _checked(covariance: Array, name: str, names: tuple[str, ...]) -> Array:
 
 
 def _text(document: Document) -> Array:
-    rows = []
+    rows: list[list[float]] = []
     for index, line in enumerate(document.text.splitlines()):
         numbers = line.partition("#")[0].replace(",", " ")
         if numbers.strip():
