@@ -230,8 +230,12 @@ def test_the_command_prints_it(proved, pentagon, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("m.json").write_bytes(to_json(pentagon))
     words = ["validate", "m.json", "--poses", "cone:count=20", "--runs", "20", "--views", "4", "--workers", "1"]
-    assert main(words) == 0
+    assert main([*words, "--details"]) == 0
     assert capsys.readouterr().out == str(proved.found) + "\n"
+    assert main(words) == 0
+    brief = capsys.readouterr().out.splitlines()
+    assert len(brief) <= 8
+    assert brief[0] == proved.found.brief()[0]
 
 
 def test_html_shows_tables_and_escapes_what_comes_from_files(proved, pentagon):

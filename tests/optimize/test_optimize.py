@@ -113,4 +113,4 @@ def test_progress_is_told(criterion):
     search(criterion(Circle(0.15)), BARE, 4, np.random.default_rng(0), 2, lambda *call: calls.append(call))
     stages = {stage: (done, total) for stage, done, total in calls}
     assert all(done == total for done, total in stages.values())
-    assert set(stages) == {"descent", "polish", "regular"}
+    assert set(stages) == {"polish", "regular"}
