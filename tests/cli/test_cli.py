@@ -308,8 +308,10 @@ def test_ctrl_c_ends_cleanly(marker, arguments):
     assert process.returncode in (130, -signal.SIGINT), err
     assert err.splitlines()[-1] == "markergen: error: interrupted"
     assert "Traceback" not in err
-    assert "wrote" not in out
-    assert names(marker.parent) == {"marker.json"}
+    # The best that a search has so far is written, whole.
+    written = names(marker.parent) - {"marker.json"}
+    assert written in ([set(), {"m.json", "m.pdf"}] if arguments.startswith("design") else [set()])
+    assert ("wrote" in out) == bool(written)
     # Nobody of the group is left: asking it for a sign of life fails.
     deadline = time.monotonic() + 10
     while time.monotonic() < deadline and alive(process.pid):

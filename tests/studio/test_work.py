@@ -26,7 +26,7 @@ def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
     answer = studio.post("optimize", {"options": {**bare, "points": [[0, 0]], "title": None}})
     assert answer.headers["content-type"] == "application/x-ndjson"
     *told, last = answer.lines
-    assert {"descent", "polish"} <= {line["stage"] for line in told}
+    assert {"polish", "regular"} <= {line["stage"] for line in told}
     shown = [line for line in told if "dots" in line]
     assert shown
     assert all(len(line["dots"]) == 4 for line in shown)
