@@ -54,6 +54,7 @@ def test_a_terminated_command_leaves_no_file(tmp_path):
     time.sleep(2)
     process.send_signal(signal.SIGTERM)
     _, complaint = process.communicate(timeout=60)
-    assert process.returncode == 128 + signal.SIGTERM
+    # The latter where imports take longer than that: nobody listens yet.
+    assert process.returncode in (128 + signal.SIGTERM, -signal.SIGTERM)
     assert b"Traceback" not in complaint
     assert not list(tmp_path.iterdir())
