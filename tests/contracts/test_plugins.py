@@ -114,14 +114,14 @@ def test_the_snippets_of_the_documentation_run():
 
 
 def test_a_design_with_objective_and_poses_of_a_package(run, here):
-    said = run("design --n 4 --objective volume --poses helix:count=20 --restarts 1 -o d.json -o d.xyz")
+    said = run("design --n 4 --objective volume --poses helix:count=20 --restarts 1 -o d.json -o d.xyz --details")
     assert "volume mrad" in said
     assert "seen from 20 poses (helix:turns=3,count=20)" in said
     provenance = json.loads((here / "d.json").read_text())["provenance"]
     assert provenance["criteria"]["design"]["volume_mrad"] > 0
     assert provenance["spec"]["poses"] == "helix:turns=3,count=20"
     assert np.loadtxt(here / "d.xyz").shape == (4, 3)
-    said = run("design --n 5 --objective volume --poses helix:count=10 --survive 1 --restarts 1 -o lost.json")
+    said = run("design --n 5 --objective volume --poses helix:count=10 --survive 1 --restarts 1 -o lost.json --details")
     assert "objective volume after" in said
 
 

@@ -41,7 +41,7 @@ def test_roll_turns_about_the_optical_axis_and_is_always_the_same():
 
 
 def test_presets_are_listed():
-    assert list(POSES) == ["cone", "paper", "paper-roll", "sphere"]
+    assert list(POSES) == ["cone", "paper", "paper-roll", "sphere", "view"]
 
 
 def test_poses_from_behind_or_beside_are_dropped():
