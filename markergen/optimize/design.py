@@ -360,8 +360,10 @@ class Design(Result):
     def _constraints(self) -> dict[str, Any]:
         """The room, and what else the layout was sought under."""
         blocked = [region.as_dict() for region in self.spec.blocked]
-        found = {name: value for name, value in self.found_under().items() if name not in ("value", "lower_bound")}
-        return {"boundary": self.spec.boundary.as_dict(), "keep_outs": blocked, **found}
+        constraints = {
+            name: value for name, value in self.found_under().items() if name not in ("value", "lower_bound")
+        }
+        return {"boundary": self.spec.boundary.as_dict(), "keep_outs": blocked, **constraints}
 
     def __str__(self) -> str:
         return "\n".join([*(f"warning: {warning}" for warning in self.warnings), super().__str__()])

@@ -63,8 +63,8 @@ class PoseConvention:
                 value = brief(getattr(self, name))
                 raise InputError(f"a known --poses-{name}", value, f"known: {', '.join(choices)}")
         if (self.frame == BODY) != (self.camera_in_body is not None):
-            given = "--camera-in-body alone" if self.frame != BODY else "--poses-frame body alone"
-            raise InputError("--poses-frame body with --camera-in-body FILE", given, "give both, or neither")
+            alone = "--camera-in-body alone" if self.frame != BODY else "--poses-frame body alone"
+            raise InputError("--poses-frame body with --camera-in-body FILE", alone, "give both, or neither")
 
     @property
     def is_stated(self) -> bool:
@@ -173,20 +173,22 @@ _UNIT_KEY = re.compile(
 
 def stated(texts: Iterable[str], place: str) -> dict[str, str]:
     """Return what texts such as comments state: order, frame, axes, unit, angle; raises InputError if they disagree."""
-    found: dict[str, str] = {}
+    statements: dict[str, str] = {}
     for text in texts:
-        found_here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
+        here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
         words = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
         for word in words:
             if (unit := length_unit(word)) is None and word.lower() not in ANGLES:
                 raise InputError(f"a known unit of length in {place}", brief(word), f"known: {', '.join(METERS)[2:]}")
-            found_here += [("unit", unit)] if unit else []
-        for aspect, value in found_here:
-            if found.setdefault(aspect, value) != value:
+            here += [("unit", unit)] if unit else []
+        for aspect, value in here:
+            if statements.setdefault(aspect, value) != value:
                 raise InputError(
-                    f"one {aspect} of the poses in {place}", f"{found[aspect]} and {value}", "remove the wrong comment"
+                    f"one {aspect} of the poses in {place}",
+                    f"{statements[aspect]} and {value}",
+                    "remove the wrong comment",
                 )
-    return found
+    return statements
 
 
 # --- Poses ------------------------------------------------------------------------------------------------------------
