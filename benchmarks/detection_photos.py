@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 import markergen as mg
-from benchmarks.detection_scenes import Image, Rows, chosen, load_run, parser_of, print_table, save_run, supported
+from benchmarks.detection_scenes import Image, Rows, chosen, load_run, parser_of, print_table, save_run
 from markergen.arrays import Array
 from markergen.maths.rotation import angle_between, exponential
 
@@ -102,8 +102,7 @@ def grids(folder: Path) -> Rows:
     rows: Rows = {}
     for kind in (*GRIDS, "symmetric_grid", "asymmetric_grid"):
         lens = folder / kind / "camera.yaml"
-        options = supported(mg.Detector, symmetric="any")
-        detector = mg.Detector(folder / kind / "marker.json", lens if lens.exists() else None, **options)
+        detector = mg.Detector(folder / kind / "marker.json", lens if lens.exists() else None, symmetric="any")
         entries = dict(labeled(folder / kind)) if (folder / kind / "labels.json").exists() else {}
         first = None
         for path in sorted(path for path in (folder / kind).iterdir() if path.suffix in (".png", ".jpg")):

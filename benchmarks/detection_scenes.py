@@ -1,7 +1,6 @@
 """Scenes for the benchmarks of detection: markers, poses, backgrounds, damage, and what counts as right; all seeded."""
 
 import argparse
-import inspect
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -53,12 +52,6 @@ class Verdict:
     wrong: bool
     reason: str
     error_px: Array
-
-
-def supported(call: Callable[..., Any], **options: Any) -> dict[str, Any]:
-    """Return those options that a call has: detectors of several versions are measured alike."""
-    has = inspect.signature(call).parameters
-    return {name: value for name, value in options.items() if name in has}
 
 
 def ring_marker() -> Marker:

@@ -69,7 +69,7 @@ def pad_contestant(pad: Marker) -> Look:
     def look(rotation: Array, translation: Array, rng: np.random.Generator) -> Found:
         image = render_view(pad, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, rng)
         found = detect(image, pad, PAPER_CAMERA, ErrorSources(print_sigma=0.0))
-        if not found.found:
+        if not found.ok:
             return None
         truth = PAPER_CAMERA.project(pad.xyz[found.ids], rotation[None], translation[None])[0]
         here = PoseDistribution("here", rotation[None], translation[None])

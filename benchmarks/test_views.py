@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from markergen.detect import Detection, detect
+from markergen.detect import Found, detect
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -38,7 +38,7 @@ class Scenery:
             for view in self.views
         ]
 
-    def detected(self) -> list[Detection]:
+    def detected(self) -> list[Found]:
         return [detect(image, self.marker, self.camera, ERRORS) for image in self.images]
 
 

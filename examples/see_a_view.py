@@ -19,8 +19,8 @@ def main(path: Path) -> None:
     setting = found.setting
     series = SyntheticViews(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))
     view = series.take(1)
-    path.write_bytes(overlay(view.image, found.marker, setting.camera, [view.detection]))
-    print(f"pose {view.pose}: {'found' if view.detection.found else view.detection.reason}")
+    path.write_bytes(overlay(view.image, [view.detection]))
+    print(f"pose {view.pose}: {'found' if view.detection.ok else view.detection.reason}")
     print(f"largest error of a dot's center: {view.error_px.max():.4f} px")
 
 

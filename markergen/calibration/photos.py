@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
+import markergen_detect
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -20,9 +21,8 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
+from markergen.detect import Detector, Found
 from markergen.detect.batch import detect_files
-from markergen.detect.detection import detect_dots
-from markergen.detect.detector import Detector, Found
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.estimators.weighted_pose import fit_pose
@@ -246,20 +246,24 @@ def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], re
     for photo, detections in enumerate(results):
         dots_of_markers: list[_Seen] = []
         for number, marker in enumerate(markers):
-            copies = [result.detection for result in detections if result.ok and result.detection.marker == number]
+            copies = [result for result in detections if result.ok and result.index == number]
             if len(copies) > 1:
                 reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
                 dots_of_markers = []
                 break
-            guessed = [result.detection for result in detections if result.detection.marker == number]
+            guessed = [result for result in detections if result.index == number]
             place = {point.id: k for k, point in enumerate(marker.control_points)}
             if copies:
                 index = np.array([place[int(name)] for name in copies[0].ids], dtype=np.intp)
-                dots_of_markers.append(_Seen(photo, number, index, copies[0].ellipse_centers, copies[0].covariance))
-            elif guessed and guessed[0].unlabeled is not None and guessed[0].rival is None:
-                dots = guessed[0].unlabeled
+                dots_of_markers.append(
+                    _Seen(photo, number, index, copies[0].ellipse_centers, copies[0].pixel_covariance)
+                )
+            elif guessed and len(guessed[0].guess) and guessed[0].rival is None:
+                dots = guessed[0]
                 index = np.array([place[int(name)] for name in dots.guess], dtype=np.intp)
-                dots_of_markers.append(_Seen(photo, number, index, dots.ellipse_centers, dots.covariance, open=True))
+                dots_of_markers.append(
+                    _Seen(photo, number, index, dots.ellipse_centers, dots.pixel_covariance, open=True)
+                )
         if not dots_of_markers and detections:
             reasons.setdefault(photo, "; ".join(dict.fromkeys(result.reason for result in detections if result.reason)))
         seen += dots_of_markers
@@ -290,7 +294,7 @@ def _told_apart(
             if not seen[k].open:
                 options.append([guess])
                 continue
-            blobs = detect_dots(_grey(sources[seen[k].photo]), marker.light)
+            blobs = markergen_detect.find_dots(_grey(sources[seen[k].photo]), marker.light)
             dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
             options.append(alternatives(guess, group, points, radii, camera, dots))
         settled = settle_labels(options, points, radii, camera)

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.detect.detector import Found
 from markergen.detect.presentation import transform_as_dict
+from markergen.detect.results import Found
 from markergen.errors import InputError, brief
+from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.maths.rotation import exponential, left_jacobian, logarithm
 
 GATE = 27.86
@@ -72,24 +73,17 @@ class Accelerations:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Smoothed:
-    """A filtered pose T_camera_marker.
+class Smoothed(Motion):
+    """A filtered pose: a motion with another covariance.
 
     Attributes
     ----------
-    rotation, translation : arrays (3, 3) and (3,), m
-    spin, velocity : arrays (3,), rad/s and m/s, camera frame
     covariance : array (6, 6) of (w, dt), rad and m
         Including the print's and the calibration's part, which the filter does not reduce.
     outlier : bool
         The pose of this frame was not believed; this is a prediction from those before.
     """
 
-    rotation: Array
-    translation: Array
-    spin: Array
-    velocity: Array
-    covariance: Array
     outlier: bool
 
     def as_dict(self) -> dict[str, Any]:
@@ -103,7 +97,7 @@ class Smoothed:
         }
 
     def __repr__(self) -> str:
-        place = ", ".join(f"{each:.4f}" for each in self.translation)
+        place = ", ".join(f"{number:.4f}" for number in self.translation)
         turn, move = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
         sigma = f"1 sigma: {np.rad2deg(turn):.2g} deg, {1e3 * move:.2g} mm"
         return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
@@ -241,52 +235,41 @@ class Smoother:
             If the time is earlier than that of the frame before.
         """
         smoothed: list[Smoothed | None] = [None] * len(found)
-        for index in {each.index for each in found} | set(self._tracks):
-            kept = [each for each in self._tracks.get(index, []) if time - each.seen <= FORGOTTEN]
-            for track in kept:
+        for index in {result.index for result in found} | set(self._tracks):
+            tracks = [track for track in self._tracks.get(index, []) if time - track.seen <= FORGOTTEN]
+            for track in tracks:
                 track.motion = predict(track.motion, time, self.limits)
-            rows = [k for k, each in enumerate(found) if each.index == index and each.pose is not None]
-            options = {(k, t): _nearest(kept[t].motion, found[k]) for k in rows for t in range(len(kept))}
-            taken = dict[int, int]()
-            for k, t in sorted(options, key=lambda pair: options[pair][0]):
-                if k not in taken and t not in taken.values():
-                    taken[k] = t
-            for k in rows:
-                pose = found[k].pose
-                assert pose is not None
-                refused = False
-                if k in taken:
-                    track, (off, measured) = kept[taken[k]], options[k, taken[k]]
-                    refused = off > GATE and track.refused + 1 < PERSISTENT
-                    if off > GATE:
-                        track.refused += 1
-                    else:
-                        track.motion, track.refused = update(track.motion, *measured, pose.budget.image), 0
-                    track.seen = time
-                if k not in taken or (not refused and track.refused):
-                    motion = begin(time, pose.rotation, pose.translation, pose.budget.image, self.limits)
-                    fresh = _Track(motion, time)
-                    if k in taken:
-                        kept[taken[k]] = fresh
-                    else:
-                        kept.append(fresh)
-                    track = fresh
-                now = track.motion
-                total = now.covariance[:6, :6] + pose.budget.print + pose.budget.camera
-                smoothed[k] = Smoothed(now.rotation, now.translation, now.spin, now.velocity, total, refused)
-            self._tracks[index] = kept
+            poses = {k: result.pose for k, result in enumerate(found) if result.index == index and result.pose}
+            options = [
+                (k, t, _nearest(track.motion, pose)) for k, pose in poses.items() for t, track in enumerate(tracks)
+            ]
+            taken = dict[int, tuple[int, float, tuple[Array, Array]]]()
+            for k, t, (off, measured) in sorted(options, key=lambda option: option[2][0]):
+                if k not in taken and t not in {other for other, *_ in taken.values()}:
+                    taken[k] = t, off, measured
+            for k, pose in poses.items():
+                start = begin(time, pose.rotation, pose.translation, pose.budget.image, self.limits)
+                if k not in taken:
+                    track = _Track(start, time)
+                    tracks.append(track)
+                else:
+                    t, off, measured = taken[k]
+                    track = tracks[t]
+                    track.seen, track.refused = time, track.refused + 1 if off > GATE else 0
+                    if not track.refused:
+                        track.motion = update(track.motion, *measured, pose.budget.image)
+                    elif track.refused == PERSISTENT:
+                        track.motion, track.refused = start, 0
+                total = track.motion.covariance[:6, :6] + pose.budget.print + pose.budget.camera
+                smoothed[k] = Smoothed(**{**vars(track.motion), "covariance": total}, outlier=track.refused > 0)
+            self._tracks[index] = tracks
         return smoothed
 
 
-def _nearest(motion: Motion, found: Found) -> tuple[float, tuple[Array, Array]]:
-    """Return the squared distance of a detection's pose, or of its second one if that is nearer here, and the pose."""
-    assert found.pose is not None
-    pose = found.pose
-    options = [(0.0, pose.rotation, pose.translation)]
+def _nearest(motion: Motion, pose: PoseEstimate) -> tuple[float, tuple[Array, Array]]:
+    """Return the squared distance of a pose, or of its second one if that is nearer here, and which it is."""
+    options = [(0.0, (pose.rotation, pose.translation))]
     if pose.alternative is not None and pose.likelihood_ratio > 0:
-        options.append((-2 * log(pose.likelihood_ratio), *pose.alternative))
-    far = [
-        (less + distance(motion, rotation, translation, pose.budget.image), (rotation, translation))
-        for less, rotation, translation in options
-    ]
-    return min(far, key=lambda each: each[0])
+        options.append((-2 * log(pose.likelihood_ratio), pose.alternative))
+    far = [(less + distance(motion, *option, pose.budget.image), option) for less, option in options]
+    return min(far, key=lambda pair: pair[0])

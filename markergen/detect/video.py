@@ -15,11 +15,14 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.detector import CovarianceSource, Detector, Found
+from markergen.detect.batch import files_among, silent
+from markergen.detect.detector import Detector
+from markergen.detect.results import Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, put_in_place, temporary_beside
-from markergen.options import as_list
+from markergen.options import as_list, signature_of
+from markergen.options.declarations import DetectorKeywords
 from markergen.options.kinds import CameraLike, TargetLike
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
@@ -88,10 +91,6 @@ def detect_video(
     markers: TargetLike | Sequence[TargetLike],
     camera: CameraLike | None = None,
     *,
-    camera_covariance: CovarianceSource = None,
-    print_sigma: str | float | None = None,
-    symmetric: str = "none",
-    smallest: float = 0.0,
     deadline: float | None = None,
     workers: int | None = None,
     window: bool | None = None,
@@ -101,6 +100,7 @@ def detect_video(
     show: Callable[[str], None] | None = None,
     tell: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
+    **options: Any,
 ) -> Watched:
     """Find markers in every frame of a video, or in the newest ones of a camera or stream until it is interrupted.
 
@@ -110,7 +110,7 @@ def detect_video(
     ----------
     source
         A video file, the number of a camera, the address of a stream, or a GStreamer pipeline.
-    markers, camera, camera_covariance, print_sigma, symmetric, smallest
+    markers, camera, **options
         As for `Detector`.
     deadline : float or None
         Seconds for one frame, after which no further search is begun.
@@ -138,42 +138,50 @@ def detect_video(
     OutputError
         If a file cannot be written, or an output is also an input.
     """
-    tell, warn, show = tell or _silent, warn or _silent, show or _silent
-    sources, sought = as_list(source), as_list(markers)
+    tell, warn, show = tell or silent, warn or silent, show or silent
+    sources = as_list(source)
     if len(sources) != 1:
         given = f"{next(filter(is_video, sources), sources[0])} and {len(sources) - 1} more" if sources else "none"
         raise InputError("one video, camera or stream at a time", given, "give images, and each video, by themselves")
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
-    detector = Detector(
-        sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, symmetric=symmetric,
-        smallest=smallest,
-    )  # fmt: skip
+    detector = Detector(markers, camera, **options)
     if smooth is not None and detector.camera is None:
         raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
-    files = [Path(each) for each in (json, overlay) if isinstance(each, str | Path)]
-    inputs = [Path(each) for each in (one, *sought, camera, camera_covariance) if isinstance(each, str | Path)]
     if overlay and Path(overlay).suffix.lower() not in CODECS:
         raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
-    check_outputs(files, inputs)
+    inputs = files_among(one, *as_list(markers), camera, options.get("camera_covariance"))
+    check_outputs(files_among(json, overlay), inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))
         watched = Watched(video.name)
         at_the_end.enter_context(silent_opencv())
-        own = [detector.note] if detector.note else []
         # The writer of an overlay may add to the video's notes.
-        at_the_end.callback(lambda: [tell(line) for line in watched.lines([*own, *video.notes])])
-        sinks = _sinks(video, json, overlay, window, tell, warn)
-        for sink in sinks:
-            at_the_end.enter_context(sink)
+        at_the_end.callback(
+            lambda: [tell(line) for line in watched.lines([*filter(None, [detector.note]), *video.notes])]
+        )
+        # Images are drawn into after their data has been written.
+        sinks: list[_Lines | _Overlay] = [at_the_end.enter_context(_Lines(json, tell))] if json else []
+        sinks += [at_the_end.enter_context(_Overlay(Path(overlay), video, tell))] if overlay else []
+        shown = None
+        try:
+            if window or (window is None and has_display() and not overlay):
+                shown = Window(f"markergen: {video.name}")
+                at_the_end.callback(shown.close)
+        except InputError as error:
+            if window:
+                raise
+            warn(f"no window: {error}")
         for look in watch(video, detector, smoother, watched, deadline):
             for sink in sinks:
                 sink.put(look)
+            if shown:
+                shown.show(look.drawn)
             show(str(look))
-            if any(sink.closed for sink in sinks):
+            if shown and shown.closed:
                 break
         else:
             if not watched.frames:
@@ -181,6 +189,9 @@ def detect_video(
             if video.count and watched.frames < video.count:
                 warn(f"{video.name}: {watched.frames} of the {video.count} frames that it states could be read")
     return watched
+
+
+detect_video.__signature__ = signature_of(detect_video, DetectorKeywords)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +272,7 @@ def watch(
     for frame in video:
         start = monotonic() if start is None else start
         whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
-        found = detector(frame.image, near=found if frame.time > whole else None, deadline=deadline)
+        found = detector(frame.image, near=found, deadline=deadline, whole=frame.time <= whole)
         smoothed = smoother(frame.time, found) if smoother else None
         watched.frames += 1
         watched.found += any(each.ok for each in found)
@@ -269,50 +280,7 @@ def watch(
         yield Look(frame, found, smoothed, watched)
 
 
-class _Sink:
-    """What takes the frames, until the end of its context."""
-
-    @property
-    def closed(self) -> bool:
-        """True if the user has closed it, which ends the detection."""
-        return False
-
-    def put(self, look: Look) -> None:
-        """Take a frame."""
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Finish."""
-
-
-def _sinks(
-    video: Video,
-    json: str | Path | TextIO | None,
-    overlay: str | Path | None,
-    window: bool | None,
-    tell: Callable[[str], None],
-    warn: Callable[[str], None],
-) -> list[_Sink]:
-    """Return where the frames go; images are drawn into after their data has been written."""
-    sinks: list[_Sink] = []
-    if json:
-        sinks.append(_Lines(json, tell))
-    if overlay:
-        sinks.append(_Overlay(Path(overlay), video, tell))
-    if window or (window is None and has_display() and not overlay):
-        try:
-            sinks.append(_Shown(Window(f"markergen: {video.name}")))
-        except InputError as error:
-            if window:
-                raise
-            warn(f"no window: {error}")
-    return sinks
-
-
-class _Lines(_Sink):
+class _Lines:
     """JSON Lines, each of which is written at once: a program that follows gets it, and no accident loses it."""
 
     def __init__(self, target: str | Path | TextIO, tell: Callable[[str], None]) -> None:
@@ -320,6 +288,9 @@ class _Lines(_Sink):
         self._stream = None if isinstance(target, str | Path) else target
         self._whole = 0
         self._tell = tell
+
+    def __enter__(self) -> Self:
+        return self
 
     def put(self, look: Look) -> None:
         if self._path is None:
@@ -355,7 +326,7 @@ class _Lines(_Sink):
             self._tell(f"wrote {self._path}")
 
 
-class _Overlay(_Sink):
+class _Overlay:
     """A video of the frames with what was found drawn in, which replaces another only when it is complete."""
 
     def __init__(self, path: Path, video: Video, tell: Callable[[str], None]) -> None:
@@ -369,6 +340,9 @@ class _Overlay(_Sink):
         self._written, self._last = 0, np.zeros((0, 0, 3), np.uint8)
         if video.rate is None:
             video.notes.append(f"the frame rate is unknown: {path} plays {USUAL_RATE:.0f} frames per second")
+
+    def __enter__(self) -> Self:
+        return self
 
     def put(self, look: Look) -> None:
         image = look.drawn
@@ -437,24 +411,3 @@ class _Overlay(_Sink):
                 f"expected to write {self._written} frames to {self._path}, found {max(count, 0)} in it; nothing was "
                 "changed, free some space or choose another place"
             )
-
-
-class _Shown(_Sink):
-    """The frames in a window."""
-
-    def __init__(self, window: Window) -> None:
-        self._window = window
-
-    @property
-    def closed(self) -> bool:
-        return self._window.closed
-
-    def put(self, look: Look) -> None:
-        self._window.show(look.drawn)
-
-    def __exit__(self, *_: object) -> None:
-        self._window.close()
-
-
-def _silent(line: str) -> None:
-    """Say nothing."""

@@ -210,7 +210,7 @@ def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, A
         image = read_image(path)
     detections = detector(image.grey)
     first = detections[0]
-    picture = overlay(image.grey, [what], detector.camera, [detection.detection for detection in detections])
+    picture = overlay(image.grey, detections)
     ids = first.ids.tolist() or [None] * len(first.pixels)
     return {
         "found": first.ok,

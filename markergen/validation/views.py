@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.detect import Detection, detect
+from markergen.detect import Found, detect
 from markergen.detect.presentation import overlay
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -144,7 +144,7 @@ class View:
     index: int
     pose: int
     image: NDArray[np.uint8] | NDArray[np.uint16]
-    detection: Detection
+    detection: Found
     truth: Array
     ids: NDArray[np.intp]
     hidden: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -158,12 +158,12 @@ class View:
     @property
     def error(self) -> Array:
         """Errors (m, 2) in px of the detected control points; empty if there are none."""
-        return self.detection.pixels - self.truth[self.found]
+        return self.detection.pixels[: len(self.found)] - self.truth[self.found]
 
     @property
     def uncorrected_px(self) -> Array:
         """Distances (m,) in px of the ellipse centers from the truth, before the correction for perspective."""
-        return np.linalg.norm(self.detection.ellipse_centers - self.truth[self.found], axis=-1)
+        return np.linalg.norm(self.detection.ellipse_centers[: len(self.found)] - self.truth[self.found], axis=-1)
 
     @property
     def error_px(self) -> Array:
@@ -178,7 +178,7 @@ class View:
     @property
     def detected(self) -> bool:
         """True if it was detected correctly."""
-        return self.detection.found and not self.wrong
+        return self.detection.ok and not self.wrong
 
     @property
     def failure(self) -> str:
@@ -250,12 +250,12 @@ def pictures(series: SyntheticViews[Any], views: Mapping[str, Any]) -> Iterator[
     for kind, samples in kinds.items():
         for sample in samples:
             view, (where, caption) = series.take(sample["view"]), captions(sample)
-            marks = [view.detection] if view.detection.found else []
+            marks = [view.detection] if view.detection.ok else []
             yield Picture(
                 f"{kind}-{sample['view']:04d}",
                 f"{kind.capitalize()}: {where}",
                 f"View {sample['view']}, {where}: {caption}.",
-                overlay(view.image, series.marker, series.camera, marks),
+                overlay(view.image, marks),
             )
 
 

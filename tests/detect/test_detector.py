@@ -113,7 +113,7 @@ def test_opencv_draws_its_axes_at_the_origin(detect_pentagon, frame):
 def test_what_is_found_is_what_detect_finds(pentagon, detect_pentagon, frame):
     (found,), plain = detect_pentagon(frame), detect(frame, pentagon, CAMERA)
     np.testing.assert_array_equal(found.pixels, plain.pixels)
-    np.testing.assert_array_equal(found.pixel_covariance, plain.covariance)
+    np.testing.assert_array_equal(found.pixel_covariance, plain.pixel_covariance)
     np.testing.assert_array_equal(found.covariance, plain.pose.budget.total)
     np.testing.assert_array_equal(found.homography, plain.homography)
     assert (found.marker, found.index, found.tag, found.pose.chi2) == (pentagon, 0, None, plain.pose.chi2)

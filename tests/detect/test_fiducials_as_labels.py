@@ -8,7 +8,6 @@ import pytest
 from rigs import face, mounted, plate
 
 from markergen.detect import Detector, detect, detect_all
-from markergen.detect.presentation import as_dict
 from markergen.maths.rotation import exponential
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
@@ -36,7 +35,7 @@ def right(marker, pose, found, camera=PAPER_CAMERA):
     pixels = camera.project(marker.xyz, ROLLED.rotation[[pose]], ROLLED.translation[[pose]])[0]
     ids = [point.id for point in marker.control_points]
     # A wrong label is off by the distance of two dots, 20 px and more; what is right, by a fraction of a pixel.
-    return found.found and np.abs(found.pixels - pixels[[ids.index(i) for i in found.ids]]).max() < 1
+    return found.ok and np.abs(found.pixels - pixels[[ids.index(i) for i in found.ids]]).max() < 1
 
 
 def side_by_side(markers, apart, pose=100):
@@ -66,11 +65,11 @@ def small(ngon):
 def test_a_tag_stands_in_for_a_hidden_key_ring(pentagon, text):
     marker = replace(pentagon, tag=parse_tag(text, 0.05))
     found = {pose: detect(view(marker, pose, hidden=[0]), marker, PAPER_CAMERA) for pose in SUBSET}
-    assert all(right(marker, pose, each) for pose, each in found.items() if each.found), "never a wrong label"
+    assert all(right(marker, pose, each) for pose, each in found.items() if each.ok), "never a wrong label"
     # The finer cells of 36h11 are not read from 1.5 m at 70 degrees, where the square is 27 x 9 px.
-    assert sum(each.found for each in found.values()) >= len(SUBSET) - 1
+    assert sum(each.ok for each in found.values()) >= len(SUBSET) - 1
     bare = replace(marker, tag=None)
-    assert not any(detect(view(marker, pose, hidden=[0]), bare, PAPER_CAMERA).found for pose in SUBSET[:4])
+    assert not any(detect(view(marker, pose, hidden=[0]), bare, PAPER_CAMERA).ok for pose in SUBSET[:4])
 
 
 def test_without_a_camera_as_well(tagged):
@@ -80,7 +79,7 @@ def test_without_a_camera_as_well(tagged):
         assert right(tagged, pose, found)
         assert found.tag is not None
         other = detect(image, replace(tagged, tag=replace(TAG, id=8)))
-        assert not other.found
+        assert not other.ok
 
 
 def test_the_tag_is_told_with_its_corners(tagged):
@@ -89,24 +88,24 @@ def test_the_tag_is_told_with_its_corners(tagged):
     exact = PAPER_CAMERA.project(corners, ROLLED.rotation[[0]], ROLLED.translation[[0]])[0]
     # cv2.aruco sees blurred corners up to half a pixel too far inside.
     assert np.abs(found.tag - exact).max() < 1
-    told = as_dict(found, [tagged], ["m"])["tag"]
-    assert (told["family"], told["id"]) == ("aruco:DICT_4X4_50", 7)
-    assert np.array_equal(told["corners"], found.tag)
-    assert as_dict(detect(view(tagged, 0), replace(tagged, tag=None)), [tagged], ["m"])["tag"] is None
+    written = found.as_dict()["tag"]
+    assert (written["family"], written["id"]) == ("aruco:DICT_4X4_50", 7)
+    assert np.array_equal(written["corners"], found.tag)
+    assert detect(view(tagged, 0), replace(tagged, tag=None)).as_dict()["tag"] is None
 
 
 def test_a_marker_with_another_id_is_not_taken_for_this_one(tagged):
     other = replace(tagged, tag=replace(TAG, id=3))
     for pose in SUBSET:
         found = detect(view(other, pose), tagged, PAPER_CAMERA)
-        assert not found.found
+        assert not found.ok
     assert found.reason == "found a marker of this layout with the tag aruco:DICT_4X4_50:3, not aruco:DICT_4X4_50:7"
 
 
 def test_nor_one_with_a_tag_of_another_family(tagged):
     other = replace(tagged, tag=parse_tag("apriltag:36h11:7", 0.05))
     found = detect_all(view(other, 0), [tagged, other], PAPER_CAMERA)
-    assert [(each.marker, each.found) for each in found] == [(1, True), (0, False)]
+    assert [(each.index, each.ok) for each in found] == [(1, True), (0, False)]
     assert "with the tag apriltag:36h11:7" in found[1].reason
 
 
@@ -114,23 +113,23 @@ def test_of_a_family_the_right_one_is_found(tagged):
     family = [replace(tagged, tag=replace(TAG, id=k)) for k in range(10)]
     for pose in SUBSET[:8]:
         found = detect_all(view(family[pose % 10], pose), family, PAPER_CAMERA)
-        assert [each.marker for each in found if each.found] == [pose % 10]
+        assert [each.index for each in found if each.ok] == [pose % 10]
 
 
 def test_several_of_a_family_in_one_image(small):
     family = [replace(small, tag=replace(small.tag, id=k)) for k in range(4)]
     found = detect_all(side_by_side([family[k] for k in (2, 0, 3)], 0.18), family, PAPER_CAMERA)
-    seen = {each.marker: each.pixels[:, 0].mean() for each in found if each.found}
+    seen = {each.index: each.pixels[:, 0].mean() for each in found if each.ok}
     assert sorted(seen, key=seen.get) == [2, 0, 3]
     # 0.18 m at 0.9 m.
     assert np.diff(sorted(seen.values())) == pytest.approx([160, 160], abs=1)
-    assert [each.marker for each in found if not each.found] == [1]
+    assert [each.index for each in found if not each.ok] == [1]
 
 
 def test_two_copies_of_one_and_another_between_them(small):
     family = [replace(small, tag=replace(small.tag, id=k)) for k in range(2)]
     found = detect_all(side_by_side([family[k] for k in (1, 0, 1)], 0.18), family, PAPER_CAMERA)
-    assert sorted(each.marker for each in found if each.found) == [0, 1, 1]
+    assert sorted(each.index for each in found if each.ok) == [0, 1, 1]
 
 
 CORNERS = np.column_stack([TAG.corners, np.zeros(4)])
@@ -156,9 +155,9 @@ def test_half_a_tag_agrees_with_its_own_marker_alone(pentagon):
     )
     cv2.fillConvexPoly(image, np.rint(cover).astype(int), 120)
     found = detect(image, marker, PAPER_CAMERA)
-    assert found.found
-    assert found.tag_state in {"covered", "unclear"}
-    assert not detect(image, other, PAPER_CAMERA).found
+    assert found.ok
+    assert found.finding.tag_state in {"covered", "unclear"}
+    assert not detect(image, other, PAPER_CAMERA).ok
 
 
 def test_each_plate_of_a_rig_has_its_tag():

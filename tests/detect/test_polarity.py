@@ -1,6 +1,7 @@
 """Markers with light dots on a dark ground are found as those with dark dots are, and neither for the other."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,7 +72,8 @@ def test_both_kinds_in_one_frame(tagged, ngon):
     # Best first: the one with more dots.
     assert (first.index, first.ids.size, second.index, second.ids.size) == (1, 6, 0, 5)
     for found, pose, shift in ((first, 130, 640), (second, 387, 0)):
-        assert errors(replace(found.detection, pixels=found.pixels - [shift, 0]), found.marker, pose).max() < 0.05
+        shifted = SimpleNamespace(ids=found.ids, pixels=found.pixels - [shift, 0])
+        assert errors(shifted, found.marker, pose).max() < 0.05
     # Dark dots, then light ones; each search sees the dots of its kind, and what looks like one.
     dots = detector.dots(frame)
     for pixels in (first.pixels, second.pixels):
@@ -94,7 +96,7 @@ def test_both_kinds_are_tracked(tagged, ngon):
     assert [each.index for each in again] == [each.index for each in found]
     for one, other in zip(again, found, strict=True):
         assert one.ok
-        assert one.detection.tracked
+        assert one.finding.tracked
         assert one.ids.tolist() == other.ids.tolist()
         assert np.abs(one.pixels - other.pixels - [3, 0]).max() < 0.02
 
@@ -112,5 +114,5 @@ def test_light_dots_in_clutter(tagged):
     for pose in SEEN[::3]:
         clutter = Scenery(BACKGROUNDS["clutter"](PAPER_CAMERA, np.random.default_rng(pose)))
         found = detect(look(light, pose, scenery=clutter), light, PAPER_CAMERA)
-        assert found.found, found.reason
+        assert found.ok, found.reason
         assert errors(found, light, pose).max() < 0.05

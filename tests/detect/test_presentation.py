@@ -24,9 +24,9 @@ def decoded(png):
 def test_draws_on_the_dots_and_leaves_the_rest(pentagon, camera):
     image = view(pentagon, 130)
     found = detect(image, pentagon, camera)
-    assert found.found
-    png = overlay(image, pentagon, camera, [found])
-    assert png == overlay(image, pentagon, camera, [found])
+    assert found.ok
+    png = overlay(image, [found])
+    assert png == overlay(image, [found])
     drawn = decoded(png)
     changed = (drawn != image[..., None]).any(axis=-1)
     for x, y in np.rint(found.pixels).astype(int):
@@ -41,7 +41,7 @@ def test_every_outline_is_drawn(shapes, make_in):
     image = view(marker, 30)
     found = detect(image, marker, PAPER_CAMERA)
     assert found.pose is not None
-    drawn = decoded(overlay(image, marker, PAPER_CAMERA, [found]))
+    drawn = decoded(overlay(image, [found]))
     changed = (drawn != image[..., None]).any(axis=-1)
     for ring in shapes["plate"].outlines():
         middles = (ring + np.roll(ring, -1, axis=0)) / 2
@@ -54,17 +54,15 @@ def test_every_outline_is_drawn(shapes, make_in):
 
 def test_axes_need_a_pose(pentagon):
     image = view(pentagon, 130)
-    with_pose, without = (
-        decoded(overlay(image, pentagon, camera, [detect(image, pentagon, camera)])) for camera in (PAPER_CAMERA, None)
-    )
+    with_pose, without = (decoded(overlay(image, [detect(image, pentagon, camera)])) for camera in (PAPER_CAMERA, None))
     assert (with_pose != without).any()
 
 
 def test_without_detections_the_image_stays():
     image = np.arange(60, dtype=np.uint8).reshape(6, 10)
-    np.testing.assert_array_equal(decoded(overlay(image, [], None, []))[..., 0], image)
+    np.testing.assert_array_equal(decoded(overlay(image, []))[..., 0], image)
 
 
 def test_sixteen_bits_are_shown_in_eight():
     image = (np.arange(60).reshape(6, 10) * 257).astype(np.uint16)
-    np.testing.assert_array_equal(decoded(overlay(image, [], None, []))[..., 1], image >> 8)
+    np.testing.assert_array_equal(decoded(overlay(image, []))[..., 1], image >> 8)

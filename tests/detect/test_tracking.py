@@ -5,9 +5,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from markergen_detect import Detector as Engine
 
 from markergen.detect import Detector
-from markergen.detect.detection import Engine
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
@@ -44,8 +44,9 @@ def view(marker, camera, pose, seed=0, optics=None):
 
 def placed(found, rotation, translation):
     """Return a result with another pose, as an outdated or a wrong one has."""
-    pose = replace(found.pose, rotation=rotation, translation=translation)
-    return replace(found, detection=replace(found.detection, pose=pose))
+    place = found.finding.placed.copy()
+    place["R"], place["t"] = rotation.ravel(), translation
+    return replace(found, finding=found.finding._replace(placed=place))
 
 
 def turned(angle):
@@ -66,9 +67,9 @@ def searched(monkeypatch):
     """Count the searches of whole frames."""
     calls, original = [], Engine.__call__
 
-    def count(*arguments):
-        found = original(*arguments)
-        if not (found and all(detection.tracked for detection in found)):
+    def count(*arguments, **options):
+        found = original(*arguments, **options)
+        if not (found and all(finding.tracked for finding in found)):
             calls.append(1)
         return found
 

@@ -167,10 +167,10 @@ def test_a_copy_that_comes_in_is_found_within_a_second(folder, camera, pentagon)
 def test_interrupted_in_the_middle(folder, monkeypatch, error):
     honest, count = video.Detector.__call__, iter(range(9))
 
-    def interrupted(detector, image, near=None, deadline=None):
+    def interrupted(detector, image, near=None, deadline=None, whole=False):
         if next(count) == 3:
             raise error
-        return honest(detector, image, near, deadline)
+        return honest(detector, image, near, deadline, whole)
 
     monkeypatch.setattr(video.Detector, "__call__", interrupted)
     told = []

@@ -137,6 +137,11 @@ SENTENCES = {
     "frame": "Frame: the marker's, x right, y up, z out of the printed face",
     "other colors": "the dots are {} in marker.json, and {} on the sheet, where markergen detect does not find them",
     "holes near dots": "holes reach into the quiet zones of dots, where a camera sees them as dark spots",
+    # Detection
+    "repeats": "this layout repeats under {} deg",
+    "turned": "or turned by {} deg",
+    "inconsistent": "; inconsistent: residuals are",
+    "cut": "the search was cut before its end",
     # Comparisons
     "tags of": "tags of {} % of that",
     "needs peer": "needs stag-python: pip install 'markergen[peers]'",

@@ -58,8 +58,8 @@ def test_without_a_ring_the_layout_tells_the_labels(safe, hidden):
     for view in views:
         unaided = detect(view.image, safe)
         # Four dots have a homography with any labels.
-        assert unaided.found == (not hidden)
-        if unaided.found:
+        assert unaided.ok == (not hidden)
+        if unaided.ok:
             # Hundredths of a pixel; another dot is dozens away.
             np.testing.assert_allclose(unaided.pixels, view.truth[unaided.ids], atol=0.5)
 
@@ -77,5 +77,5 @@ def test_a_symmetric_layout_without_a_ring_is_refused(pentagon, camera):
             np.random.default_rng(0),
         )
         found = detect(image, marker, camera)
-        assert not found.found
+        assert not found.ok
         assert found.reason.startswith("labels are ambiguous")

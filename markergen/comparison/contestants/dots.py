@@ -62,7 +62,7 @@ class DotBody(PaintedContestant):
         """See `Contestant.sight`."""
         del setting
         detection = detect(image, self.body, camera, ErrorSources(print_sigma=print_sigma))
-        if not detection.found or detection.pose is None:
+        if not detection.ok or detection.pose is None:
             return Sighting(reason=detection.reason or "no pose")
         row = {number: k for k, number in enumerate(self.body.ids.tolist())}
         rows = np.array([row[int(number)] for number in detection.ids], dtype=np.intp)

@@ -1,0 +1,133 @@
+"""What results say beside dots and pose: states of tags, turns, verdicts, and true reasons."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sentences import sentence
+
+from markergen.detect import Detector, detect
+from markergen.maths.rotation import angle_between, turn_z
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.marker import build_marker
+from markergen.model.poses import paper
+from markergen.model.rig import Plate, Rig
+from markergen.model.tag import parse_tag
+from markergen.render import Optics, render_view
+
+POSES = paper()
+POSE = POSES.rotation[130], POSES.translation[130]
+GRID = 0.06 * np.stack(np.meshgrid([-1.5, -0.5, 0.5, 1.5], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+
+
+def view(body, pose=POSE, camera=PAPER_CAMERA):
+    return render_view(body, camera, *pose, Optics(), np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return build_marker(GRID, Circle(0.15), diameter=0.03, clearance=0.003, keyed=False)
+
+
+@pytest.fixture(scope="module")
+def tagged(pentagon):
+    return replace(pentagon, tag=parse_tag("aruco:DICT_4X4_50:7", 0.08))
+
+
+def test_a_layout_that_repeats_is_reported_with_its_turns(grid):
+    found = detect(view(grid), grid, PAPER_CAMERA)
+    assert not found.ok
+    assert found.reason.endswith(sentence("repeats", 180))
+    np.testing.assert_allclose(found.turns, [np.pi], atol=0.01)
+    assert sorted(found.guess) == list(range(12))
+
+
+def test_any_labeling_is_kept_in_a_video(grid):
+    detector, found, off = Detector(grid, PAPER_CAMERA, symmetric="any"), (), []
+    # More than a turn in all: the labeling that looks upright changes twice on the way.
+    for k, angle in enumerate(np.deg2rad(np.arange(0, 400, 20))):
+        rotation = POSE[0] @ turn_z(angle)
+        found = detector(view(grid, (rotation, POSE[1])), near=found, whole=k % 5 == 4)
+        (result,) = found
+        assert result.ok, result.reason
+        assert result.finding.tracked == (k > 0 and k % 5 != 4)
+        np.testing.assert_allclose(result.as_dict()["turns_deg"], [180], atol=0.5)
+        off.append(angle_between(result.rotation, rotation))
+        exact = PAPER_CAMERA.project(result.xyz, result.rotation[None], result.translation[None])[0]
+        assert np.abs(result.pixels - exact).max() < 0.05
+        assert result.ids.tolist() == list(range(12))
+    # The same of the two all the time, whichever it is.
+    assert np.ptp(off) < 0.01
+    assert min(abs(off[0]), abs(off[0] - np.pi)) < 0.01
+    assert sentence("turned", 180) in str(result)
+
+
+def test_a_mirrored_image_is_called_mirrored(tagged):
+    (found,) = Detector(tagged, PAPER_CAMERA)(view(tagged)[:, ::-1])
+    assert (found.ok, found.finding.state) == (False, "mirrored")
+    assert "mirrored" in found.reason
+
+
+def test_what_became_of_the_tag(tagged):
+    image = view(tagged)
+    corners = detect(image, tagged, PAPER_CAMERA).tag
+    hidden = image.copy()
+    low, high = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int) + 1
+    hidden[low[1] : high[1], low[0] : high[0]] = 128
+    bare, other = replace(tagged, tag=None), replace(tagged, tag=replace(tagged.tag, id=3))
+    cases = {"read": (image, tagged), "not read": (hidden, tagged), "other": (image, other), "none": (image, bare)}
+    for state, (picture, marker) in cases.items():
+        found = detect(picture, marker, PAPER_CAMERA)
+        assert found.tag_state == state
+        # Another one of its family might have this layout.
+        assert found.ok == (state in ("read", "none"))
+        assert (found.tag is not None) == (state == "read")
+    assert detect(hidden, tagged, PAPER_CAMERA).as_dict()["tag_state"] in ("covered", "unclear", "faint")
+
+
+def test_a_wrong_camera_file_is_named(ngon):
+    pose, marker = (POSES.rotation[390], POSES.translation[390]), ngon(8)
+    found = detect(view(marker, pose, replace(PAPER_CAMERA, fx=640.0, fy=640.0)), marker, PAPER_CAMERA)
+    assert not found.verdict.consistent
+    causes = {cause.name: cause for cause in found.verdict.causes}
+    assert abs(causes["focal length"].value - np.log(0.8)) < 4 * causes["focal length"].sigma
+    told = found.as_dict()["verdict"]
+    assert (told["consistent"], [cause["name"] for cause in told["causes"]]) == (False, list(causes))
+    assert sentence("inconsistent") in str(found)
+    right = detect(view(marker, pose), marker, PAPER_CAMERA)
+    assert right.verdict.consistent
+    assert sentence("inconsistent") not in str(right)
+
+
+def test_a_print_that_is_stretched_is_called_so(ngon):
+    drawn = ngon(8)
+    narrow = tuple(replace(point, x=0.97 * point.x) for point in drawn.control_points)
+    found = detect(view(replace(drawn, control_points=narrow)), drawn, PAPER_CAMERA)
+    assert not found.verdict.consistent
+    assert found.verdict.causes[0].name == "stretch x"
+    assert abs(found.verdict.causes[0].value + 0.03) < 4 * found.verdict.causes[0].sigma
+
+
+def test_plates_that_are_exchanged_are_named(ngon, irregular):
+    apart = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
+    left, right = (Plate(name, marker, np.eye(3), place) for name, marker, place in
+                   zip("ab", (ngon(8), irregular), apart, strict=True))  # fmt: skip
+    swapped = Rig((replace(left, translation=apart[1]), replace(right, translation=apart[0])))
+    camera = Camera(1280, 960, 800, 800, 639.5, 479.5)
+    pose = POSE[0], np.array([0.0, 0.0, 1.5])
+    found = detect(view(swapped, pose, camera), Rig((left, right)), camera)
+    assert (found.ok, found.finding.state) == (False, "contradicted")
+    assert "a and b exchanged" in found.reason
+    assert detect(view(swapped, pose, camera), swapped, camera).ok
+
+
+def test_a_search_without_time_says_that_it_was_cut(irregular):
+    dots = build_marker(GRID, Circle(0.15), diameter=0.02, clearance=0.002)
+    image = view(dots)
+    detector = Detector(irregular, PAPER_CAMERA)
+    (cut,), (ended,) = detector(image, deadline=1e-6), detector(image, deadline=60)
+    assert not cut.ok
+    assert not ended.ok
+    assert cut.reason.endswith(sentence("cut"))
+    assert sentence("cut") not in ended.reason
