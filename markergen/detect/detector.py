@@ -37,6 +37,10 @@ _MAP_PX = 8
 """Distance of the places, px, at which a plug-in's lens is sampled."""
 
 
+NO_POSES = "dots and homographies without a camera; for poses give --camera FILE (markergen calibrate measures one)"
+"""What a detector without a camera has to say."""
+
+
 class Detector:
     """Finds markers in the frames of one camera; built once, used for every frame.
 
@@ -130,7 +134,7 @@ class Detector:
                 "camera_covariance alone",
                 "give its calibration as well, with --camera, or camera= from Python",
             )
-        self._note = counted(camera_covariance, camera, covariance)
+        self._note = NO_POSES if camera is None else counted(camera_covariance, camera, covariance)
         sources = as_list(markers)
         if not sources:
             raise InputError("one marker or more", "none", "say what to look for")
@@ -171,7 +175,7 @@ class Detector:
 
     @property
     def note(self) -> str:
-        """Sentence on a covariance taken from the camera's file; empty without one."""
+        """Sentence on what is not as usual: no camera, or a covariance taken from its file; or empty."""
         return self._note
 
     @property

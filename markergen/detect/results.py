@@ -293,7 +293,7 @@ class Found:
         if len(self.turns):
             line += f", or turned by {_degrees(self.turns)}"
         if pose is None:
-            return f"{line}, homography only, no pose without a camera"
+            return f"{line}, homography only"
         toward = -pose.rotation.T @ pose.translation
         distance = float(np.linalg.norm(toward))
         line += f", {distance:.4f} m away"

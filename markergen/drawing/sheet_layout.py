@@ -182,7 +182,9 @@ def _smaller(boundary: Boundary, beyond: float, options: SheetOptions) -> str:
     name = frames[0].paper.name
     if is_disk(boundary):
         radius = largest_disk(options, beyond)
-        return f"a page of {name} holds a disk of radius {radius} mm: markergen design --radius fit --paper {name}"
+        return (
+            f"a page of {name} holds a disk of radius {radius} mm: markergen design --radius {radius}mm --paper {name}"
+        )
     width, height = max((_room(frame, beyond, options.colors) for frame in frames), key=min)
     return f"a page of {name} has room for an outline of {floor(width)} x {floor(height)} mm"
 

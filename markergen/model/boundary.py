@@ -238,7 +238,7 @@ class Polygon(_Drawn):
 
     def __repr__(self) -> str:
         # There are many corners; `as_dict` has them.
-        return f"Polygon({str(self).removeprefix('polygon of ')}, {sum(map(len, self.rings))} corners)"
+        return f"Polygon({str(self).partition(' of ')[2]}, {sum(map(len, self.rings))} corners)"
 
     def __getstate__(self) -> dict[str, Any]:
         # Cached results are not sent to other processes.
@@ -330,7 +330,8 @@ class Polygon(_Drawn):
         regions = sum(signed_area(ring) > 0 for ring in self._arrays)
         holes = len(self._arrays) - regions
         parts = [f"{regions} regions"] * (regions > 1) + [f"{holes} hole{'s' * (holes > 1)}"] * (holes > 0)
-        return f"polygon of {width} x {height}" + (f" with {' and '.join(parts)}" if parts else "")
+        kind = "rectangle" if self.has_measures else "polygon"
+        return f"{kind} of {width} x {height}" + (f" with {' and '.join(parts)}" if parts else "")
 
 
 @dataclass(frozen=True)

@@ -137,4 +137,4 @@ def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, pape
 def test_python_does_not_depend_on_the_locale(monkeypatch):
     monkeypatch.setenv("LC_ALL", "en_US.UTF-8")
     assert design(**PAGED).marker.boundary == Circle(0.15)
-    assert str(design(**PAGED, boundary="page").marker.boundary) == "polygon of 178 mm x 217 mm"
+    assert str(design(**PAGED, boundary="page").marker.boundary) == "rectangle of 178 mm x 217 mm"

@@ -159,7 +159,7 @@ def test_photographs_are_told_and_taken_away(studio, tmp_path):
     ("name", "text", "said"),
     [
         ("plate.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
-         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: polygon of 200 mm x 160 mm"),
+         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: rectangle of 200 mm x 160 mm"),
         ("cam.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n", "cam.yaml: a camera"),
     ],
 )  # fmt: skip
@@ -177,7 +177,7 @@ def test_a_dxf_is_a_drawing_whatever_type_the_browser_gives_it(studio, tmp_path)
     studio.give(tmp_path / name)
     studio.page.click("#drop-room")
     studio.until(
-        "() => document.getElementById('said').textContent.startsWith('plate.dxf: polygon of 200 mm x 160 mm')"
+        "() => document.getElementById('said').textContent.startsWith('plate.dxf: rectangle of 200 mm x 160 mm')"
     )
     assert studio.state()["boundary"]["kind"] == "polygon"
     assert studio.page.locator("#photos figure").count() == 0
@@ -263,11 +263,11 @@ def test_a_drawing_is_asked_for_its_unit_and_layer(studio, tmp_path):
     studio.page.wait_for_selector("#drop-said.fault:has-text('a unit of length')")
     assert studio.page.locator("#drop-room").is_disabled()
     studio.page.select_option("#drop-unit", "cm")
-    studio.page.wait_for_selector("#drop-said:has-text('polygon of 2 m x 1.6 m')")
+    studio.page.wait_for_selector("#drop-said:has-text('rectangle of 2 m x 1.6 m')")
     studio.page.select_option("#drop-unit", "mm")
-    studio.page.wait_for_selector("#drop-said:has-text('polygon of 200 mm x 160 mm')")
+    studio.page.wait_for_selector("#drop-said:has-text('rectangle of 200 mm x 160 mm')")
     studio.page.click("#drop-room")
-    studio.until("() => document.getElementById('said').textContent.startsWith('bare.svg: polygon of 200 mm')")
+    studio.until("() => document.getElementById('said').textContent.startsWith('bare.svg: rectangle of 200 mm')")
     drawing = ezdxf.new(units=ezdxf.units.MM)
     for name, size in (("PLATE", 120), ("FRAME", 300)):
         points = [(0, 0), (size, 0), (size, size), (0, size)]
@@ -279,7 +279,7 @@ def test_a_drawing_is_asked_for_its_unit_and_layer(studio, tmp_path):
     studio.page.wait_for_selector("#drop-said.fault:has-text(\"'PLATE'\")")
     studio.page.fill("#drop-layer", "FRAME")
     studio.page.keyboard.press("Enter")
-    studio.page.wait_for_selector("#drop-said:has-text('polygon of 300 mm x 300 mm')")
+    studio.page.wait_for_selector("#drop-said:has-text('rectangle of 300 mm x 300 mm')")
     studio.page.fill("#drop-layer", "PLATE")
     studio.page.click("#drop-room")
     studio.until("() => document.getElementById('said').textContent.startsWith('layers.dxf')")

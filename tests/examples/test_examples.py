@@ -63,7 +63,7 @@ def test_design_and_save(monkeypatch, capsys, tmp_path):
     run("design_and_save.py", tmp_path / "out", monkeypatch=monkeypatch)
     names = {"marker.pdf", "marker.dxf", "marker.opencv.yaml", "marker.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    assert sentence("polygon of", "170 mm x 170 mm") in capsys.readouterr().out
+    assert sentence("rectangle of", "170 mm x 170 mm") in capsys.readouterr().out
 
 
 @pytest.mark.long

@@ -93,13 +93,13 @@ def test_a_drawing_is_a_room_about_its_center_and_a_keep_out_about_another():
     room, keep_out = (spec_from_mapping({"boundary": drawn[name]}).boundary for name in ("boundary", "keep_out"))
     assert room.center == pytest.approx((0, 0))
     assert np.subtract(keep_out.center, (-0.01, 0.02)) == pytest.approx(drawn["center"])
-    assert drawn["words"] == sentence("polygon of", "200 mm x 100 mm")
+    assert drawn["words"] == sentence("rectangle of", "200 mm x 100 mm")
 
 
 def test_a_drawing_is_asked_for_what_it_does_not_say():
     assert opened_file("plate.geojson", GEO)["asked"]["expected"] == sentence("a unit", "plate.geojson")
     assert opened_file("plate.json", GEO)["asked"]["found"].startswith("none: the drawing")
-    assert opened_file("plate.geojson", GEO, "mm")["words"] == sentence("polygon of", "200 mm x 100 mm")
+    assert opened_file("plate.geojson", GEO, "mm")["words"] == sentence("rectangle of", "200 mm x 100 mm")
     assert "m" in opened_file("plate.geojson", GEO, "parsec")["asked"]["remedy"]
     assert opened_file("plate.svg", SQUARE, None, "HOLES")["asked"]["expected"] == "a known layer in plate.svg"
 

@@ -77,6 +77,7 @@ SENTENCES = {
     "marker": "Marker({} control points in a disk of radius 150 mm{})",
     "polygon": "polygon of {} with {}",
     "polygon of": "polygon of {}",
+    "rectangle of": "rectangle of {}",
     "disk": "disk of radius {}",
     "camera": "{}, fx {}, fy {}, cx {}, cy {}, no distortion",
     "image noise": "blur {} px, noise {} and contrast {} grey levels",
@@ -127,7 +128,7 @@ SENTENCES = {
     # Sheets and files
     "needs paper": "The marker needs {}: its {}.",
     "stands on": "The marker stands on {}: its disk is {} across",
-    "page holds": "a page of {} holds a disk of radius {} mm: markergen design --radius fit --paper {}.",
+    "page holds": "a page of {} holds a disk of radius {} mm: markergen design --radius {}mm --paper {}.",
     "page has room": "a page of {} has room for an outline of {}.",
     "print on one": "To print it on one: {}",
     "no paper": "The disk of the marker is {} across. No paper up to A0 holds it, so it goes on {}",

@@ -15,9 +15,7 @@ def studio(
     port: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=65535, help="Port to serve at. [default: a free one]")
     ] = None,
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser. [default: yes]")
-    ] = True,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:
     """Design on a page in the browser, served to this computer alone: drag dots and see what to expect, download, share
     by the address. Ctrl-C ends it.
