@@ -393,7 +393,7 @@ def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0)
         raise MemoryError(_MEMORY)
     blobs, which = _copied(address[0], structures()["Blob"], count), np.arange(count)
     library().blobs_free(ctypes.c_void_p(int(address[0]) or None))
-    if library().fit_blobs(pointer(picture), pointer(blobs), pointer(which), count) < 0:
+    if library().fit_blobs(pointer(picture), None, pointer(blobs), pointer(which), count) < 0:
         raise MemoryError(_MEMORY)
     blobs = blobs[blobs["state"] == constants()["FITTED"]]
     return Dots(blobs["center"], blobs["semi"], blobs["angle"], _matrices(blobs["covariance"]))

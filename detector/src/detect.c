@@ -97,7 +97,7 @@ static int64_t fit_dots_of(Frame *frame, const Layout *layout, const Labeling *l
             which[count++] = labeling->labels[d];
     if (!count || !frame->image)
         return 0;
-    if (fit_blobs(frame->image, scene->blobs, which, count))
+    if (fit_blobs(frame->image, scene->camera, scene->blobs, which, count))
         return NO_MEMORY;
     undo_lens(scene->camera, scene->blobs, which, count);
     for (int64_t i = 0; i < count; i++)

@@ -62,12 +62,6 @@ double grey_noise(const Image *image);
 /* The k-th smallest of `count` values, which it puts in another order; 0 of none. */
 double order_statistic(double *values, int64_t count, int64_t k);
 
-/* ---- fit.c ---- */
-
-/* Fits blobs, of which `which` (count) are the numbers, to the grey levels, in place, and sets their state. Their lens is
-   to be undone again. Returns 0 or NO_MEMORY. */
-int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t count);
-
 /* ---- lens.c ---- */
 
 enum { PINHOLE, BROWN_CONRADY, EQUIDISTANT, SAMPLED };
@@ -88,8 +82,17 @@ typedef struct {
 int lens_ray(const Camera *camera, double x, double y, double *ray);
 /* Pixel of normalized coordinates, with the derivatives (2, 2) by them unless J is NULL; nan beyond the lens's reach. */
 void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *J);
+/* Distances, px, inward from a blob's ellipse to the outline of which it is the best fit, in the image of a dot through the lens:
+   at `count` points, at most 32, in the middles of the sectors of fit.c. */
+void outline_bend(const Camera *camera, const Blob *blob, int count, double *bend);
 /* Fills in what `known` stands for of `count` blobs, all or those of `which`. */
 void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t count);
+
+/* ---- fit.c ---- */
+
+/* Fits blobs, of which `which` (count) are the numbers, to the grey levels, in place, and sets their state. Their lens is
+   to be undone again. The camera's lens bends outlines; NULL for none. Returns 0 or NO_MEMORY. */
+int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64_t *which, int64_t count);
 
 /* ---- pose.c ---- */
 

@@ -3,7 +3,8 @@
    Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and dark that
    each have a slope over the dot; saturated where the image is. Ellipse, levels, slopes and blur are unknown, and for a ring
    the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts by its
-   information, so the center's error is near the lower bound set by the image's noise.
+   information, so the center's error is near the lower bound set by the image's noise. A lens bends the outline, by up to a third
+   of a pixel: what is fitted is the ellipse that is nearest to it, as if no noise were there.
 
    Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by sector
    and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also fits other
@@ -149,6 +150,7 @@ typedef struct {
     int32_t *sector;
     double p[COUNT], origin[2], size[2], step, blur_step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], moved[COUNT], sums[SECTORS][SUMS], noise;
+    double bend[SECTORS];           /* px by which the lens bends the outline inward */
     double outline[SECTORS][COUNT]; /* sums of the products of the derivatives by the outline and by the unknowns */
     int ring, unknowns, alive, left_out[SECTORS]; /* `unknowns` of a disk are the first 12 */
     double image_noise, saturation, unlit, differences[DIFFERENCES];
@@ -379,7 +381,8 @@ static void evaluate(Descent *dot, int every)
     const float dark_x = (float)p[SLOPES + 2], dark_y = (float)p[SLOPES + 3], saturation = (float)dot->saturation;
     float *const *pixels = dot->pixels;
     const int ring = dot->ring;
-    for (int k = 0; k < SECTORS; k++)
+    for (int k = 0; k < SECTORS; k++) {
+        const float bend = (float)dot->bend[k], inner_bend = (float)(dot->bend[k] * scale * scale);
         for (int64_t i = dot->start[k]; i < dot->start[k + 1]; i += every * LANES) {
             const Lanes x = read(pixels[X] + i), y = read(pixels[Y] + i);
             Seen seen = blurred_ellipse(&outer, x, y);
@@ -387,19 +390,22 @@ static void evaluate(Descent *dot, int every)
             write(pixels[ALONG] + i, -contrast * seen.slope * seen.nx);
             write(pixels[DOWN] + i, -contrast * seen.slope * seen.ny);
             write(pixels[OUTLINE] + i, contrast * seen.slope);
+            Lanes bent = bend * seen.slope;
             if (ring) {
                 const Seen hole = blurred_ellipse(&inner, x, y);
+                bent -= inner_bend * hole.slope;
                 seen.ink -= hole.ink;
                 seen.by_blur -= hole.by_blur;
                 write(pixels[INNER] + i, -contrast * hole.slope);
             }
-            const Lanes model = level - contrast * seen.ink, shown = least_of(model, all(saturation));
+            const Lanes model = level - contrast * (seen.ink - bent), shown = least_of(model, all(saturation));
             write(pixels[BULGE] + i, -contrast * seen.by_blur);
             write(pixels[INK] + i, seen.ink);
             write(pixels[MODEL] + i, shown);
             write(pixels[RESIDUAL] + i, read(pixels[GREY] + i) - shown);
             write(pixels[HEARD] + i, pick(model > saturation, all(0), all(1)));
         }
+    }
 }
 
 /* Derivatives of which an unknown's are multiples, the same in all of a sector: by a move of the hole, of the center, of the
@@ -731,7 +737,7 @@ static void covariances(const Descent *dot, double variance, Fit *fit)
 }
 
 /* Fits a blob as a ring or disk: 1 if it has the outline of a dot nearly all around, near the rough one, else 0. */
-static int fit_blob(Descent *dot, const Image *image, const Blob *blob, int ring, int filled, Fit *fit)
+static int fit_blob(Descent *dot, const Image *image, const Camera *camera, const Blob *blob, int ring, int filled, Fit *fit)
 {
     const double cosine = cos(blob->angle), sine = sin(blob->angle), a = 1 / blob->semi[0], b = 1 / blob->semi[1];
     double *p = dot->p, trace, root;
@@ -753,6 +759,9 @@ static int fit_blob(Descent *dot, const Image *image, const Blob *blob, int ring
     dot->alive = 1;
     dot->step = dot->blur_step = INFINITY;
     memset(dot->left_out, 0, sizeof dot->left_out);
+    memset(dot->bend, 0, sizeof dot->bend);
+    if (camera)
+        outline_bend(camera, blob, SECTORS, dot->bend);
     if (collect(dot, image, blob, within(BAND_BLURS * blob->blur, MIN_BAND, MAX_BAND), filled))
         return NO_MEMORY;
     descend(dot);
@@ -909,7 +918,7 @@ static void refuse(Blob *blob)
     blob->state = REFUSED;
 }
 
-int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t count)
+int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64_t *which, int64_t count)
 {
     if (!count)
         return 0;
@@ -933,7 +942,7 @@ int fit_blobs(const Image *image, Blob *blobs, const int64_t *which, int64_t cou
             fit->good = 0;
             fit->tried = ring == own || doubtful;
             if (fit->tried) {
-                status = fit_blob(dot, image, blob, ring, ring || doubtful, fit);
+                status = fit_blob(dot, image, camera, blob, ring, ring || doubtful, fit);
                 fit->good = status > 0;
             }
         }

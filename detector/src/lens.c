@@ -222,8 +222,9 @@ void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *
 
 /* Ellipse with the least weighted squared distance from points near its outline, which stand at even steps of its
    parameter. With center c and symmetric M, which maps the ellipse to the unit circle, the distance is (rho - 1) / |grad rho|
-   to first order, with rho = |M (x - c)|, as in the fit to the grey levels. Writes c and E = M^-2. */
-static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], const double *weight, double *c, double *E)
+   to first order, with rho = |M (x - c)|, as in the fit to the grey levels. It is that in the image: J (count, 4) are the
+   derivatives of the points by its pixels. Writes c and E = M^-2. */
+static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], double (*J)[4], const double *weight, double *c, double *E)
 {
     static const double ONE[3] = {1, 0, 1};
     double A[4] = {0, 0, 0, 0}, s[3], m[3];
@@ -244,7 +245,8 @@ static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], cons
             double x = points[i][0] - c[0], y = points[i][1] - c[1];
             double u = m[0] * x + m[1] * y, v = m[1] * x + m[2] * y, rho = sqrt(u * u + v * v);
             u /= rho, v /= rho;
-            double gx = m[0] * u + m[1] * v, gy = m[1] * u + m[2] * v, w = weight[i] / (gx * gx + gy * gy);
+            double gx = m[0] * u + m[1] * v, gy = m[1] * u + m[2] * v;
+            double px = J[i][0] * gx + J[i][2] * gy, py = J[i][1] * gx + J[i][3] * gy, w = weight[i] / (px * px + py * py);
             double row[5] = {-gx, -gy, u * x, u * y + v * x, v * y};
             for (int j = 0; j < 5; j++) {
                 b[j] += w * row[j] * (1 - rho);
@@ -262,10 +264,51 @@ static int fit_ellipse(int count, double (*points)[2], double (*circle)[2], cons
     return isfinite(c[0]) && isfinite(c[1]) && E[0] > 0 && E[0] * E[2] > E[1] * E[1];
 }
 
+/* Rays of an outline's points, center + axes (u, v) for (u, v) on a circle, and the ellipse c, E that fits them best, weighted by
+   their arc length as in the fit to the grey levels: a distorted ellipse is none. `J` (count, 4): derivatives of the rays. */
+static int undo_outline(const Camera *camera, const double *center, const double *axes, int count, double (*circle)[2],
+                        double (*points)[2], double (*J)[4], double *c, double *E)
+{
+    double weight[SAMPLES], middle[4];
+    memcpy(c, MIDDLE, sizeof MIDDLE);
+    if (!ray_from(camera, center, c, middle))
+        return 0;
+    for (int i = 0; i < count; i++) {
+        const double u = circle[i][0], v = circle[i][1];
+        const double dx = axes[0] * u + axes[1] * v, dy = axes[2] * u + axes[3] * v;
+        const double pixel[2] = {center[0] + dx, center[1] + dy};
+        points[i][0] = c[0] + middle[0] * dx + middle[1] * dy, points[i][1] = c[1] + middle[2] * dx + middle[3] * dy;
+        if (!ray_from(camera, pixel, points[i], J[i]))
+            return 0;
+        weight[i] = hypot(axes[1] * u - axes[0] * v, axes[3] * u - axes[2] * v);
+    }
+    return fit_ellipse(count, points, circle, J, weight, c, E);
+}
+
+void outline_bend(const Camera *camera, const Blob *blob, int count, double *bend)
+{
+    const double cosine = cos(blob->angle), sine = sin(blob->angle), a = blob->semi[0], b = blob->semi[1];
+    const double mixed = (a - b) * cosine * sine;
+    const double axes[4] = {a * cosine * cosine + b * sine * sine, mixed, mixed, a * sine * sine + b * cosine * cosine};
+    double circle[SAMPLES][2], points[SAMPLES][2], J[SAMPLES][4], c[2], E[3], inverse[3];
+    for (int i = 0; i < count; i++) {
+        const double angle = 2 * acos(-1.) * (i + 0.5) / count;
+        circle[i][0] = cos(angle), circle[i][1] = sin(angle), bend[i] = 0;
+    }
+    if (camera->lens == PINHOLE || !undo_outline(camera, blob->center, axes, count, circle, points, J, c, E))
+        return;
+    invert_symmetric(E, inverse);
+    for (int i = 0; i < count; i++) {
+        const double x = points[i][0] - c[0], y = points[i][1] - c[1];
+        const double gx = inverse[0] * x + inverse[1] * y, gy = inverse[1] * x + inverse[2] * y, rho = sqrt(gx * x + gy * y);
+        bend[i] = (rho - 1) * rho / hypot(J[i][0] * gx + J[i][2] * gy, J[i][1] * gx + J[i][3] * gy);
+    }
+}
+
 static int undo_one(const Camera *camera, int count, double (*circle)[2], Blob *blob)
 {
     static const double ONE[3] = {1, 0, 1};
-    double cosine = cos(blob->angle), sine = sin(blob->angle), J[4], any[4], square[3];
+    double cosine = cos(blob->angle), sine = sin(blob->angle), J[4], square[3], points[SAMPLES][2], along[SAMPLES][4];
     /* Half axes as columns. */
     double axes[4] = {cosine * blob->semi[0], -sine * blob->semi[1], sine * blob->semi[0], cosine * blob->semi[1]};
     if (!(blob->semi[1] > 0 && isfinite(blob->semi[0]) && isfinite(blob->angle)))
@@ -274,25 +317,11 @@ static int undo_one(const Camera *camera, int count, double (*circle)[2], Blob *
     if (!ray_from(camera, blob->center, blob->at, J))
         return 0;
     carry(J, blob->covariance, blob->spread);
-    if (camera->lens == PINHOLE) {
-        carry(axes, ONE, square);
-        carry(J, square, blob->shape);
-        return 1;
-    }
-    /* A distorted ellipse is none: points of the blob's outline, weighted by their arc length as in the fit to the grey
-       levels, are fitted anew. */
-    double points[SAMPLES][2], weight[SAMPLES];
-    for (int i = 0; i < count; i++) {
-        double u = circle[i][0], v = circle[i][1];
-        double dx = axes[0] * u + axes[1] * v, dy = axes[2] * u + axes[3] * v;
-        double pixel[2] = {blob->center[0] + dx, blob->center[1] + dy};
-        points[i][0] = blob->at[0] + J[0] * dx + J[1] * dy, points[i][1] = blob->at[1] + J[2] * dx + J[3] * dy;
-        if (!ray_from(camera, pixel, points[i], any))
-            return 0;
-        dx = axes[1] * u - axes[0] * v, dy = axes[3] * u - axes[2] * v;
-        weight[i] = sqrt(dx * dx + dy * dy);
-    }
-    return fit_ellipse(count, points, circle, weight, blob->at, blob->shape);
+    if (camera->lens != PINHOLE)
+        return undo_outline(camera, blob->center, axes, count, circle, points, along, blob->at, blob->shape);
+    carry(axes, ONE, square);
+    carry(J, square, blob->shape);
+    return 1;
 }
 
 void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t count)

@@ -32,7 +32,7 @@ def fit_blobs(image, blobs, which=None, inverted=False):
     which = np.arange(len(blobs)) if which is None else np.asarray(which, dtype=np.int64)
     fitted = blobs.copy()
     struct = image_struct(image, inverted)
-    assert library().fit_blobs(byref(struct), fitted.ctypes.data, which.ctypes.data, len(which)) == 0
+    assert library().fit_blobs(byref(struct), None, fitted.ctypes.data, which.ctypes.data, len(which)) == 0
     return fitted
 
 

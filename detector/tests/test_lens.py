@@ -172,12 +172,15 @@ def test_an_outline_through_a_lens_is_fitted_by_an_ellipse(name, grid):
     axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) * semi
     points, _ = to_rays(lens, center + np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ axes.T)
     weight = np.linalg.norm(np.stack([-np.sin(turn), np.cos(turn)], axis=-1) @ axes.T, axis=-1)
+    by_pixels = np.linalg.inv(to_pixels(lens, points)[1])
 
     def rows(state):
+        # Distances in the image, where the grey levels are fitted.
         M = np.array([[state[2], state[3]], [state[3], state[4]]])
         mapped = (points - state[:2]) @ M
         rho = np.linalg.norm(mapped, axis=-1)
-        return (rho - 1) / np.linalg.norm(mapped / rho[:, None] @ M, axis=-1) * np.sqrt(weight)
+        gradient = np.einsum("ni,nij->nj", mapped / rho[:, None] @ M, by_pixels)
+        return (rho - 1) / np.linalg.norm(gradient, axis=-1) * np.sqrt(weight)
 
     E = blob["shape"][[0, 1, 1, 2]].reshape(2, 2)
     values, vectors = np.linalg.eigh(np.linalg.inv(E))
@@ -195,6 +198,31 @@ def test_an_outline_through_a_lens_is_fitted_by_an_ellipse(name, grid):
     inverse = np.linalg.inv(jacobian[0])
     spread = inverse @ [[0.01, 0.002], [0.002, 0.02]] @ inverse.T
     assert_allclose(blob["spread"], spread[[0, 0, 1], [0, 1, 1]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["8", "fisheye"])
+def test_an_outline_is_bent_by_the_lens_to_one_that_is_an_ellipse_without_it(name):
+    lens = Lens(*LENSES[name], reach=3)
+    blob = np.zeros(1, structures()["Blob"])
+    blob["center"], blob["semi"], blob["angle"], blob["state"] = (120, 100), (45, 30), 0.4, FITTED
+    bend = np.zeros(16)
+    library().outline_bend(lens.at, pointer(blob), 16, pointer(bend))
+    turn, axis = 2 * np.pi * (np.arange(16) + 0.5) / 16, np.array([np.cos(0.4), np.sin(0.4)])
+    root = 30 * np.eye(2) + 15 * np.outer(axis, axis)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    normal = circle @ np.linalg.inv(root)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    ellipse = undone(lens, (120, 100), (45, 30), 0.4)
+    inverse = np.linalg.inv(ellipse["shape"][[0, 1, 1, 2]].reshape(2, 2))
+
+    def misses(inward):
+        off = to_rays(lens, [120, 100] + circle @ root - inward[:, None] * normal)[0] - ellipse["at"]
+        return np.abs(np.sqrt(np.einsum("ni,ij,nj->n", off, inverse, off)) - 1) * 35
+
+    assert misses(0 * bend).max() > 0.05
+    assert misses(bend).max() < 0.1 * misses(0 * bend).max()
+    library().outline_bend(Lens().at, pointer(blob), 16, pointer(bend))
+    assert not bend.any()
 
 
 def test_blobs_that_no_ray_reaches_are_left_out():

@@ -4,11 +4,11 @@ The weighted squares of the distances between measured and predicted ellipse cen
 
     cost = sum_ij r_ij' W_ij r_ij + prior terms,    r_ij = z_ij - center_ij(R_j, t_j, X_i, camera),
 
-with the exact center of a disk's image. Poses are eliminated view by view (Schur complement), so the system to be
-solved has 3 n + r unknowns, for n dots and r parameters of the camera. What no photograph tells, the marker frame and
-without a measured length the scale, is fixed by inner constraints: the dots, all together, neither shift nor turn nor
-grow with respect to the design, C'(X - X0) = 0. With the normal matrix N, an orthonormal basis G of the columns of C,
-and P = I - G G', the covariance under the constraints is, for any s > 0,
+with the exact center of what is fitted to a disk's image (`maths.conics`). Poses are eliminated view by view (Schur
+complement), so the system to be solved has 3 n + r unknowns, for n dots and r parameters of the camera. What no
+photograph tells, the marker frame and without a measured length the scale, is fixed by inner constraints: the dots, all
+together, neither shift nor turn nor grow with respect to the design, C'(X - X0) = 0. With the normal matrix N, an
+orthonormal basis G of the columns of C, and P = I - G G', the covariance under the constraints is, for any s > 0,
 
     Q = (P N P + s G G')^-1 - G G' / s
 
@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
 from markergen.calibration.network import Network, PlatePoses, Views, moved_camera
-from markergen.maths.conics import pose_rows
+from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.model.camera import Camera
@@ -282,7 +282,7 @@ def adjust(
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
     residual = residuals(network.radii, adjusted, places, camera)[0]
     if not np.isfinite(cost[0]):
-        raise UndeterminedError("poses that see all dots from the front")
+        raise UndeterminedError("poses that have all dots in front of the camera")
     if network.free and network.loose is not None:
         # So weak that the image's residuals have the degrees of freedom that they have without it.
         off = (network.design - places).ravel()
@@ -403,24 +403,13 @@ class _Adjusting(LeastSquares):
 
 
 def residuals(radii: Array, views: Views, places: Array, camera: Camera) -> tuple[Array, bool]:
-    """Residuals (v, n, 2) in px, 0 where not seen; and whether every seen dot is seen from the front."""
-    place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
-    normal = views.rotation[:, None, :, 2]
-    center, level = _centers(place, normal, radii)
-    front = (place[..., 2] > 0) & (level > 0)
-    with np.errstate(invalid="ignore", over="ignore"):
-        residual = views.pixels - camera.to_pixels(np.where(front[..., None], center, 0.0))
-    bad = views.seen & ~(front & np.isfinite(residual).all(axis=-1))
+    """Residuals (v, n, 2) in px, 0 where not seen; and whether every seen dot is in front of the camera."""
+    drawn = outlines(places, radii, views.rotation, views.translation)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        bent = camera.dot_centers(drawn.center, drawn.shape) if radii.any() else camera.to_pixels(drawn.center)
+        residual = views.pixels - bent
+    bad = views.seen & ~(drawn.front & np.isfinite(residual).all(axis=-1))
     return np.where(views.seen[..., None], residual, 0.0), not bad.any()
-
-
-def _centers(place: Array, normal: Array, radii: Array) -> tuple[Array, Array]:
-    """Centers (v, n, 2) of the disks' normalized images, as `conic_projection.outlines`; positive level: in front."""
-    depth, square = place[..., 2:], radii[:, None] ** 2
-    level = depth**2 - square * (1 - normal[..., 2:] ** 2)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        center = (place[..., :2] * depth + square * normal[..., 2:] * normal[..., :2]) / level
-    return center, level[..., 0]
 
 
 def normal_equations(
@@ -435,8 +424,7 @@ def normal_equations(
 
     Poses change by (w, dt): R <- exp([w]x) R, t <- t + dt.
     """
-    place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
-    center = _centers(place, views.rotation[:, None, :, 2], network.radii)[0]
+    center = outlines(places, network.radii, views.rotation, views.translation).center
     center = np.where(views.seen[..., None], center, 0.0)
     lens = camera.pixel_jacobian(center)
     rows = lens @ pose_rows(places, views.rotation, views.translation)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.maths import distortion as lens
+from markergen.maths.conics import fitted_centers
 from markergen.maths.lenses import LENSES
 from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
 from markergen.registry import door
@@ -290,6 +291,12 @@ class Camera:
         nan beyond the radius at which the distortion folds over (see `maths.distortion`): nothing is visible there.
         """
         return to_pixels(self._distorted(normalized), self.matrix)
+
+    def dot_centers(self, center: Array, shape: Array) -> Array:
+        """Return the centers (..., 2) in px of the ellipses that a detector fits to dots; see `maths.conics`."""
+        if self.distortion == NO_DISTORTION:
+            return self.to_pixels(center)
+        return fitted_centers(center, shape, self.to_pixels)
 
     def from_pixels(self, pixels: Array) -> Array:
         """Invert `to_pixels`, to 1e-13 of the focal length; nan where no ray reaches the pixel."""

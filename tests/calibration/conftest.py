@@ -30,7 +30,8 @@ def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int =
         radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
         own = slice(before, before + len(marker))
         pixels, seen = np.ones((photos, total, 2)), np.zeros((photos, total), dtype=bool)
-        pixels[:, own] = CAMERA.to_pixels(outlines(place, radii, rotation, translation).center)
+        drawn = outlines(place, radii, rotation, translation)
+        pixels[:, own] = CAMERA.dot_centers(drawn.center, drawn.shape)
         pixels[:, own] += rng.normal(0, SIGMA, pixels[:, own].shape)
         seen[:, own] = True
         pixels[range(false), before + 1] += [3.0, -1.0]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks import lens_claims
 from benchmarks.calibration_sets import claims, simulate, wrong_camera
 from markergen.calibration.adjustment import adjust
 from markergen.calibration.flexing import flexing
@@ -66,3 +67,16 @@ def test_bending_is_carried_by_the_scale_and_told():
     assert told.mean() > 0.95
     assert 0.7 < scaled < 1.6
     assert unscaled > 2.5
+
+
+@pytest.mark.parametrize("lens", ["radtan, strong", "equidistant"])
+def test_large_dots_are_claimed_as_well_as_they_are_known_behind_a_strong_lens(lens, make_marker):
+    """Rendered; each mean has a standard deviation of the root of two over its degrees of freedom, as chi2 has."""
+    around = np.pi / 6 * np.array([0, 1, 2, 3, 4, 6, 7, 9, 10])
+    places = [[0.0, 0.0], *(0.072 * np.stack([np.cos(around), np.sin(around)], axis=-1))]
+    layout = make_marker(np.array(places), 0.09, 0.03)
+    sums = lens_claims.one_set(layout, lens, 70.0, 4, np.random.default_rng(0))
+    for column in ("centers", "poses", "dots", "camera"):
+        total, freedom = sums[column]
+        assert abs(total / freedom - 1) < 4 * np.sqrt(2 / freedom)
+    assert sums["as by a pinhole"][0] > 20 * sums["as by a pinhole"][1]

@@ -60,7 +60,8 @@ def scene(n, m, rng, *, sigma=0.03, misprint=1e-4, stretch=0.003, sag=5e-4, radi
     if radius:
         from markergen.maths.conics import outlines
 
-        pixels = CAMERA.to_pixels(outlines(places, np.full(n, radius), rotation, translation).center)
+        drawn = outlines(places, np.full(n, radius), rotation, translation)
+        pixels = CAMERA.dot_centers(drawn.center, drawn.shape)
     noisy = pixels + rng.normal(0, sigma, pixels.shape)
     seen = CAMERA.sees(noisy)
     spread = np.broadcast_to(sigma**2 * np.eye(2), (m, n, 2, 2))
