@@ -118,7 +118,9 @@ def _layout(body: Body, blocks: Array, errors: "NDArray[np.void]", kept: "list[N
             f"{body.name}: expected dots that span a plane on one of its plates, found them on a line"
         )
     errors["several"] = len(parts) > 1
-    middle, apart = body.xyz.mean(axis=0), _distances(body.xyz).min(axis=-1)
+    between = _distances(body.xyz)
+    dots["neighbor"] = (between - dots["radius"]).argmin(axis=-1)
+    middle, apart = body.xyz.mean(axis=0), between.min(axis=-1)
     return struct(
         "Layout", kept, count=n, dots=dots, plate_count=len(plates), plates=plates,
         constellation_count=len(parts), constellations=np.concatenate(parts), errors=errors,

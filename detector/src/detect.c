@@ -613,11 +613,13 @@ static int next_finding(Frame *frame)
             return 1;
     }
     add_rivals(&frame->scene, layout, &frame->work, &quest->pool);
-    const int64_t more = fit_dots_of(frame, layout, best_of(&quest->pool));
-    if (more < 0)
-        return NO_MEMORY;
-    for (int64_t i = 0; i < quest->pool.count && more; i++)
-        fit_labeling(&frame->scene, layout, quest->pool.best + i, &frame->work);
+    /* With each fit, another one may be the best. */
+    for (int64_t more; (more = fit_dots_of(frame, layout, best_of(&quest->pool)));) {
+        if (more < 0)
+            return NO_MEMORY;
+        for (int64_t i = 0; i < quest->pool.count; i++)
+            fit_labeling(&frame->scene, layout, quest->pool.best + i, &frame->work);
+    }
     Finding finding = {0};
     finding.rival = finding.tag = -1;
     finding.cut = quest->why.cut;

@@ -109,6 +109,7 @@ typedef struct {
     double radius;    /* m */
     double print[9];  /* covariance of `place` in the body, m^2 */
     int32_t ring, plate, id, constellation;
+    int32_t neighbor; /* the dot of the body whose outline is nearest */
 } Dot;
 
 /* A dot with the blob in which it is seen. */

@@ -23,9 +23,16 @@ static const double GUESS_PX = 2, NEAR_REACH = 0.5, NEAR_PX = 1;
 /* Largest difference of the logarithms of a dot's and a blob's size. */
 static const double SIZE = 0.6;
 
+/* The same, beyond which two dots are seen as one: they differ by 0.35, but for the light between them. */
+static const double TWO = 0.25;
+
 /* Standard deviation that a place has beyond its own while poses are searched, px: blur and perspective displace a rough
    center by this. */
 static const double SEARCH_PX = 0.2;
+
+/* Distance of two outlines below which dots may be one blob, px. With 1.5, one of 48 views of dots of 2.5 and 3 px has a dot
+   between two; with 2.5, 16 have no labels instead of 4. */
+static const double MERGED_PX = 2.0;
 
 static const double PI = 3.14159265358979323846;
 
@@ -380,6 +387,18 @@ int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose)
     return drawn.seen && drawn.facing > PLAIN_FACING && 2 * shorter_px(scene, drawn.shape) > PLAIN_PX && in_frame(scene, &drawn);
 }
 
+/* Whether a dot and its nearest neighbor may be one blob. */
+static int merges(const Scene *scene, const Layout *layout, const Pose *pose, int64_t dot, const Outline *drawn)
+{
+    const Dot *neighbor = layout->dots + layout->dots[dot].neighbor;
+    Outline other;
+    outline_of(neighbor, neighbor->xyz, pose, &other);
+    const double x = other.center[0] - drawn->center[0], y = other.center[1] - drawn->center[1], distance = hypot(x, y);
+    const double reach = sqrt(drawn->shape[0] * x * x + 2 * drawn->shape[1] * x * y + drawn->shape[2] * y * y) +
+                         sqrt(other.shape[0] * x * x + 2 * other.shape[1] * x * y + other.shape[2] * y * y);
+    return other.seen && scene->px * (distance * distance - reach) < MERGED_PX * distance;
+}
+
 /* Derivatives (2, 7) of a dot's image by (w, dt, log focal), px. */
 static void pixel_rows(const Scene *scene, const Dot *dot, const Pose *pose, double J[2][7])
 {
@@ -440,7 +459,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             const double across = 2 * shorter_px(scene, drawn->shape);
             if (across < LIMIT_PX)
                 continue;
-            const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING;
+            const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING && !merges(scene, layout, pose, i, drawn);
             labeling->missing += plain;
             labeling->absent++;
             missed += plain ? 0 : log(MISSED_AT_LIMIT);
@@ -692,9 +711,26 @@ static int on_one_plate(const Layout *layout, const Work *work, int64_t m)
     return 1;
 }
 
+/* Leaves out dots that may be one blob with their neighbors, where it has not the outline of one dot. */
+static void leave_merged(const Scene *scene, const Layout *layout, Labeling *labeling)
+{
+    for (int64_t i = 0; i < layout->count; i++) {
+        Outline drawn;
+        if (labeling->labels[i] < 0 || scene->blobs[labeling->labels[i]].state == ROUGH)
+            continue;
+        outline_of(layout->dots + i, layout->dots[i].xyz, &labeling->pose, &drawn);
+        const double area = drawn.shape[0] * drawn.shape[2] - drawn.shape[1] * drawn.shape[1];
+        const double size = scene->shown[labeling->labels[i]].size + log(scene->focal) - 0.25 * log(larger(area, 1e-300));
+        const int single = scene->blobs[labeling->labels[i]].state == FITTED && size < TWO;
+        if (!single && merges(scene, layout, &labeling->pose, i, &drawn))
+            labeling->labels[i] = -1;
+    }
+}
+
 /* Fits the pose of a labeling, from its pose and from the mirrored one, and keeps the better. */
 void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
 {
+    leave_merged(scene, layout, labeling);
     const int64_t m = matches_of(scene, layout, labeling->labels, work);
     Pose other;
     labeling->count = m;

@@ -29,7 +29,7 @@ DOT = np.dtype(
         *((name, "f8", 3) for name in ("xyz", "place", "normal")),
         ("radius", "f8"),
         ("print", "f8", (3, 3)),
-        *((name, "i4") for name in ("ring", "plate", "id", "constellation")),
+        *((name, "i4") for name in ("ring", "plate", "id", "constellation", "neighbor")),
     ],
     align=True,
 )

@@ -16,6 +16,12 @@ def test_no_label_is_wrong_and_nearly_all_markers_are_found():
     assert rows["found %"] * 24 / 100 >= 16
 
 
+def test_small_dots_that_are_one_blob_with_their_neighbors_have_no_label():
+    rows = quality.small(0.1, None)["small dots"]
+    assert not any(row["wrong"] for row in rows.values())
+    assert rows["4.5 px, ring"]["found %"] == rows["4.5 px, no ring"]["found %"] == 100
+
+
 @pytest.mark.parametrize("k", [pytest.param(4, marks=pytest.mark.long), 12])
 def test_nothing_is_found_in_checkerboards(k):
     kind, image = quality.empty(k)
