@@ -125,6 +125,14 @@ class Adjustment:
         return np.asarray((inverse + inverse.T) / 2)
 
     @property
+    def is_determined(self) -> bool:
+        """Whether the photographs determine all unknowns."""
+        try:
+            return bool(self.unscaled.size)
+        except (UndeterminedError, np.linalg.LinAlgError):
+            return False
+
+    @property
     def covariance(self) -> Array:
         """Covariance (3 n, 3 n) of the dots, m^2, x y z of each in turn, scaled; singular along the gauge."""
         size = self.normal.dots

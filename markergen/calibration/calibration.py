@@ -14,11 +14,13 @@ from scipy.linalg import block_diag
 
 from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibration.camera_choice import CameraChoice, choose_camera
+from markergen.calibration.camera_choice import CameraChoice, choose_camera, wider_lenses
 from markergen.calibration.flexing import Flex, flexing
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged, compare_halves, cross_validate
+from markergen.calibration.misfit import likely_cause
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import NextPhotos, next_photos
+from markergen.calibration.noise import noise_of
 from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots
 from markergen.calibration.relation import Relation, relate
@@ -80,6 +82,8 @@ class Calibration(SavableResult):
         What left-out photographs, two halves, and a test for bending say; `NotJudged` where there are too few.
     next_photos : NextPhotos or None
         Which photographs to take next; None if the dots were held.
+    cause : str
+        What most likely is not as modeled, where residuals are larger than the noise explains; else empty.
     relation : Relation or None
         Of a rig: the rig as measured, and how far its markers are from where they were designed.
     camera_choice : CameraChoice, NotJudged or None
@@ -120,6 +124,7 @@ class Calibration(SavableResult):
     camera_choice: CameraChoice | NotJudged | None
     next_photos: NextPhotos | None
     relation: Relation | None = None
+    cause: str = ""
     written: tuple[Written, ...] = ()
 
     def parts(self) -> Sequence[str | Table]:
@@ -269,6 +274,7 @@ class Calibration(SavableResult):
             "flex": {"verdict": self.flex.verdict, "amplitude": self.flex.amplitude, "chance": self.flex.chance}
             if isinstance(self.flex, Flex)
             else {"reason": self.flex.reason},
+            "cause": self.cause,
             "notes": self.notes,
             **({} if self.relation is None else {"relation": self._relation()}),
         }
@@ -429,6 +435,10 @@ def calibrate_bodies(
     choice: CameraChoice | NotJudged | None = None
     try:
         cleaned = _unflipped(whole, sightings.views)
+        noisy = _with_noise(whole, sightings, cleaned)
+        is_noisy, sightings = noisy is not sightings, noisy
+        if is_noisy:
+            cleaned = adjust_robustly(whole, _started(sightings.views, cleaned))
         if knowledge.camera is None:
             adjusted, photo = cleaned.adjustment, sightings.photo[cleaned.used]
             choice = choose_camera(adjusted.network, adjusted.views, photo, adjusted.weights)
@@ -443,7 +453,7 @@ def calibrate_bodies(
                 cleaned, (*knowledge.lengths, *knowledge.errors.ruler_lengths(designs, knowledge.lengths))
             )
         if cleaned.adjustment.degrees_of_freedom > 0:
-            cleaned = _held_loosely(cleaned, knowledge.print_sigma)
+            cleaned = _held_loosely(cleaned, knowledge.print_sigma, is_noisy)
     except (UndeterminedError, np.linalg.LinAlgError):
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
@@ -479,7 +489,31 @@ def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
     return replace(cleaned, adjustment=adjust(network, adjusted.views, adjusted.weights, adjusted.places))
 
 
-def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
+def _with_noise(network: Network, sightings: PhotographedDots, cleaned: Cleaned) -> PhotographedDots:
+    """Sightings with the noise that the photographs show; where one shows none by itself, the median of the others."""
+    views, photo = _started(sightings.views, cleaned), sightings.photo
+    try:
+        flexible = adjust_robustly(wider_lenses(replace(network, free=True))[-1][1], views)
+        variance = noise_of(flexible.adjustment, photo[flexible.used])
+    except (UndeterminedError, np.linalg.LinAlgError):
+        return sightings
+    if not variance.any():
+        return sightings
+    of_photo = dict(zip(photo[flexible.used].tolist(), variance.tolist(), strict=True))
+    added = np.array([of_photo.get(number, float(np.median(variance))) for number in photo.tolist()])
+    covariance = sightings.views.covariance + added[:, None, None, None] * np.eye(2)
+    return replace(sightings, views=replace(sightings.views, covariance=covariance))
+
+
+def _started(views: Views, cleaned: Cleaned) -> Views:
+    """Views that start at the poses of an adjustment."""
+    start = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
+    start.rotation[cleaned.used] = cleaned.adjustment.views.rotation
+    start.translation[cleaned.used] = cleaned.adjustment.views.translation
+    return start
+
+
+def _held_loosely(cleaned: Cleaned, print_sigma: float, noisy: bool) -> Cleaned:
     """Where residuals are larger than claimed, adjust again with the weak knowledge that a print is about as designed.
 
     The image counts with its errors as they were found. It keeps dots that few photographs show from taking up the
@@ -488,7 +522,8 @@ def _held_loosely(cleaned: Cleaned, print_sigma: float) -> Cleaned:
     from scipy.stats import chi2
 
     adjusted = cleaned.adjustment
-    if not adjusted.network.free or chi2.sf(adjusted.chi2, adjusted.degrees_of_freedom) > MISFIT:
+    is_as_claimed = not noisy and chi2.sf(adjusted.chi2, adjusted.degrees_of_freedom) > MISFIT
+    if not adjusted.network.free or is_as_claimed:
         return cleaned
     sigma = print_sigma / np.sqrt(adjusted.scale)
     network = replace(adjusted.network, loose=(LOOSE_PLANE * sigma, LOOSE_HEIGHT * sigma))
@@ -508,6 +543,7 @@ def _result(
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
     names = () if knowledge.camera else choice.names if isinstance(choice, CameraChoice) else BASE
     cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
+    cause = likely_cause(adjustment, flex)
     names_of = _names(designs)
     poses = _working_poses(designs, knowledge, adjustment)
     weaknesses = (
@@ -520,6 +556,11 @@ def _result(
     rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if knowledge.free else ()
     notes = [str(weakness) for weakness in (*weaknesses, *rare)]
     notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    if cause:
+        notes.append(
+            f"the residuals are larger than the noise of the photographs, chi2 {adjustment.variance_factor:.3g} per "
+            f"degree of freedom; most likely {cause}"
+        )
     if not knowledge.free and adjustment.variance_factor > ELSEWHERE:
         notes.append(
             f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
@@ -565,6 +606,7 @@ def _result(
         choice,
         next_photos(adjustment, poses, [names_of[k] for k in chosen]) if knowledge.free else None,
         relation,
+        cause,
     )
 
 
@@ -586,9 +628,7 @@ def _unflipped(network: Network, views: Views) -> Cleaned:
         free=False,
         freedom=adjusted.network.freedom.none,
     )
-    start = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
-    start.rotation[cleaned.used], start.translation[cleaned.used] = adjusted.views.rotation, adjusted.views.translation
-    changed = False
+    start, changed = _started(views, cleaned), False
     for k in range(len(views)):
         seen = views.seen[k] & dots & ~cleaned.dropped[k]
         view = start.take(slice(k, k + 1)).of_dots(seen)

@@ -14,6 +14,13 @@ from markergen.model.camera import Camera, Distortion
 CHANCE = 0.01
 """Probability by chance alone at which a camera parameter joins, or is held."""
 
+WEAKLY = 0.1
+"""Standard deviation, within wide limits, of f as a share, of the principal point as a share of a third of the image's
+width, and of the share by which each coefficient moves the image's corners."""
+
+_POWER = {"p1": 1, "p2": 1, "k2": 4, "k3": 6, "k5": 4, "k6": 6}
+"""Powers of the radius that coefficients go with, if not 2."""
+
 MOST_DOTS = 120
 """Number of dots above which every second, third... is taken: they are enough for a choice, and many take long."""
 
@@ -123,6 +130,15 @@ def choose_camera(
             current, left, number = best
             tried[number] = replace(tried[number], taken=True)
             names = tried[number].names
+    if current.variance_factor > POORLY and trials.camera.distortion.model == "radtan":
+        photographs = replace(trials.photographs, network=replace(network, camera=_rational(trials.camera)))
+        wider, more = _CameraTrials(photographs), (*names, *_LAST)
+        whole, left_out_trial = wider.tried(more)
+        gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
+        taken = gain is not None and gain.chance < CHANCE and whole is not None and whole.is_determined
+        tried.append(Trial(more, left_out_trial, gain, taken))
+        if taken and left_out_trial is not None and whole is not None:
+            trials, names, current, left = wider, more, whole, left_out_trial
     for held in _HELD:
         fewer = tuple(name for name in names if name not in held)
         if not set(held) <= set(names) or not _within_sigma(current, trials.camera, held):
@@ -134,7 +150,7 @@ def choose_camera(
         if taken and gain is not None and left_out_trial is not None and whole is not None:
             notes.append(f"{' '.join(held)} held: left-out photographs are predicted {gain.ratio:.3g} times better so")
             names, current, left = fewer, whole, left_out_trial
-    return CameraChoice(names, network.camera, trials.freedom(names), tuple(tried), tuple(notes))
+    return CameraChoice(names, trials.camera, trials.freedom(names), tuple(tried), tuple(notes))
 
 
 _STARTS = (
@@ -146,6 +162,9 @@ _STARTS = (
 """Sets that the search for camera parameters may start with: the first one that the photographs determine."""
 
 _EXTRA = (("p1", "p2"), ("k3",), ("fy",))
+_LAST = ("k4", "k5", "k6")
+POORLY = 2.0
+"""chi2 per degree of freedom above which these are tried, the denominator of a quotient of polynomials."""
 _HELD = (("k2",), ("k1",), ("cx", "cy"))
 
 
@@ -185,6 +204,22 @@ class _CameraTrials:
         return whole, left_out if left_out.suffices else None
 
 
+def wider_lenses(network: Network) -> list[tuple[str, Network]]:
+    """Return networks whose camera is free within wide limits, of larger and larger lenses, with their coefficients."""
+    cameras = [_with_lens(network.camera)]
+    if cameras[0].distortion.model == "radtan":
+        cameras.append(_rational(cameras[0]))
+    networks = []
+    for camera in cameras:
+        corner = min(1.0, float(np.hypot(camera.width, camera.height)) / (camera.fx + camera.fy))
+        unit = {"fx": camera.fx, "fy": camera.fy, "cx": camera.width / 3, "cy": camera.width / 3}
+        unit |= {name: corner ** -_POWER.get(name, 2) for name in camera.distortion.names}
+        sigma = WEAKLY * np.array([unit[name] for name in camera.parameter_names])
+        freedom = CameraFreedom.of_covariance(np.diag(sigma**2))
+        networks.append((" ".join(camera.distortion.names), replace(network, camera=camera, freedom=freedom)))
+    return networks
+
+
 def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -> bool:
     """Return whether parameters differ from their start by no more than their claimed errors (95 %)."""
     from scipy.stats import chi2 as chi2_distribution
@@ -196,6 +231,11 @@ def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -
         return True
     moved = (parameters_of(adjustment.camera) - parameters_of(start))[chosen]
     return squared_length(moved, spread)[0] < float(chi2_distribution.ppf(0.95, len(names)))
+
+
+def _rational(camera: Camera) -> Camera:
+    """Return the camera with the quotient of polynomials instead of the polynomial of all five coefficients."""
+    return replace(camera, distortion=Distortion("rational", (*camera.distortion.coefficients, 0.0, 0.0, 0.0)))
 
 
 def _with_lens(camera: Camera) -> Camera:

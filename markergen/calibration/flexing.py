@@ -7,7 +7,10 @@ cost at the adjusted network, chi2 falls by g' M^+ g, to first order. Without be
 
     F = (g' M^+ g / rank M) / ((chi2 - g' M^+ g) / (degrees of freedom - rank M))
 
-has Fisher's F distribution, whatever the image's noise.
+has Fisher's F distribution, whatever the image's noise. A lens that is not as modeled, light that moves dots, or a
+rolling shutter leave smooth residuals, too, but in all directions, where heights move dots along the image of the
+normal. So where the same modes across it, beside those along it, explain clearly more than the noise does, they take
+its place in the denominator.
 """
 
 from dataclasses import dataclass
@@ -21,6 +24,9 @@ from markergen.calibration.judging import NotJudged
 
 FALSE_ALARM = 0.005
 """Probability that a rigid marker is said to bend."""
+
+CLEARLY = 0.05
+"""Probability of a ratio as large of the modes across to the noise by chance, below which they count instead."""
 
 NEGLIGIBLE = 2e-5
 """Amplitude in m of bending that is not worth telling: a fifth of a dot's usual error in a print."""
@@ -78,12 +84,39 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     except UndeterminedError:
         return NotJudged("the photographs do not determine the dots, so that bending cannot be told")
     modes = _modes(network.design, network.marker)
+    bent = (parts.rows_pose[..., 3:] @ views.rotation[:, None, :, 2:]) * modes[:, None, :]
+    values, along = _explained(adjustment, unscaled, bent)
+    fall, rank = float(along.sum()), len(along)
+    rest = adjustment.degrees_of_freedom - rank
+    if rank < 1 or rest < 1:
+        return NotJudged("too few dots and photographs to tell whether the marker bends between them")
+    noise = max(adjustment.chi2 - fall, 1e-300) / rest
+    both = _explained(adjustment, unscaled, np.concatenate([bent, bent[..., ::-1, :] * [[1.0], [-1.0]]], axis=-1))[1]
+    more = len(both) - rank
+    across = (float(both.sum()) - fall) / max(more, 1)
+    if 0 < more < rest and fisher.sf(across / noise, more, rest - more) < CLEARLY:
+        noise, rest = across, more
+    statistic = fall / rank / noise
+    # Bending of variance t^2 by each mode: E g'g = s^2 tr M + t^2 tr M^2.
+    variance = (float((along * values).sum()) - noise * float(values.sum())) / float((values**2).sum())
+    visible = float(
+        np.mean(
+            [(modes[network.marker == k] ** 2).sum() / (network.marker == k).sum() for k in np.unique(network.marker)]
+        )
+    )
+    return Flex(statistic, float(fisher.sf(statistic, rank, rest)), float(np.sqrt(max(variance, 0.0) * visible)))
+
+
+def _explained(adjustment: Adjustment, unscaled: Array, moves: Array) -> tuple[Array, Array]:
+    """Eigenvalues of the information M about m ways to move the dots of each view, moves (v, n, 2, m) in px, and falls.
+
+    The falls of chi2 are those along its eigenvectors; what the photographs do not show is left out.
+    """
+    parts, views = adjustment.normal, adjustment.views
     weight = np.linalg.inv(views.covariance) * adjustment.weights[..., None, None]
-    heights = (parts.rows_pose[..., 3:] @ views.rotation[:, None, :, 2:]) * modes[:, None, :]
-    weighted = (weight @ heights).swapaxes(-1, -2)
-    v = len(views)
-    m, size, q = modes.shape[1], parts.dots, len(parts.rest)
-    height_information = np.einsum("vnia,vnab->vib", weighted, heights)
+    weighted = (weight @ moves).swapaxes(-1, -2)
+    v, m, size, q = len(views), moves.shape[-1], parts.dots, len(parts.rest)
+    information = np.einsum("vnia,vnab->vib", weighted, moves)
     pose = np.einsum("vnia,vnab->vib", weighted, parts.rows_pose)
     through = pose @ np.linalg.inv(parts.pose)
     shared = np.zeros((v, m, q))
@@ -94,28 +127,11 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     shared = (shared - through @ parts.cross).reshape(v * m, q)
     matrix = -shared @ unscaled @ shared.T
     index = np.arange(v)
-    matrix.reshape(v, m, v, m)[index, :, index, :] += height_information - through @ pose.swapaxes(-1, -2)
+    matrix.reshape(v, m, v, m)[index, :, index, :] += information - through @ pose.swapaxes(-1, -2)
     gradient = np.einsum("vnia,vna->vi", weighted, adjustment.residual).ravel()
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     kept = values > _VISIBLE * max(values[-1], 1e-300)
-    rank = int(kept.sum())
-    rest = adjustment.degrees_of_freedom - rank
-    if rank < 1 or rest < 1:
-        return NotJudged("too few dots and photographs to tell whether the marker bends between them")
-    along = (vectors[:, kept].T @ gradient) ** 2 / values[kept]
-    fall = float(along.sum())
-    noise = max(adjustment.chi2 - fall, 1e-300) / rest
-    statistic = fall / rank / noise
-    # Bending of variance t^2 by each mode: E g'g = s^2 tr M + t^2 tr M^2.
-    variance = (float((along * values[kept]).sum()) - noise * float(values[kept].sum())) / float(
-        (values[kept] ** 2).sum()
-    )
-    visible = float(
-        np.mean(
-            [(modes[network.marker == k] ** 2).sum() / (network.marker == k).sum() for k in np.unique(network.marker)]
-        )
-    )
-    return Flex(statistic, float(fisher.sf(statistic, rank, rest)), float(np.sqrt(max(variance, 0.0) * visible)))
+    return values[kept], (vectors[:, kept].T @ gradient) ** 2 / values[kept]
 
 
 def _modes(design: Array, marker: NDArray[np.intp]) -> Array:

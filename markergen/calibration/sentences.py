@@ -110,6 +110,13 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
             "photographs differ by more than their claimed errors.",
             True,
         )
+    if calibration.cause:
+        # Photographs that were left out share the camera and the print.
+        return (
+            f"Use the measured marker with care: expect {expect}, or more, since residuals are larger than noise, "
+            f"chi2 {calibration.adjustment.variance_factor:.2g}, most likely because {calibration.cause}.",
+            True,
+        )
     confirmed = "left-out photographs confirm it"
     if isinstance(cross, NotJudged):
         confirmed = "there were too few photographs to confirm it by leaving some out"
