@@ -1,5 +1,7 @@
 """What residuals beyond the noise of the photographs most likely come from."""
 
+# tests: tests/calibration/test_noise.py
+
 from dataclasses import replace
 
 import numpy as np
