@@ -24,10 +24,9 @@ import numpy as np
 import markergen as mg
 from markergen.arrays import Array
 from markergen.bounds.dot_covariances import dot_information
-from markergen.comparison.contestants.printed import lm_pose
-from markergen.comparison.contestants.pupil import PupilSettings, PupilTag
+from markergen.comparison.contestants.printed import pose_of
+from markergen.comparison.contestants.pupil import PupilTag
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.fiducials import FiducialSettings
 from markergen.detect import detect
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance, mirrored_rotation, rotation_bound
@@ -49,9 +48,9 @@ Look = Callable[[Array, Array, np.random.Generator], Found]
 RADIUS, NEAREST, FARTHEST = 0.5, 0.3, 10.0
 WIDE = f"cone:distance={NEAREST}..{FARTHEST:g}m,tilt=0..45"
 EDGES = (0.3, 0.45, 0.7, 1.0, 1.5, 2.2, 3.3, 4.8, 7.0, 10.0)
-SETTINGS: Mapping[type[SquareTag], Any] = {
-    PupilTag: PupilSettings(enlarge=2),
-    SquareTag: FiducialSettings("apriltag", 2),
+SETTINGS: Mapping[type[SquareTag], Mapping[str, str]] = {
+    PupilTag: {"detector": "quad_decimate 1", "image": "image x2"},
+    SquareTag: {"detector": "APRILTAG", "image": "image x2"},
 }
 WRONG_PX, STEEP_DEG, APART = 5.0, 2.5, 3.0
 
@@ -89,15 +88,14 @@ def tag_contestant(tags: Sequence[SquareTag]) -> Look:
 
     def look(rotation: Array, translation: Array, rng: np.random.Generator) -> Found:
         image = render_patches([plate, *ink], PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, rng)
-        grey = image.astype(np.uint8)
-        read = [(tag, tag.find(grey, PAPER_CAMERA, SETTINGS[type(tag)])) for tag in tags]
-        known = [(tag.points, found.pixels) for tag, found in read if found.found]
+        read = [(tag, tag.sight(image, PAPER_CAMERA, SETTINGS[type(tag)], 0.0)) for tag in tags]
+        known = [(tag.points, found.pixels) for tag, found in read if len(found.ids)]
         if not known:
             return None
         points, pixels = (np.concatenate(part) for part in zip(*known, strict=True))
         truth = PAPER_CAMERA.project(points, rotation[None], translation[None])[0]
         off = np.linalg.norm(pixels - truth, axis=-1)
-        return off, np.full(len(off), np.nan), lm_pose(points, pixels, PAPER_CAMERA)[0]
+        return off, np.full(len(off), np.nan), pose_of(points, pixels, PAPER_CAMERA)[0]
 
     return look
 

@@ -147,6 +147,7 @@ GIVEN: Sequence[Given] = tuple(
             ["rotated by # degrees", "the # % interval for", "*In # %* is", "# % region;", "is the # % Clopper"],
         ),
         (VALIDATE, SETTING, ["for a radius of # px, a contrast of # grey levels, a blur of # px and noise of # grey"]),
+        (VALIDATE, DEFAULT, ["with half windows of # to # of the spacing"]),
         (VALIDATE, EXAMPLE, ["gave # deg in the hardest case where # was expected"]),
         (
             DETECT,

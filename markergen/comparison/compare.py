@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
 from math import isfinite
 from typing import Any
 
@@ -13,7 +12,9 @@ import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.comparison.baselines import line_up
-from markergen.comparison.contestants import Contestant, Sighting
+from markergen.comparison.contestants import Choice, Contestant, Image, Pose, Sighting
+from markergen.comparison.photometric import photometric_fit
+from markergen.comparison.tuning import BUDGET, tune
 from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
@@ -38,16 +39,11 @@ from markergen.validation.metrics import (
 )
 from markergen.validation.views import WRONG_PX
 
-Choice = Any
-"""Settings of a contestant's detector, or None for ours."""
-
 VIEWS, TUNING = 0, 1
 """Stages of a comparison, with different views."""
 
 TUNING_VIEWS = 60
 """Number of views for choosing each peer's settings, separate from those that are evaluated."""
-NEARLY_ALL = 0.95
-"""Minimum share of the best setting's detections for a setting to be eligible, however accurate it is."""
 AT_ONCE = 10
 """Number of views per chunk of work."""
 WORTH_A_WORKER = 60
@@ -106,21 +102,44 @@ class Series:
         jitter = np.random.default_rng([self.stage, self.seed, self.count]).random(self.count)
         return ((np.arange(self.count) + jitter) * len(self.poses) / self.count).astype(np.intp)
 
-    def observe(self, who: int, choices: Sequence[Choice], view: int) -> list["Observation"]:
-        """Render one view of one contestant and detect it with each of the settings."""
-        contestant, pose = self.contestants[who], self.pose[view]
-        rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
+    def photograph(self, contestant: Contestant, view: int) -> Image:
+        """Render one view of one contestant."""
         # All contestants share the same pixel noise; print errors have a separate random stream.
         noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
         moved = contestant.print_error(self.print_sigma, print_rng)
-        image = contestant.render(self.camera, (rotation, translation), self.optics, noise, moved)
-        observations = []
-        for choice in choices:
-            began = time.process_time()
-            sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
-            seconds = time.process_time() - began
-            observations.append(replace(self._judge(contestant, sighting, rotation, translation), cpu_s=seconds))
-        return observations
+        return contestant.render(self.camera, self._true_pose(view), self.optics, noise, moved)
+
+    def observe(self, contestant: Contestant, choice: Choice, view: int, image: Image) -> "Observation":
+        """Judge what one contestant's detector finds in its view."""
+        return self._observe(contestant, choice, view, image)[0]
+
+    def observe_and_refine(self, who: int, choice: Choice, view: int) -> tuple["Observation", "Observation"]:
+        """Judge what one contestant's detector finds in its view, and the photometric fit that starts there."""
+        contestant = self.contestants[who]
+        image = self.photograph(contestant, view)
+        observation, sighting = self._observe(contestant, choice, view, image)
+        scene = contestant.scene(self.camera)
+        if scene is None or sighting.rotation is None or sighting.translation is None:
+            return observation, observation
+        rotation, translation = photometric_fit(
+            image, scene, self.camera, (sighting.rotation, sighting.translation), self.optics
+        )
+        points = contestant.points[sighting.ids]
+        pixels = self.camera.project(points, rotation[None], translation[None])[0]
+        refined = replace(sighting, pixels=pixels, rotation=rotation, translation=translation)
+        return observation, self._judge(contestant, refined, *self._true_pose(view))
+
+    def _observe(
+        self, contestant: Contestant, choice: Choice, view: int, image: Image
+    ) -> tuple["Observation", Sighting]:
+        began = time.process_time()
+        sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
+        seconds = time.process_time() - began
+        return replace(self._judge(contestant, sighting, *self._true_pose(view)), cpu_s=seconds), sighting
+
+    def _true_pose(self, view: int) -> Pose:
+        pose = self.pose[view]
+        return self.poses.rotation[pose], self.poses.translation[pose]
 
     def _judge(self, contestant: Contestant, sighting: Sighting, rotation: Array, translation: Array) -> "Observation":
         """Compare what was found with the true pose, or, of poses that look the same, with the nearest."""
@@ -191,11 +210,11 @@ def compare_and_time(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
-    Each is as large as the room of the first marker allows, surrounded by white. For every tag and board, the settings
-    of its detector with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from
-    the same Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance
-    for each of its points, which is used as a weight. Where the detector cannot tell a pattern from itself turned, the
-    pose nearest to the true one counts.
+    Each is as large as the room of the first marker allows, surrounded by white. For every tag and board, `tune`
+    chooses the settings with the least RMS rotation error over `TUNING_VIEWS` separate views: of its detector, of an
+    enlargement of the image before it, of a refinement of the points after it, and of the pose's estimator. Only our
+    detector provides a covariance for each of its points, which is used as a weight. Where the detector cannot tell a
+    pattern from itself turned, the pose nearest to the true one counts.
 
     Parameters
     ----------
@@ -216,15 +235,16 @@ def compare_and_time(
     -------
     results : dict
         Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, area of ``ink`` inside the circle
-        (``cm2`` and ``share``), the ``setting`` used to detect it and the candidates of its ``tuning``; how many views
+        (``cm2`` and ``share``), the ``setting`` used to detect it and all that its ``tuning`` tried; how many views
         were ``detected`` (``rate``), ``wrong`` or ``failed`` (see `pose_failed`; these are left out of the statistics)
         and how many poses were ``flips``; statistics of ``rotation_deg``, ``translation_pct`` and ``point_px`` over its
         detected views, the 95 % ``interval`` of the RMS and the ``bound``, the RMS of the photometric bound of an exact
         print in them; the same over the ``common`` views (those that every contestant found, ignoring contestants never
         found), and ``by_polar_angle`` and ``by_distance``; the ``pattern_bound`` over all views; the ``ratio`` of its
-        RMS to that of the first, over the views that both found, with the 95 % interval; and its ``failures``. One
-        whose library is missing is ``absent``. Intervals are bootstraps over views. The remaining keys describe the
-        conditions.
+        RMS to that of the first, over the views that both found, with the 95 % interval; its ``failures``; and the
+        statistics after the same refiner for all, a ``photometric`` fit from what was found (see `photometric_fit`).
+        One whose library is missing is ``absent``. Intervals are bootstraps over views. The remaining keys describe
+        the conditions.
     cpu_s : dict
         Median processor time of detection and pose in one view, s, by name; it differs from run to run.
 
@@ -237,55 +257,30 @@ def compare_and_time(
     contestants, setting = line_up(texts, poses, seed, given)
     if len(contestants) < 2:
         raise InputError("two or more contestants", f"only {contestants[0].name}", "name another to compare it with")
-    options = [
-        [(variant, choice) for variant in contestant.variants for choice in variant.settings]
-        for contestant in contestants
-    ]
-    candidates = [[variant for variant in contestant.variants if variant.settings] for contestant in contestants]
+    present = [who for who, contestant in enumerate(contestants) if not contestant.absent]
     counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
-    tuning = replace(counting, contestants=(*chain(*candidates),), count=TUNING_VIEWS, stage=TUNING)
-    to_tune = {k: tuple(variant.settings) for k, variant in enumerate(tuning.contestants)}
-    seen = iter(_observe(tuning, to_tune, workers, "settings", progress).values())
-    # By contestant and view, what all settings of all variants found.
-    tuned = [[[*chain(*view)] for view in zip(*(next(seen) for _ in variants), strict=True)] for variants in candidates]
-    choices: dict[int, tuple[Choice, ...]] = {
-        who: (None,) for who, contestant in enumerate(contestants) if not contestant.absent
-    }
-    for who, tried in enumerate(options):
-        if tried:
-            contestants[who], choice = tried[_best(tuned[who])]
-            choices[who] = (choice,)
+    tuning = replace(counting, count=TUNING_VIEWS, stage=TUNING)
+    to_tune = [(who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
+    tuned = dict(zip(to_tune, _shared(_tune, tuning, to_tune, workers, "settings", progress), strict=True))
+    choices: list[Choice] = [{} for _ in contestants]
+    for (who, _), (variant, choice, _) in tuned.items():
+        contestants[who], choices[who] = variant, choice
     counting = replace(counting, contestants=tuple(contestants))
-    observed = _observe(counting, choices, workers, "views", progress)
-    missed = [[Observation(reason=contestant.absent)] * views for contestant in contestants]
-    observations = [
-        [view[0] for view in observed[who]] if who in observed else missed[who] for who in range(len(missed))
-    ]
-    results = comparison_results(counting, setting, observations, _bounds(counting, list(choices), workers, progress))
+    tasks = [(who, choices[who], part) for part in chunks_of(views, AT_ONCE) for who in present]
+    pairs = [[(Observation(reason=c.absent),) * 2] * views if c.absent else [] for c in contestants]
+    for (who, _, _), part in zip(tasks, _shared(_observe, counting, tasks, workers, "views", progress), strict=True):
+        pairs[who] += part
+    observations, refined = ([[pair[k] for pair in row] for row in pairs] for k in range(2))
+    bounds = _bounds(counting, present, workers, progress)
+    results = comparison_results(counting, setting, observations, bounds)
+    everywhere = np.ones(views, dtype=bool)
     for who, entry in enumerate(results["contestants"]):
-        entry["setting"] = contestants[who].describe(choices[who][0] if who in choices else None)
-        entry["tuning"] = [
-            {"size": variant.size, "setting": variant.describe(choice), **row}
-            for (variant, choice), row in zip(options[who], _tuning_rows(tuned[who]), strict=True)
-        ]
-    seconds = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in choices}
+        entry["setting"] = contestants[who].describe(choices[who])
+        entry["photometric"] = _summary(refined[who], bounds[who], everywhere, seed)
+    for (who, _), (_, _, rows) in tuned.items():
+        results["contestants"][who]["tuning"] = rows
+    seconds = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in present}
     return results, {contestants[who].name: median for who, median in seconds.items()}
-
-
-def _observe(
-    series: Series,
-    choices: Mapping[int, tuple[Choice, ...]],
-    workers: int | None,
-    stage: str,
-    progress: Progress | None,
-) -> dict[int, list[list[Observation]]]:
-    """Observations of each contestant, by view and setting."""
-    tasks = [(who, settings, part) for part in chunks_of(series.count, AT_ONCE) for who, settings in choices.items()]
-    observed: dict[int, list[list[Observation]]] = {who: [] for who in choices}
-    parts = _shared(_observe_chunk, series, tasks, workers, stage, progress)
-    for (who, _, _), part in zip(tasks, parts, strict=True):
-        observed[who] += part
-    return observed
 
 
 def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:
@@ -318,30 +313,34 @@ def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, f
     return [series.bound(who, view) for view in views]
 
 
-def _observe_chunk(series: Series, task: tuple[int, tuple[Choice, ...], range]) -> list[list[Observation]]:
-    who, choices, views = task
-    return [series.observe(who, choices, view) for view in views]
+def _observe(series: Series, task: tuple[int, Choice, range]) -> list[tuple[Observation, Observation]]:
+    who, setting, views = task
+    return [series.observe_and_refine(who, setting, view) for view in views]
 
 
-def _best(tuned: Sequence[Sequence[Observation]]) -> int:
-    """Index of the setting with the least RMS rotation error over the views found by all eligible settings."""
-    counts = np.array([[observation.counts for observation in view] for view in tuned])
-    rates = counts.mean(axis=0)
-    eligible = np.flatnonzero(rates >= NEARLY_ALL * rates.max())
-    common = counts[:, eligible].all(axis=1)
-    if not common.any():
-        return int(np.argmax(rates))
-    rotation = np.array([[observation.rotation_deg for observation in view] for view in tuned])[common][:, eligible]
-    return int(eligible[np.argmin(np.mean(rotation**2, axis=0))])
+def _tune(series: Series, task: tuple[int, range]) -> tuple[Contestant, Choice, list[dict[str, Any]]]:
+    """Best variant and setting of a contestant, and a row for each that was tried."""
+    who, views = task
+    variants = series.contestants[who].variants
+    images = [[series.photograph(variant, view) for view in views] for variant in variants]
+
+    def observe(variant: int, choice: Choice) -> list[Observation]:
+        return [series.observe(variants[variant], choice, view, images[variant][view]) for view in views]
+
+    best, tried = tune({"pattern": range(len(variants)), **variants[0].settings}, observe, BUDGET)
+    rows = [
+        {"size": variants[variant].size, "setting": variants[variant].describe(setting), **_tuning_row(column)}
+        for (variant, setting), column in tried
+    ]
+    return variants[best[0]], best[1], rows
 
 
-def _tuning_rows(tuned: Sequence[Sequence[Observation]]) -> list[dict[str, Any]]:
-    rows = []
-    for k in range(len(tuned[0]) if tuned else 0):
-        kept = [view[k] for view in tuned if view[k].counts]
-        errors = statistics(np.array([observation.rotation_deg for observation in kept]))
-        rows.append({"rate": len(kept) / len(tuned), "rotation_deg": {key: errors[key] for key in ("rms", "median")}})
-    return rows
+def _tuning_row(column: Sequence[Observation]) -> dict[str, Any]:
+    errors = statistics(np.array([observation.rotation_deg for observation in column if observation.counts]))
+    return {
+        "rate": sum(observation.counts for observation in column) / len(column),
+        "rotation_deg": {key: errors[key] for key in ("rms", "median")},
+    }
 
 
 def comparison_results(

@@ -1,6 +1,7 @@
 """Square tags and ChArUco boards: detection by cv2.aruco, with the settings that determine its accuracy."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -43,12 +44,10 @@ class FiducialSettings:
     refinement : str
         Refinement of the tags' corners: ``none``, ``subpix`` (cornerSubPix), ``contour`` (lines through the contour's
         pixels) or ``apriltag`` (lines through the gradient's edge, and quads found as AprilTag 2 does).
-    enlarge : int
-        Factor of enlargement before the search, by cubic interpolation.
     window : int
-        Half the window of ``subpix``, px of the image as taken, but at most half a cell of the tag.
+        Half the window of ``subpix``, px, but at most half a cell of the tag.
     quad_sigma : float
-        Blur for the quad search of ``apriltag``, px of the enlarged image.
+        Blur for the quad search of ``apriltag``, px.
     threshold_window : int
         Window of the adaptive threshold, px; 0 tries OpenCV's three, 3, 13 and 23.
     calibrated : bool
@@ -64,7 +63,6 @@ class FiducialSettings:
     """
 
     refinement: str = "subpix"
-    enlarge: int = 1
     window: int = 5
     quad_sigma: float = 0.0
     threshold_window: int = 0
@@ -74,43 +72,34 @@ class FiducialSettings:
     def __post_init__(self) -> None:
         if self.refinement not in REFINEMENTS:
             raise InputError("a known corner refinement", repr(self.refinement), f"known: {', '.join(REFINEMENTS)}")
-        if min(self.enlarge, self.window) < 1 or self.threshold_window in (1, 2) or self.min_tags not in (1, 2):
+        if self.window < 1 or self.threshold_window in (1, 2) or self.min_tags not in (1, 2):
             raise InputError("settings that cv2.aruco supports", str(self), "use the defaults")
 
-    def describe(self, fiducial: Fiducial) -> str:
-        """Describe in a few words the differences from a plain call, for that kind of fiducial."""
-        words = [self.refinement.upper()]
-        if self.refinement == "subpix" and isinstance(fiducial, Tag):
-            words.append(f"window {self.window} px")
-        if self.refinement == "apriltag" and self.quad_sigma:
-            words.append(f"quad sigma {self.quad_sigma:g}")
-        if self.threshold_window:
-            words.append(f"threshold window {self.threshold_window} px")
-        if isinstance(fiducial, Board):
-            words.append("calibrated" if self.calibrated else "uncalibrated")
-            words += ["min. 1 tag"] if self.min_tags == 1 else []
-        return ", ".join([*words, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
 
+TAG_SETTINGS: Mapping[str, FiducialSettings] = {
+    "NONE": FiducialSettings("none"),
+    "CONTOUR": FiducialSettings("contour"),
+    "CONTOUR, threshold window 53 px": FiducialSettings("contour", threshold_window=53),
+    "SUBPIX, window 3 px": FiducialSettings("subpix", window=3),
+    "SUBPIX, window 5 px": FiducialSettings("subpix", window=5),
+    "SUBPIX, window 8 px": FiducialSettings("subpix", window=8),
+    "SUBPIX, window 16 px": FiducialSettings("subpix", window=16),
+    "APRILTAG": FiducialSettings("apriltag"),
+    "APRILTAG, quad sigma 0.8": FiducialSettings("apriltag", quad_sigma=0.8),
+}
+"""Settings to choose from for a tag; the first is OpenCV's default."""
 
-def tag_settings() -> tuple[FiducialSettings, ...]:
-    """Return the settings to choose from for a tag; over the paper's poses, no others did better."""
-    return (
-        FiducialSettings("none"),
-        *(FiducialSettings("contour", k, threshold_window=w) for k in (1, 2) for w in (0, 53)),
-        *(FiducialSettings("subpix", k, window=w) for k in (1, 2) for w in (3, 5, 8)),
-        *(FiducialSettings("apriltag", k, quad_sigma=sigma) for k in (1, 2, 3) for sigma in (0.0, 0.8)),
-    )
-
-
-def board_settings() -> tuple[FiducialSettings, ...]:
-    """Return the settings to choose from for a board."""
-    return (
-        *(FiducialSettings(r, calibrated=c) for c in (False, True) for r in ("none", "subpix", "contour")),
-        FiducialSettings("subpix", calibrated=True, min_tags=1),
-        FiducialSettings("subpix", 2),
-        *(FiducialSettings(r, 2, calibrated=True) for r in REFINEMENTS),
-        FiducialSettings("subpix", 3, calibrated=True),
-    )
+BOARD_SETTINGS: Mapping[str, FiducialSettings] = {
+    "NONE, uncalibrated": FiducialSettings("none"),
+    "SUBPIX, uncalibrated": FiducialSettings("subpix"),
+    "CONTOUR, uncalibrated": FiducialSettings("contour"),
+    "NONE": FiducialSettings("none", calibrated=True),
+    "SUBPIX": FiducialSettings("subpix", calibrated=True),
+    "SUBPIX, min. 1 tag": FiducialSettings("subpix", calibrated=True, min_tags=1),
+    "CONTOUR": FiducialSettings("contour", calibrated=True),
+    "APRILTAG": FiducialSettings("apriltag", calibrated=True),
+}
+"""Settings to choose from for a board; the first is OpenCV's default, and those without a remark are calibrated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +111,7 @@ class FiducialDetection:
     ids : array (m,) of int
         Rows of the fiducial's `corners` that were found; empty if it was not found.
     pixels : array (m, 2), px
-        Corners in the image as taken, pixel centers at integer coordinates.
+        Corners, pixel centers at integer coordinates.
     reason : str
         Reason why it was not found; empty otherwise.
     """
@@ -171,18 +160,13 @@ def detect_fiducial(
     """
     if image.ndim != 2 or image.dtype != np.uint8:
         raise InputError("a grey image (h, w) of uint8", f"{image.shape} of {image.dtype}", "convert the image to grey")
-    k = settings.enlarge
-    searched = enlarged(image, k)
     if isinstance(fiducial, Tag):
-        found = _find_tag(searched, fiducial, settings)
-    else:
-        found = _find_board(searched, fiducial, settings, camera)
-    # The corner of the top left pixel, (-0.5, -0.5), stays in place when an image is enlarged.
-    return FiducialDetection(found.ids, (found.pixels + 0.5) / k - 0.5, found.reason)
+        return _find_tag(image, fiducial, settings)
+    return _find_board(image, fiducial, settings, camera)
 
 
 def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings) -> list[tuple[int, Array]]:
-    """Find the ids and corners (4, 2) in px of all tags of a family in a grey image, without enlarging it."""
+    """Find the ids and corners (4, 2) in px of all tags of a family in a grey image."""
     corners, ids, _ = _tag_detector(family, settings, _least_perimeter(image)).detectMarkers(image)
     numbers = [] if ids is None else [int(i) for i in np.ravel(ids)]
     offset = PIXEL_OFFSET[settings.refinement]
@@ -248,6 +232,24 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
 
 
+def enlarged_camera(camera: Camera, factor: int) -> Camera:
+    """Camera that takes enlarged images."""
+    return replace(
+        camera,
+        width=factor * camera.width,
+        height=factor * camera.height,
+        fx=factor * camera.fx,
+        fy=factor * camera.fy,
+        cx=factor * (camera.cx + 0.5) - 0.5,
+        cy=factor * (camera.cy + 0.5) - 0.5,
+    )
+
+
+def as_taken(pixels: Array, factor: int) -> Array:
+    """Pixels (..., 2) of an enlarged image in the image as taken."""
+    return np.asarray((pixels + 0.5) / factor - 0.5, dtype=float)
+
+
 def _least_perimeter(image: NDArray[np.uint8]) -> float:
     """Return the perimeter of the smallest tag as a share of the image's longer side."""
     return max(_LEAST_SHARE, _LEAST_PERIMETER_PX / max(image.shape))
@@ -258,7 +260,7 @@ def _parameters(settings: FiducialSettings) -> Any:
 
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{settings.refinement.upper()}")
-    parameters.cornerRefinementWinSize = settings.window * settings.enlarge
+    parameters.cornerRefinementWinSize = settings.window
     parameters.relativeCornerRefinmentWinSize = 0.5
     parameters.cornerRefinementMaxIterations = _ITERATIONS
     parameters.cornerRefinementMinAccuracy = _ACCURACY_PX
@@ -286,11 +288,7 @@ def _board_detector(board: Board, settings: FiducialSettings, camera: Camera | N
     parameters.minMarkers = settings.min_tags
     parameters.tryRefineMarkers = settings.calibrated
     if camera is not None and LENSES[camera.distortion.model].opencv:
-        k = settings.enlarge
-        matrix = camera.matrix
-        matrix[:2] *= k
-        matrix[:2, 2] += (k - 1) / 2
-        parameters.cameraMatrix = matrix
+        parameters.cameraMatrix = camera.matrix
         parameters.distCoeffs = np.array(camera.distortion.coefficients or (0.0,) * 4)
     layout = cv2.aruco.CharucoBoard(
         (board.columns, board.rows), board.square, board.tag_side, _dictionary(board.family)

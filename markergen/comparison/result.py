@@ -147,6 +147,8 @@ def comparison_tables(results: Mapping[str, Any], cpu_s: Mapping[str, float] | N
         _overview(results),
         _patterns(results, cpu_s or {}),
         _common(results),
+        _photometric(results),
+        _settings(results),
         _split(results, "by_polar_angle", "deg", "tilt"),
         _split(results, "by_distance", "m", "distance"),
     ]
@@ -241,6 +243,38 @@ def _common(results: Mapping[str, Any]) -> Table:
     header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
     title = f"Over the {views['common']} of {views['count']} views found by all that found 90 %"
     return Table(title, header, rows, "Flips are counted over all views.")
+
+
+def _photometric(results: Mapping[str, Any]) -> Table:
+    rows = []
+    for name, entry in _named(results):
+        fit = entry["photometric"]
+        error, bound = fit["rotation_deg"]["rms"], fit["bound"]["rotation_deg"]
+        rows.append(
+            [
+                name,
+                number(error),
+                _interval(fit["interval"]["rotation_deg"]),
+                number(fit["rotation_deg"]["median"]),
+                number(bound),
+                number(error / bound, 2) if error and bound else "-",
+            ]
+        )
+    header = ["", "RE rms", "95 %", "median", "RE bound", "RE/bound"]
+    caption = "A fit of each known picture to all grey levels, from its detector's pose, in the views that it found."
+    return Table("The same refiner for all", header, rows, caption)
+
+
+def _settings(results: Mapping[str, Any]) -> Table:
+    rows = []
+    for name, entry in _named(results):
+        tried = entry["tuning"]
+        chosen = [row for row in tried if (row["size"], row["setting"]) == (entry["size"], entry["setting"])]
+        errors = [number(row["rotation_deg"]["rms"]) for row in (*tried[:1], *chosen)] or ["-", "-"]
+        rows.append([name, str(len(tried)), *errors, tried[0]["setting"] if tried else "-"])
+    header = ["", "tried", "RE of the first", "RE of the best", "first"]
+    caption = "RE rms in views apart from those above; the file of results has every setting that was tried."
+    return Table("Settings", header, rows, caption)
 
 
 def _interval(ends: Sequence[float] | None) -> str:

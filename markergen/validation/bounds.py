@@ -29,7 +29,8 @@ from markergen.objectives import Setting
 from markergen.objectives.observation import through_lens
 from markergen.optimize.dot_count import outlook
 from markergen.render import Optics, Patch, expected_levels, window_of
-from markergen.render.optics import FULL_SCALE, light_at
+from markergen.render.optics import FULL_SCALE, Grey, light_at
+from markergen.render.view import Window
 from markergen.validation.metrics import rms
 from markergen.validation.views import SyntheticViews
 
@@ -125,25 +126,33 @@ def photometric_bounds(scene: Scene, camera: Camera, poses: PoseDistribution, op
 
 
 def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation: Array, optics: Optics) -> Array:
+    # Most of an image is empty.
+    window = window_of(scene(rotation, translation), camera, rotation, translation, optics)
+    _, gradient, sigma = grey_gradient(scene, camera, rotation, translation, optics, window)
+    # Fisher information of independent Gaussian grey levels: the sum of g g' / sigma^2 over all pixels.
+    weighted = (gradient / sigma).reshape(6, -1)
+    return np.asarray(weighted @ weighted.T)
+
+
+def grey_gradient(
+    scene: Scene, camera: Camera, rotation: Array, translation: Array, optics: Optics, window: Window
+) -> tuple[Grey, Grey, Array]:
+    """Expected grey levels (h, w) of a window, their gradient (6, h, w) by the pose, and their noise (h, w)."""
     patches = scene(rotation, translation)
     reach = max(float(np.linalg.norm(outline, axis=-1).max()) for patch in patches for outline in patch.outlines)
-    # Most of an image is empty.
-    window = window_of(patches, camera, rotation, translation, optics)
-    sigma = optics.grey_noise(expected_levels(patches, camera, rotation, translation, optics, window))
+    expected = expected_levels(patches, camera, rotation, translation, optics, window)
     shift = STEP_PX * np.linalg.norm(translation) / camera.focal.mean()
     # A rotation moves the farthest outline by as much as a translation does.
     steps = np.diag(np.repeat([shift / reach, shift], 3))
     moved = [apply_pose_step(rotation[None], translation[None], sign * steps) for sign in (1, -1)]
-    gradient = np.empty((6, *sigma.shape), dtype=np.float32)
+    gradient = np.empty((6, *expected.shape), dtype=np.float32)
     for k in range(6):
         ahead, behind = (
             expected_levels(scene(turned[k], moved_to[k]), camera, turned[k], moved_to[k], optics, window)
             for turned, moved_to in moved
         )
         gradient[k] = (ahead - behind) / (2 * steps[k, k])
-    # Fisher information of independent Gaussian grey levels: the sum of g g' / sigma^2 over all pixels.
-    weighted = (gradient / sigma).reshape(6, -1)
-    return np.asarray(weighted @ weighted.T)
+    return expected, gradient, optics.grey_noise(expected)
 
 
 def image_covariance(

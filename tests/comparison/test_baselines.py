@@ -8,7 +8,6 @@ from markergen.comparison.baselines import DEFAULTS, line_up
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
-from markergen.comparison.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project
 from markergen.model.body_json import to_json
@@ -23,7 +22,10 @@ POSES = paper()
 OPTICS = Optics(noise_grey=0)
 TAG = SquareTag("tag", Tag("apriltag:36h11", 0, 0.16), 0.15)
 BOARD = ChArUco("board", Board("aruco:DICT_4X4_50", 5, 5, 0.042), 0.15)
-SETTINGS = {"tag": FiducialSettings("apriltag", 2), "board": FiducialSettings("subpix", 2, calibrated=True)}
+SETTINGS = {
+    "tag": {"detector": "APRILTAG", "image": "image x2"},
+    "board": {"detector": "SUBPIX", "image": "image x2"},
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def see(contestant, pose, moved=None, camera=PAPER_CAMERA, optics=OPTICS):
 )
 def test_the_pose_is_the_one_it_was_seen_from(name, camera, dots):
     contestant = {"dots": dots, "tag": TAG, "board": BOARD}[name]
-    found = contestant.sight(see(contestant, 129, camera=camera), camera, SETTINGS.get(name), 0.0)
+    found = contestant.sight(see(contestant, 129, camera=camera), camera, SETTINGS.get(name, {}), 0.0)
     assert not found.reason
     # Without noise: what is left is the detectors' own error, 0.001 deg for dots and up to 0.1 deg for corners.
     assert rotation_error_deg(found.rotation, POSES.rotation[129]) < (0.01 if name == "dots" else 0.3)
@@ -53,7 +55,7 @@ def test_the_pose_is_the_one_it_was_seen_from(name, camera, dots):
 def test_what_is_not_there_has_a_reason(dots):
     nothing = np.full((480, 640), 225, dtype=np.uint8)
     for contestant in (dots, TAG, BOARD):
-        found = contestant.sight(nothing, PAPER_CAMERA, SETTINGS.get(contestant.name), 0.0)
+        found = contestant.sight(nothing, PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 0.0)
         assert found.rotation is None
         assert found.reason
 
@@ -83,7 +85,7 @@ def test_a_displaced_print_is_seen_displaced(dots):
     for contestant in (dots, TAG):
         moved = np.zeros_like(contestant.print_error(0.0, np.random.default_rng(0)))
         moved[:, 0] = 2e-3
-        found = contestant.sight(see(contestant, 0, moved), PAPER_CAMERA, SETTINGS.get(contestant.name), 2e-3)
+        found = contestant.sight(see(contestant, 0, moved), PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 2e-3)
         shifted = contestant.points + [2e-3, 0, 0]
         truth = project(shifted, POSES.rotation[:1], POSES.translation[:1], PAPER_CAMERA.matrix)[0]
         # Shifted by 2.7 px; corners are found to 0.1 px.
@@ -127,7 +129,7 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
 def test_an_inverted_marker_meets_inverted_layouts(pentagon):
     contestants, _ = line_up(["own", "ngon", "random"], given={"own": light_marker(pentagon)})
     assert all(each.body.light for each in contestants)
-    found = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, None, 0.0)
+    found = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, {}, 0.0)
     assert rotation_error_deg(found.rotation, POSES.rotation[129]) < 0.01
 
 
@@ -241,7 +243,7 @@ def test_a_checkerboard_is_found_alike_whatever_has_drawn_from_opencv_before():
     image, left = see(board, 129), []
     for seed in (1, 2):
         cv2.setRNGSeed(seed)
-        assert board.find(image, PAPER_CAMERA, board.settings[0]).ids.size == 16
+        assert board.find(image, PAPER_CAMERA, ()).ids.size == 16
         # What the generator gives next follows from the image alone.
         left.append(cv2.randu(np.zeros((1, 4), np.uint8), 0, 255).tolist())
     assert left[0] == left[1]

@@ -23,7 +23,7 @@ def test_each_is_found_where_it_is(contestant):
     exact = contestant.print_error(0.0, rng)
     for rotation, translation in zip(poses.rotation, poses.translation, strict=True):
         image = contestant.render(PAPER_CAMERA, (rotation, translation), Optics(), rng, exact)
-        seen = contestant.sight(image, PAPER_CAMERA, None, 0.0)
+        seen = contestant.sight(image, PAPER_CAMERA, {}, 0.0)
         pixels = PAPER_CAMERA.project(contestant.points[seen.ids], rotation[None], translation[None])[0]
         # Corners without refinement are rounded to a pixel.
         assert np.abs(seen.pixels - pixels).max() < 2
@@ -36,7 +36,7 @@ def test_print_errors_move_what_is_seen():
     moved = contestant.print_error(1e-3, np.random.default_rng(1))
     assert moved.std() == pytest.approx(1e-3, rel=0.4)
     image = contestant.render(PAPER_CAMERA, (rotation, translation), Optics(), np.random.default_rng(0), moved)
-    seen = contestant.sight(image, PAPER_CAMERA, None, 1e-3)
+    seen = contestant.sight(image, PAPER_CAMERA, {}, 1e-3)
     there = [each.to_body(np.column_stack([part, np.zeros(6)])) for each, part in _moved(moved)]
     pixels = PAPER_CAMERA.project(np.concatenate(there), rotation[None], translation[None])[0]
     np.testing.assert_allclose(seen.pixels, pixels[seen.ids], atol=0.2)

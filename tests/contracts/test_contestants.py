@@ -56,7 +56,9 @@ def exact(contestant):
 
 def best_sighting(contestant, pose, camera=PAPER_CAMERA):
     image = contestant.render(camera, pose, SILENT, np.random.default_rng(0), exact(contestant))
-    found = [contestant.sight(image, camera, choice, 0.0) for choice in contestant.settings or (None,)]
+    choices = [{"detector": row} for row in contestant.settings.get("detector", [])]
+    choices += [{"refiner": row} for row in contestant.settings.get("refiner", [])]
+    found = [contestant.sight(image, camera, choice, 0.0) for choice in choices or [{}]]
     turned = [
         (rotation_error_deg(each.rotation @ turn.T, pose[0]), each, turn)
         for each in found
@@ -140,17 +142,20 @@ def test_a_print_error_displaces_its_ink(name, contestant):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_nothing_is_found_in_nothing(name, contestant):
     nothing = np.full((240, 320), 225, dtype=np.uint8)
-    found = contestant.sight(nothing, PAPER_CAMERA, next(iter(contestant.settings), None), 0.0)
+    found = contestant.sight(nothing, PAPER_CAMERA, {}, 0.0)
     assert found.rotation is None
     assert found.reason
     assert contestant.size
-    assert contestant.describe(None)
+    assert contestant.describe({})
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_every_setting_has_words_of_its_own(name, contestant):
-    words = [contestant.describe(each) for each in contestant.settings]
-    assert len(set(words)) == len(words)
+    tables = contestant.settings
+    first = contestant.describe({})
+    words = {contestant.describe({name: row}) for name, rows in tables.items() for row in rows}
+    # Every row but the first of each table changes the description of the first setting.
+    assert len(words - {first}) == sum(len(rows) - 1 for rows in tables.values())
     assert not contestant.absent
     assert contestant.turns in (1, 2, 4)
 
@@ -167,7 +172,7 @@ def test_without_its_library_it_says_what_to_install(name, monkeypatch):
     found = KINDS[name](EXAMPLES[name], arena)
     assert isinstance(found, Absent)
     assert found.absent == f"needs {KINDS[name].requires}: pip install 'markergen[peers]'"
-    assert found.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, None, 0.0).reason == found.absent
+    assert found.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, {}, 0.0).reason == found.absent
 
 
 @pytest.mark.long

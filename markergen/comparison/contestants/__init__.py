@@ -4,11 +4,26 @@ from markergen.comparison.contestants.base import (
     KINDS,
     Absent,
     Arena,
+    Choice,
     Contestant,
     ContestantKind,
+    Image,
+    Pose,
     Sighting,
     forms,
     listed,
 )
 
-__all__ = ["KINDS", "Absent", "Arena", "Contestant", "ContestantKind", "Sighting", "forms", "listed"]
+__all__ = [
+    "KINDS",
+    "Absent",
+    "Arena",
+    "Choice",
+    "Contestant",
+    "ContestantKind",
+    "Image",
+    "Pose",
+    "Sighting",
+    "forms",
+    "listed",
+]

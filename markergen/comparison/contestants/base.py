@@ -2,7 +2,7 @@
 # tests: tests/comparison/test_baselines.py tests/comparison/test_rig_contestants.py
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import hypot, sqrt
 from typing import Any
@@ -20,9 +20,11 @@ from markergen.objectives import Setting
 from markergen.registry import Registry
 from markergen.render import Optics, Patch, expected_levels, render_patches
 from markergen.render.view import painted_body, photograph
-from markergen.validation.bounds import photometric_bounds
+from markergen.validation.bounds import Scene, photometric_bounds
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+Choice = Mapping[str, str]
+"""Row that is taken of each table of a contestant's settings; of those that it does not name, the first."""
 Pose = tuple[Array, Array]
 """Rotation (3, 3) and translation (3,), m, of the marker in the camera frame."""
 
@@ -68,11 +70,14 @@ class Contestant(ABC):
     turns : int
         Number of rotations about z that turn the labels of its points into themselves as far as its detector can tell.
         Of so many poses that look the same to it, the nearest to the true one counts.
+    detector : str
+        What finds it.
     """
 
     name: str
     absent: str = ""
     turns: int = 1
+    detector: str = OURS
 
     @property
     @abstractmethod
@@ -85,19 +90,28 @@ class Contestant(ABC):
         return (self,)
 
     @property
-    def settings(self) -> Sequence[Any]:
-        """Candidate detector settings, of which the best is chosen; empty for our own detector."""
-        return ()
+    def settings(self) -> Mapping[str, Mapping[str, Any]]:
+        """Tables of what can be set, from which the best rows are chosen; empty for our own detector.
+
+        A row is what is shown of a setting, and its value. First in each table is what its library does by default.
+        """
+        return {}
+
+    def chosen(self, choice: Choice) -> dict[str, Any]:
+        """Return the value of the row taken of each table."""
+        return {name: rows[choice.get(name, next(iter(rows)))] for name, rows in self.settings.items()}
 
     @property
     @abstractmethod
     def size(self) -> str:
         """Size, in words."""
 
-    def describe(self, setting: Any) -> str:
-        """Describe how it is detected."""
-        del setting
-        return OURS
+    def describe(self, choice: Choice) -> str:
+        """Describe how it is detected: its detector with its options, and other rows that are not the first."""
+        first = {name: next(iter(rows)) for name, rows in self.settings.items()}
+        taken = {name: choice.get(name, row) for name, row in first.items()}
+        rows = [row for name, row in taken.items() if row and (name == "detector" or row != first[name])]
+        return ", ".join([self.detector, *rows])
 
     @abstractmethod
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
@@ -107,10 +121,18 @@ class Contestant(ABC):
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
         """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
 
+    def scene(self, camera: Camera) -> Scene | None:
+        """Patches of an exact print by rotation (3, 3) and translation (3,), m; None if it is not seen as one plane."""
+        del camera
+        return None
+
     def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """Photometric bound of an exact print in one pose, deg and %; nan if it is not computed."""
-        del camera, poses, optics
-        return np.nan, np.nan
+        """Photometric bound of an exact print in one pose, deg and %; nan if it has no `scene`."""
+        scene = self.scene(camera)
+        if scene is None:
+            return np.nan, np.nan
+        bounds = photometric_bounds(scene, camera, poses, optics)
+        return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
 
     @abstractmethod
     def area(self, radius: float) -> float:
@@ -121,7 +143,7 @@ class Contestant(ABC):
         """Area in m^2 that is ink."""
 
     @abstractmethod
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
         """Detect it and estimate its pose."""
 
 
@@ -149,17 +171,14 @@ class PaintedContestant(Contestant):
 
         return photograph(painted_body(self.body, patches_of, camera, *pose), camera, optics, rng)
 
-    def scene(self, camera: Camera, plate: int = 0) -> Callable[[Array, Array], list[Patch]]:
-        """Patches of an exact print by rotation (3, 3) and translation (3,), for `photometric_bounds`."""
+    def plate_scene(self, camera: Camera, plate: int = 0) -> Scene:
+        """Patches of one plate of an exact print by its pose."""
         exact = self.by_plate(self.print_error(0.0, np.random.default_rng(0)))[plate]
         return lambda rotation, translation: self.patches(camera, (rotation, translation), exact, plate)
 
-    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """See `Contestant.bound`; there is none for several plates."""
-        if self.body is not None and len(self.body.plates) > 1:
-            return super().bound(camera, poses, optics)
-        bounds = photometric_bounds(self.scene(camera), camera, poses, optics)
-        return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
+    def scene(self, camera: Camera) -> Scene | None:
+        """See `Contestant.scene`; there is none for several plates."""
+        return self.plate_scene(camera) if self.body is None or len(self.body.plates) == 1 else None
 
     def area(self, radius: float) -> float:
         """See `Contestant.area`: that of a circle of this radius, of a rig that of all plates."""
@@ -177,7 +196,7 @@ class PaintedContestant(Contestant):
         camera = Camera(2 * _INK_PX + 1, 2 * _INK_PX + 1, focal, focal, _INK_PX, _INK_PX)
         pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, _INK_DISTANCE * radius])
         sharp = Optics(blur_px=0, noise_grey=0, dark=0, light=255)
-        level = expected_levels(self.scene(camera, plate)(*pose), camera, *pose, sharp)
+        level = expected_levels(self.plate_scene(camera, plate)(*pose), camera, *pose, sharp)
         x, y = np.meshgrid(*[np.arange(2 * _INK_PX + 1) - _INK_PX] * 2)
         inside = x**2 + y**2 <= (_INK_PX + 0.5) ** 2
         return float(np.sum(1 - level[inside] / 255.0, dtype=float)) * (radius / _INK_PX) ** 2
@@ -201,9 +220,9 @@ class Absent(PaintedContestant):
         """See `Contestant.size`."""
         return "not compared"
 
-    def describe(self, setting: Any) -> str:
+    def describe(self, choice: Choice) -> str:
         """See `Contestant.describe`."""
-        del setting
+        del choice
         return self.absent
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
@@ -216,9 +235,9 @@ class Absent(PaintedContestant):
         del camera, pose, moved, plate
         return []
 
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
         """See `Contestant.sight`: nothing."""
-        del image, camera, setting, print_sigma
+        del image, camera, choice, print_sigma
         return Sighting(reason=self.absent)
 
 

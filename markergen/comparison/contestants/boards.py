@@ -4,12 +4,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import Any
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, share_of
-from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, board_settings, detect_fiducial
+from markergen.comparison.fiducials import BOARD_SETTINGS, FiducialDetection, FiducialSettings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Board
@@ -29,6 +28,8 @@ class ChArUco(Squares):
     board: Board
     radius: float
     tuned: bool = False
+    detector = "cv2.aruco"
+    detectors = BOARD_SETTINGS
 
     @property
     def variants(self) -> Sequence["ChArUco"]:
@@ -41,11 +42,6 @@ class ChArUco(Squares):
     def plane_points(self) -> Array:
         """See `Printed.plane_points`: the inner corners."""
         return self.board.corners
-
-    @property
-    def settings(self) -> Sequence[FiducialSettings]:
-        """See `Contestant.settings`."""
-        return board_settings()
 
     @property
     def size(self) -> str:
@@ -61,18 +57,14 @@ class ChArUco(Squares):
         """See `Squares.lattice`."""
         return Lattice(self.board.columns, self.board.rows, self.board.square)
 
-    def describe(self, setting: FiducialSettings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"cv2.aruco, {(setting or self.settings[0]).describe(self.board)}"
-
     @property
     def exact_outlines(self) -> tuple[Array, ...]:
         """See `Squares.exact_outlines`."""
         return self.board.outlines
 
-    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: FiducialSettings) -> FiducialDetection:
         """See `Printed.find`."""
-        return detect_fiducial(image, self.board, setting, camera)
+        return detect_fiducial(image, self.board, options, camera)
 
 
 def _board(text: str, arena: Arena) -> ChArUco:

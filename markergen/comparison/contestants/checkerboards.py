@@ -8,8 +8,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
-from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, ours
-from markergen.comparison.fiducials import FiducialDetection, enlarged
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import cell_outlines, to_plane
@@ -17,27 +17,12 @@ from markergen.model.tag import cell_outlines, to_plane
 FORM = "checkerboard:COLUMNSxROWS"
 
 
-@dataclass(frozen=True)
-class CheckerboardSettings:
-    """Settings of cv2.findChessboardCornersSB: its flags by name, and a factor of enlargement before it."""
-
-    flags: tuple[str, ...] = ()
-    enlarge: int = 1
-
-    def describe(self) -> str:
-        """Describe in a few words the differences from a plain call."""
-        return ", ".join([*self.flags, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])]) or "no flags"
-
-
-SETTINGS = (
-    CheckerboardSettings(),
-    CheckerboardSettings(("ACCURACY",)),
-    CheckerboardSettings(("EXHAUSTIVE",)),
-    CheckerboardSettings(enlarge=2),
-    CheckerboardSettings(("EXHAUSTIVE",), 2),
-)
-"""Over the paper's poses, NORMALIZE_IMAGE misses half of the boards; ACCURACY in an enlarged image takes 0.8 s for
-errors a tenth smaller."""
+FLAGS: dict[str, tuple[str, ...]] = {
+    "no flags": (),
+    "ACCURACY": ("ACCURACY",),
+    "EXHAUSTIVE": ("EXHAUSTIVE",),
+}
+"""Flags of cv2.findChessboardCornersSB. Over the paper's poses, NORMALIZE_IMAGE misses half of the boards."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +32,7 @@ class Checkerboard(Squares):
     name: str
     squares: Lattice
     radius: float
-    settings = SETTINGS
+    detectors = FLAGS
     detector = "cv2.findChessboardCornersSB"
 
     @property
@@ -77,18 +62,18 @@ class Checkerboard(Squares):
         black = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
         return tuple(to_plane(outline, columns, rows, side) for outline in cell_outlines(black))
 
-    def find(self, image: Grey, camera: Camera, setting: CheckerboardSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: tuple[str, ...]) -> FiducialDetection:
         """See `Printed.find`."""
         import cv2
 
         del camera
-        flags = sum(getattr(cv2, f"CALIB_CB_{name}") for name in setting.flags)
+        flags = sum(getattr(cv2, f"CALIB_CB_{name}") for name in options)
         size = (self.lattice.columns - 1, self.lattice.rows - 1)
         cv2.setRNGSeed(0)  # It draws from OpenCV's own generator, so that the same image had different answers.
-        is_found, corners = cv2.findChessboardCornersSB(enlarged(image, setting.enlarge), size, flags=flags)
+        is_found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
         if not is_found:
             return FiducialDetection(reason="no checkerboard")
-        return FiducialDetection(np.arange(len(self.points)), ours(corners.reshape(-1, 2), setting.enlarge))
+        return FiducialDetection(np.arange(len(self.points)), corners.reshape(-1, 2).astype(float))
 
 
 def _board(text: str, arena: Arena) -> Checkerboard:

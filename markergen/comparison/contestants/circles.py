@@ -9,8 +9,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
-from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, lm_pose, ours, share_of
-from markergen.comparison.fiducials import FiducialDetection, enlarged
+from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, pose_of, share_of
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
 from markergen.model.camera import Camera
@@ -24,34 +24,10 @@ _LEAST_AREA_PX = 10.0
 misses 17 %; 5 finds no more than 10."""
 
 
-@dataclass(frozen=True)
-class CircleSettings:
-    """Settings of cv2.findCirclesGrid and its blob detector.
-
-    Attributes
-    ----------
-    step : float
-        Step between the thresholds at which blobs are sought, grey levels; OpenCV's default is 10.
-    enlarge : int
-        Factor of enlargement before the search, by cubic interpolation.
-    corrected : bool
-        Correct the centers of the images of circles for perspective, which OpenCV does not.
-    """
-
-    step: float = 10.0
-    enlarge: int = 1
-    corrected: bool = False
-
-    def describe(self) -> str:
-        """Describe in a few words the differences from a plain call."""
-        parts = [f"threshold step {self.step:g}"]
-        parts += [f"image x{self.enlarge}"] if self.enlarge > 1 else []
-        return ", ".join([*parts, *(["our correction for perspective"] if self.corrected else [])])
-
-
-SETTINGS = tuple(
-    CircleSettings(step, k, corrected) for corrected in (False, True) for step in (10.0, 5.0) for k in (1, 2)
-)
+STEPS = {f"threshold step {step:g}": step for step in (10.0, 5.0, 2.0)}
+"""Steps between the thresholds at which blobs are sought, grey levels; OpenCV's default is 10."""
+CENTERS = {"cv2's centers": False, "our correction of the centers for perspective": True}
+"""OpenCV returns the center of a circle's image, which is not the image of its center."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +41,8 @@ class CircleGrid(Printed):
     pitch: float
     diameter: float
     radius: float
-    settings = SETTINGS
+    detectors = STEPS
+    refiners = CENTERS
     detector = "cv2.findCirclesGrid, clustering"
 
     @property
@@ -93,27 +70,30 @@ class CircleGrid(Printed):
         """See `Printed.outlines`."""
         return disk_outlines(self.plane_points + moved, self.diameter / 2, scale_px)
 
-    def find(self, image: Grey, camera: Camera, setting: CircleSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: float) -> FiducialDetection:
         """See `Printed.find`."""
         import cv2
 
+        del camera
         flags = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
         # Without clustering a third of the paper's views are missed, and the others are no better.
         flags |= cv2.CALIB_CB_CLUSTERING
-        searched = enlarged(image, setting.enlarge)
-        blobs = _blob_detector(setting.step, setting.enlarge, searched.size / len(self.points))
-        is_found, centers = cv2.findCirclesGrid(searched, (self.columns, self.rows), flags=flags, blobDetector=blobs)
+        blobs = _blob_detector(options, image.size / len(self.points))
+        is_found, centers = cv2.findCirclesGrid(image, (self.columns, self.rows), flags=flags, blobDetector=blobs)
         if not is_found:
             return FiducialDetection(reason="no grid")
-        pixels = ours(centers.reshape(-1, 2), setting.enlarge)
-        ids = np.arange(len(pixels))
-        return FiducialDetection(ids, self._corrected(pixels, camera) if setting.corrected else pixels)
+        return FiducialDetection(np.arange(len(self.points)), centers.reshape(-1, 2).astype(float))
+
+    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: bool) -> Array:
+        """See `Printed.refine`."""
+        del image
+        return self._corrected(detection.pixels, camera) if refiner else detection.pixels
 
     def _corrected(self, pixels: Array, camera: Camera) -> Array:
         """Images (n, 2) of the circles' centers, from the centers of their images; without lens distortion exactly."""
         corrected = pixels
         for _ in range(_ROUNDS):
-            rotation, translation = lm_pose(self.points, corrected, camera)
+            rotation, translation = pose_of(self.points, corrected, camera)
             if not np.isfinite(translation).all():
                 return pixels
             homography = plane_homography(rotation[None], translation[None], camera.matrix)
@@ -133,14 +113,14 @@ def unit_grid(columns: int, rows: int, asymmetric: bool) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _blob_detector(step: float, enlarge: int, most_px: float) -> Any:
+def _blob_detector(step: float, most_px: float) -> Any:
     import cv2 as untyped
 
     cv2: Any = untyped
     parameters = cv2.SimpleBlobDetector_Params()
     parameters.thresholdStep = step
-    parameters.minDistBetweenBlobs = 3.0 * enlarge
-    parameters.minArea, parameters.maxArea = _LEAST_AREA_PX * enlarge**2, most_px
+    parameters.minDistBetweenBlobs = 3.0
+    parameters.minArea, parameters.maxArea = _LEAST_AREA_PX, most_px
     # Both leave out small or steeply tilted circles.
     parameters.filterByInertia = parameters.filterByConvexity = False
     return cv2.SimpleBlobDetector_create(parameters)

@@ -3,12 +3,20 @@
 
 from dataclasses import dataclass
 from math import pi, sin
-from typing import Any
 
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Image, PaintedContestant, Pose, Sighting
+from markergen.comparison.contestants.base import (
+    KINDS,
+    Arena,
+    Choice,
+    ContestantKind,
+    Image,
+    PaintedContestant,
+    Pose,
+    Sighting,
+)
 from markergen.detect import detect
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -58,9 +66,9 @@ class DotBody(PaintedContestant):
         printed = displaced(self.body.plates[plate].marker, moved)
         return seen_patches(printed, camera, *pose, margin=float(self.body.margins[plate]))
 
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""
-        del setting
+        del choice
         detection = detect(image, self.body, camera, ErrorSources(print_sigma=print_sigma))
         if not detection.ok or detection.pose is None:
             return Sighting(reason=detection.reason or "no pose")

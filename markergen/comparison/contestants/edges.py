@@ -1,7 +1,7 @@
 """Square tags found by cv2.aruco, whose corners are the intersections of lines that we fit to their edges."""
 # tests: tests/comparison/test_edges.py tests/contracts/test_contestants.py
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, Choice, ContestantKind
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.fiducials import FiducialDetection, FiducialSettings, detect_fiducial
+from markergen.comparison.fiducials import TAG_SETTINGS, FiducialDetection
 from markergen.maths.projection import from_pixels, to_pixels
 from markergen.model.camera import Camera
 
+DETECTORS = {name: TAG_SETTINGS[name] for name in ("SUBPIX, window 5 px", "APRILTAG")}
+REFINERS: Mapping[str, Any] = {"our lines fitted to the grey levels of its edges": None}
 BAND_PX = 3.0
 """Farthest pixels from an edge that are fitted, px, but no farther than `_CELL_SHARE` of a cell."""
 _CELL_SHARE = 0.7
@@ -35,24 +37,17 @@ _CORNER_BLURS = 3.5
 class EdgeTag(SquareTag):
     """A square tag, found by cv2.aruco with corners that are then fitted by us."""
 
-    @property
-    def settings(self) -> Sequence[Any]:
-        """See `Contestant.settings`: that which misses the fewest tags."""
-        return (FiducialSettings("subpix"),)
+    detectors = DETECTORS
+    refiners = REFINERS
 
-    def describe(self, setting: Any) -> str:
+    def describe(self, choice: Choice) -> str:
         """See `Contestant.describe`."""
-        return f"{super().describe(setting)}, then our lines fitted to the grey levels of its edges"
+        return ", ".join([super().describe(choice), *self.refiners])
 
-    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
-        """See `Printed.find`."""
-        detection = detect_fiducial(image, self.tag, setting, camera)
-        if not detection.found:
-            return detection
-        corners = fit_edges(image, detection.pixels, self.tag.cells, camera)
-        return (
-            FiducialDetection(detection.ids, corners) if corners is not None else FiducialDetection(reason="no edges")
-        )
+    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+        """See `Printed.refine`."""
+        del refiner
+        return fit_edges(image, detection.pixels, self.tag.cells, camera)
 
 
 def fit_edges(image: NDArray[np.uint8], corners: Array, cells: int, camera: Camera) -> Array | None:

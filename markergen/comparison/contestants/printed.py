@@ -2,25 +2,39 @@
 # tests: tests/comparison/test_baselines.py tests/comparison/test_rig_contestants.py
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, log2
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import Image, PaintedContestant, Pose, Sighting
-from markergen.comparison.fiducials import FiducialDetection
+from markergen.comparison.contestants.base import Choice, Image, PaintedContestant, Pose, Sighting
+from markergen.comparison.fiducials import FiducialDetection, as_taken, enlarged, enlarged_camera
 from markergen.errors import InputError
-from markergen.estimators import Correspondences
-from markergen.estimators.lm import LM
+from markergen.estimators import ESTIMATORS, Correspondences
 from markergen.model.camera import Camera
 from markergen.render import Patch, circle
 from markergen.render.patches import circle_vertices
 
 Grey = NDArray[np.uint8]
+
+IMAGES = {"image as it is": 1, "image x2": 2, "image x3": 3, "image x4": 4}
+"""Factors of enlargement before any detector, by cubic interpolation."""
+CORNER_WINDOWS = {
+    "its own corners": 0.0,
+    **{f"then cornerSubPix, half window {share:g} of the spacing": share for share in (0.15, 0.3, 0.5, 0.7)},
+}
+"""Half windows of cv2.cornerSubPix in the image as taken, for any detector of corners, in `Squares.spacing`."""
+POSES = {"pose by LM": "lm", "pose by IPPE": "ippe", "pose by SQPnP": "sqpnp"}
+"""Estimators of the pose: least squares in the image as for ours, OpenCV's own for tags, and one that minimizes the
+error in space, as AprilTag's own does."""
+_TERMINATION = (3, 200, 1e-3)
+"""Termination of cornerSubPix, by count and accuracy; its examples' 30 and 0.1 px stop as far from the minimum as the
+desired error."""
 
 
 class Printed(PaintedContestant):
@@ -30,13 +44,19 @@ class Printed(PaintedContestant):
     ----------
     radius : float
         Radius of the disk, m.
-    detector : str
-        What finds it.
+    detectors, refiners : mapping
+        Tables of settings of its detector, and of what can be done to the points that it finds.
     """
 
     radius: float
-    detector: str
     body = None
+    detectors: ClassVar[Mapping[str, Any]] = {"": None}
+    refiners: ClassVar[Mapping[str, Any]] = {"": None}
+
+    @property
+    def settings(self) -> Mapping[str, Mapping[str, Any]]:
+        """See `Contestant.settings`."""
+        return {"detector": self.detectors, "refiner": self.refiners, "image": IMAGES, "pose": POSES}
 
     @property
     @abstractmethod
@@ -52,13 +72,14 @@ class Printed(PaintedContestant):
     def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
         """Outlines (m, 2) in m of the ink of a print, to be filled even-odd; `scale_px` is 1 m in px of the image."""
 
-    def describe(self, setting: Any) -> str:
-        """See `Contestant.describe`."""
-        return f"{self.detector}, {(setting or self.settings[0]).describe()}"
-
     @abstractmethod
-    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
-        """Find its points in an image."""
+    def find(self, image: Grey, camera: Camera, options: Any) -> FiducialDetection:
+        """Find its points in an image, with options from `detectors`."""
+
+    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+        """Improve the points (m, 2), px, that were found, by a value from `refiners`; None if there is nothing left."""
+        del image, camera, refiner
+        return detection.pixels
 
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
         """See `PaintedContestant.patches`."""
@@ -68,19 +89,24 @@ class Printed(PaintedContestant):
         scale_px = 2.0 ** ceil(log2(camera.focal.max() / nearest))
         return _drawn(self, moved, scale_px) if moved.any() else _exact(self, moved.shape, scale_px)
 
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
-        """See `Contestant.sight`. The pose is from Levenberg-Marquardt over all points found, like ours."""
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
+        """See `Contestant.sight`."""
         del print_sigma
         # Most libraries require 8 bits.
-        grey = image if image.dtype == np.uint8 else image >> 8
-        setting = self.settings[0] if setting is None else setting
-        detection = self.find(np.ascontiguousarray(grey, dtype=np.uint8), camera, setting)
+        grey = np.ascontiguousarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
+        chosen = self.chosen(choice)
+        factor = chosen["image"]
+        detection = self.find(enlarged(grey, factor), enlarged_camera(camera, factor), chosen["detector"])
         if not detection.found:
             return Sighting(reason=detection.reason)
-        rotation, translation = lm_pose(self.points[detection.ids], detection.pixels, camera)
+        detection = replace(detection, pixels=as_taken(detection.pixels, factor))
+        pixels = self.refine(grey, camera, detection, chosen["refiner"])
+        if pixels is None:
+            return Sighting(reason="nothing to refine")
+        rotation, translation = pose_of(self.points[detection.ids], pixels, camera, chosen["pose"])
         if not np.isfinite(translation).all():
             return Sighting(reason="points that determine no pose")
-        return Sighting(detection.ids, detection.pixels, rotation, translation)
+        return Sighting(detection.ids, pixels, rotation, translation)
 
 
 def _drawn(pattern: Printed, moved: Array, scale_px: float) -> list[Patch]:
@@ -94,9 +120,10 @@ def _exact(pattern: Printed, shape: tuple[int, int], scale_px: float) -> list[Pa
     return _drawn(pattern, np.zeros(shape), scale_px)
 
 
-def lm_pose(points: Array, pixels: Array, camera: Camera) -> Pose:
-    """Pose by Levenberg-Marquardt from points (m, 3) and their pixels (m, 2); nan if they determine none."""
-    rotation, translation = Correspondences.from_distorted(points, pixels[None], camera).once(LM).best
+def pose_of(points: Array, pixels: Array, camera: Camera, estimator: str = "lm") -> Pose:
+    """Pose from points (m, 3) and their pixels (m, 2) by an entry of `ESTIMATORS`; nan if they determine none."""
+    solver: Any = ESTIMATORS[estimator]
+    rotation, translation = Correspondences.from_distorted(points, pixels[None], camera).once(solver).best
     return rotation[0], translation[0]
 
 
@@ -155,10 +182,39 @@ class Squares(Printed):
     def lattice(self) -> Lattice:
         """The squares."""
 
+    refiners: ClassVar[Mapping[str, Any]] = CORNER_WINDOWS
+
     @property
     @abstractmethod
     def exact_outlines(self) -> tuple[Array, ...]:
         """Outlines (m, 2) in m of the ink of an exact print."""
+
+    @property
+    def spacing(self) -> float:
+        """Distance in m from a corner to the next along an edge, or to the end of the white beside it."""
+        return self.lattice.side
+
+    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+        """See `Printed.refine`: by cornerSubPix with a window of each corner's own, a share of its spacing."""
+        if not refiner:
+            return detection.pixels
+        import cv2
+
+        points = self.points[detection.ids]
+        rotation, translation = pose_of(points, detection.pixels, camera)
+        if not np.isfinite(translation).all():
+            return detection.pixels
+        across = [points + self.spacing * np.array(step) for step in ((1, 0, 0), (0, 1, 0))]
+        ends = [camera.project(end, rotation[None], translation[None])[0] for end in (points, *across)]
+        shortest = np.min([np.linalg.norm(end - ends[0], axis=-1) for end in ends[1:]], axis=0)
+        # cornerSubPix needs an image that is larger than its window by 5 px.
+        windows = np.clip(np.rint(refiner * shortest), 1, (min(image.shape) - 5) // 2).astype(int)
+        refined = detection.pixels.astype(np.float32)
+        for window in np.unique(windows).tolist():
+            rows = windows == window
+            corners = refined[rows].reshape(-1, 1, 2)
+            refined[rows] = cv2.cornerSubPix(image, corners, (window, window), (-1, -1), _TERMINATION)[:, 0]
+        return refined.astype(float)
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each corner of a square."""
@@ -174,11 +230,6 @@ def disk_outlines(centers: Array, radius: float, scale_px: float) -> tuple[Array
     """Outlines (m, 2) of disks about centers (n, 2), m, as fine as their image needs at `scale_px` px per m."""
     rim = circle(np.zeros(3), radius, circle_vertices(radius * scale_px))[:, :2]
     return tuple(center + rim for center in centers)
-
-
-def ours(pixels: Array, factor: int) -> Array:
-    """Convert pixels (..., 2) of an enlarged image: the corner of the top left pixel, (-0.5, -0.5), stays in place."""
-    return np.asarray((pixels + 0.5) / factor - 0.5, dtype=float)
 
 
 def grid_size(text: str, form: str, example: str) -> tuple[int, int, str]:

@@ -1,6 +1,7 @@
 """AprilTags, detected by AprilTag's own library as packaged in pupil-apriltags."""
 # tests: tests/contracts/test_contestants.py
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -8,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
-from markergen.comparison.contestants.printed import Grey, Printed, ours
+from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.fiducials import FiducialDetection, enlarged
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 
@@ -22,68 +23,45 @@ _OFFSET_PX = 0.5
 """It counts pixels from the corner of the top left one."""
 
 
-@dataclass(frozen=True)
-class PupilSettings:
-    """Settings of pupil_apriltags.Detector, and a factor of enlargement before it."""
-
-    quad_decimate: float = 1.0
-    quad_sigma: float = 0.0
-    refine_edges: bool = True
-    enlarge: int = 1
-
-    def describe(self) -> str:
-        """Describe in a few words."""
-        parts = [f"quad_decimate {self.quad_decimate:g}", f"quad_sigma {self.quad_sigma:g}"]
-        parts += [] if self.refine_edges else ["refine_edges 0"]
-        return ", ".join([*parts, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
-
-
-SETTINGS = (
-    *(PupilSettings(1.0, sigma, refine, k) for k in (1, 2) for sigma in (0.0, 0.8) for refine in (True, False)),
-    PupilSettings(2.0),
-    PupilSettings(2.0, enlarge=2),
-)
+OPTIONS: Mapping[str, Any] = {
+    "quad_decimate 2": {},
+    "quad_decimate 1": {"quad_decimate": 1.0},
+    "quad_decimate 1, quad_sigma 0.8": {"quad_decimate": 1.0, "quad_sigma": 0.8},
+    "quad_decimate 1, quad_sigma 1.2": {"quad_decimate": 1.0, "quad_sigma": 1.2},
+    "quad_decimate 1, refine_edges 0": {"quad_decimate": 1.0, "refine_edges": 0},
+    "quad_decimate 1, quad_sigma 0.8, refine_edges 0": {"quad_decimate": 1.0, "quad_sigma": 0.8, "refine_edges": 0},
+}
+"""Options of pupil_apriltags.Detector; the first are its defaults. A quad_sigma of 0.4 changes nothing: its kernel
+has one pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class PupilTag(SquareTag):
     """An AprilTag that pupil-apriltags looks for."""
 
-    settings = SETTINGS
     detector = "pupil-apriltags"
-    describe = Printed.describe
+    detectors = OPTIONS
 
-    def find(self, image: Grey, camera: Camera, setting: PupilSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: dict[str, float]) -> FiducialDetection:
         """See `Printed.find`."""
         del camera
-        detector = _detector(self.tag.family.partition(":")[2], setting)
-        detections = [
-            detection
-            for detection in detector.detect(enlarged(image, setting.enlarge))
-            if detection.tag_id == self.tag.id
-        ]
+        detector = _detector(self.tag.family.partition(":")[2], **options)
+        detections = [detection for detection in detector.detect(image) if detection.tag_id == self.tag.id]
         if not detections:
             return FiducialDetection(reason=f"no tag with id {self.tag.id}")
         best = max(detections, key=lambda detection: float(detection.decision_margin))
-        corners = np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX
-        return FiducialDetection(np.arange(4), ours(corners, setting.enlarge))
+        return FiducialDetection(np.arange(4), np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX)
 
 
 @cache
-def _detector(family: str, setting: PupilSettings) -> Any:
+def _detector(family: str, **options: float) -> Any:
     import pupil_apriltags
 
     class Kept(pupil_apriltags.Detector):  # type: ignore[misc]
         def __del__(self) -> None:
             """Do nothing: the library's destructor corrupts memory once there are two detectors of one family."""
 
-    return Kept(
-        families=f"tag{family}",
-        nthreads=1,
-        quad_decimate=setting.quad_decimate,
-        quad_sigma=setting.quad_sigma,
-        refine_edges=int(setting.refine_edges),
-    )
+    return Kept(families=f"tag{family}", nthreads=1, **options)
 
 
 def _tag(text: str, arena: Arena) -> PupilTag:

@@ -27,25 +27,9 @@ TIERS = {"wide": ((8.0, 24.0), (20.0, 60.0), (50.0, 150.0)), "narrow": ((8.0, 20
 """Ranges of the diameters of rings in px, each searched in turn."""
 
 
-@dataclass(frozen=True)
-class RingGridSettings:
-    """Settings of ringgrid's detector.
-
-    Attributes
-    ----------
-    scales : str
-        Diameters of rings to look for: ``adaptive``, those of its presets ``two_tier_standard`` and ``four_tier_wide``,
-        or a key of `TIERS`. Centers are corrected for perspective, its default.
-    """
-
-    scales: str = "adaptive"
-
-    def describe(self) -> str:
-        """Describe in a few words."""
-        return f"scales {self.scales}"
-
-
-SETTINGS = tuple(RingGridSettings(scales) for scales in ("adaptive", "two_tier_standard", "four_tier_wide", *TIERS))
+SCALES = {f"scales {scales}": scales for scales in ("adaptive", "two_tier_standard", "four_tier_wide", *TIERS)}
+"""Diameters of rings to look for: ``adaptive``, those of ringgrid's presets, or a key of `TIERS`. Centers are corrected
+for perspective, its default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +42,7 @@ class RingGrid(Printed):
     share: float
     scale: float
     radius: float
-    settings = SETTINGS
+    detectors = SCALES
     detector = "ringgrid"
 
     @property
@@ -84,11 +68,11 @@ class RingGrid(Printed):
             self.scale * outline + offset for offset, ring in zip(moved, rings, strict=True) for outline in ring
         )
 
-    def find(self, image: Grey, camera: Camera, setting: RingGridSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: str) -> FiducialDetection:
         """See `Printed.find`."""
         del camera
         detector = _detector(self.columns, self.rows, self.share)
-        tiers = _tiers(setting.scales)
+        tiers = _tiers(options)
         result = detector.detect_adaptive(image) if tiers is None else detector.detect_multiscale(image, tiers)
         row = {number: k for k, number in enumerate(_drawn(self.columns, self.rows, self.share)[0])}
         seen = [ring for ring in result.detected_markers if ring.id in row]

@@ -12,8 +12,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
-from markergen.comparison.contestants.printed import Grey, Lattice, Squares, ours
-from markergen.comparison.fiducials import FiducialDetection, enlarged
+from markergen.comparison.contestants.printed import Grey, Lattice, Squares
+from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera
@@ -53,17 +53,6 @@ _SEGMENTS = 128
 """Number of sides of a polygon that stands for a circle: they are 3e-4 of its radius off."""
 
 
-@dataclass(frozen=True)
-class STagSettings:
-    """A factor of enlargement before stag.detectMarkers, which has no settings that change its accuracy."""
-
-    enlarge: int = 1
-
-    def describe(self) -> str:
-        """Describe in a few words."""
-        return f"image x{self.enlarge}" if self.enlarge > 1 else "image as it is"
-
-
 @dataclass(frozen=True, eq=False)
 class STag(Squares):
     """An STag with its white border."""
@@ -72,7 +61,6 @@ class STag(Squares):
     number: int
     side: float
     radius: float
-    settings = (STagSettings(1), STagSettings(2), STagSettings(3))
     detector = "stag-python"
 
     @property
@@ -91,20 +79,25 @@ class STag(Squares):
         return Lattice(1, 1, self.side)
 
     @property
+    def spacing(self) -> float:
+        """See `Squares.spacing`: the white around the square."""
+        return QUIET * self.side
+
+    @property
     def exact_outlines(self) -> tuple[Array, ...]:
         """See `Squares.exact_outlines`."""
         return tuple(self.side * outline for outline in unit_outlines(self.number))
 
-    def find(self, image: Grey, camera: Camera, setting: STagSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: None) -> FiducialDetection:
         """See `Printed.find`."""
         import stag
 
-        del camera
-        corners, ids, _ = stag.detectMarkers(enlarged(image, setting.enlarge), LIBRARY)
+        del camera, options
+        corners, ids, _ = stag.detectMarkers(image, LIBRARY)
         quads = [np.reshape(quad, (4, 2)) for quad, i in zip(corners, np.ravel(ids), strict=True) if i == self.number]
         if not quads:
             return FiducialDetection(reason=f"no tag with id {self.number}")
-        return FiducialDetection(np.arange(4), ours(quads[0].astype(float), setting.enlarge))
+        return FiducialDetection(np.arange(4), quads[0].astype(float))
 
 
 @lru_cache(maxsize=16)

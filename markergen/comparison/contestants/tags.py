@@ -1,23 +1,33 @@
 """Square tags of ArUco and AprilTag, alone or on each plate of a body, found by cv2.aruco."""
 # tests: tests/comparison/test_rig_contestants.py tests/comparison/test_baselines.py tests/comparison/test_compare.py
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Image, PaintedContestant, Pose, Sighting
-from markergen.comparison.contestants.printed import Grey, Lattice, Squares
+from markergen.comparison.contestants.base import (
+    KINDS,
+    Arena,
+    Choice,
+    ContestantKind,
+    Image,
+    PaintedContestant,
+    Pose,
+    Sighting,
+)
+from markergen.comparison.contestants.printed import IMAGES, Grey, Lattice, Squares
 from markergen.comparison.fiducials import (
+    TAG_SETTINGS,
     FiducialDetection,
-    FiducialSettings,
+    as_taken,
     detect_fiducial,
+    enlarged,
     find_tags,
-    tag_settings,
 )
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.geometry.region import Region
@@ -37,16 +47,13 @@ class SquareTag(Squares):
     name: str
     tag: Tag
     radius: float
+    detector = "cv2.aruco"
+    detectors: ClassVar[Mapping[str, Any]] = TAG_SETTINGS
 
     @property
     def plane_points(self) -> Array:
         """See `Printed.plane_points`: the corners of the black square."""
         return self.tag.corners
-
-    @property
-    def settings(self) -> Sequence[Any]:
-        """See `Contestant.settings`."""
-        return tag_settings()
 
     @property
     def size(self) -> str:
@@ -58,18 +65,19 @@ class SquareTag(Squares):
         """See `Squares.lattice`: one."""
         return Lattice(1, 1, self.tag.side)
 
-    def describe(self, setting: FiducialSettings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"cv2.aruco, {(setting or self.settings[0]).describe(self.tag)}"
+    @property
+    def spacing(self) -> float:
+        """See `Squares.spacing`: a cell."""
+        return self.tag.side / self.tag.cells
 
     @property
     def exact_outlines(self) -> tuple[Array, ...]:
         """See `Squares.exact_outlines`."""
         return self.tag.outlines
 
-    def find(self, image: Grey, camera: Camera, setting: Any) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: Any) -> FiducialDetection:
         """See `Printed.find`."""
-        return detect_fiducial(image, self.tag, setting, camera)
+        return detect_fiducial(image, self.tag, options, camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +87,7 @@ class TagBody(PaintedContestant):
     name: str
     body: Body
     tags: tuple[Tag, ...]
+    detector = "cv2.aruco"
 
     @staticmethod
     def on(body: Body, text: str) -> "TagBody":
@@ -94,9 +103,9 @@ class TagBody(PaintedContestant):
         return np.concatenate([m.to_body(points) for m, points in zip(self.body.plates, corners, strict=True)])
 
     @property
-    def settings(self) -> Sequence[Any]:
-        """See `Contestant.settings`: those that do not enlarge the image."""
-        return [settings for settings in tag_settings() if settings.enlarge == 1]
+    def settings(self) -> Mapping[str, Mapping[str, Any]]:
+        """See `Contestant.settings`."""
+        return {"detector": TAG_SETTINGS, "image": IMAGES}
 
     @property
     def size(self) -> str:
@@ -104,10 +113,6 @@ class TagBody(PaintedContestant):
         low, high = (1e3 * pick(tag.side for tag in self.tags) for pick in (min, max))
         sides = f"{low:.4g}" if high - low < 1e-6 else f"{low:.4g} to {high:.4g}"
         return f"{len(self.tags)} tags, side {sides} mm"
-
-    def describe(self, setting: FiducialSettings | None) -> str:
-        """See `Contestant.describe`."""
-        return f"cv2.aruco, {(setting or self.settings[0]).describe(self.tags[0])}"
 
     def ink(self, radius: float) -> float:
         """See `Contestant.ink`: of all plates."""
@@ -129,17 +134,18 @@ class TagBody(PaintedContestant):
         regions = self.body.plate_regions[plate].rings, Lattice(1, 1, tag.side).displaced(tag.outlines, moved)
         return [Patch(tuple(np.pad(o, ((0, 0), (0, 1))) for o in region), 1.0 - k) for k, region in enumerate(regions)]
 
-    def sight(self, image: Image, camera: Camera, setting: Any, print_sigma: float) -> Sighting:
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
         """See `Contestant.sight`: of tags with one id, the first."""
         del print_sigma
         grey = np.ascontiguousarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
-        seen = find_tags(grey, self.tags[0].family, setting or self.settings[0])
+        chosen = self.chosen(choice)
+        seen = find_tags(enlarged(grey, chosen["image"]), self.tags[0].family, chosen["detector"])
         corners_of = {number - self.tags[0].id: corners for number, corners in reversed(seen)}
         plates = sorted(k for k in corners_of if 0 <= k < len(self.tags))
         if not plates:
             return Sighting(reason="no tag of the rig")
         ids = np.concatenate([4 * k + np.arange(4) for k in plates])
-        pixels = np.concatenate([corners_of[k] for k in plates])
+        pixels = as_taken(np.concatenate([corners_of[k] for k in plates]), chosen["image"])
         rotation, translation = self._pose(plates, ids, pixels, camera)
         if not np.isfinite(translation).all():
             return Sighting(reason="points that determine no pose")

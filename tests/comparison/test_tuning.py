@@ -1,0 +1,44 @@
+import numpy as np
+
+from markergen.comparison.compare import Observation
+from markergen.comparison.tuning import best_of, tune
+
+TABLES = {"pattern": range(2), "detector": ["a", "b", "c"], "image": ["1", "2", "3"]}
+
+
+def observed(errors):
+    return [Observation(reason="none") if np.isnan(e) else Observation(e, e, np.array([e])) for e in errors]
+
+
+def search(cost, budget=40):
+    return tune(TABLES, lambda variant, choice: observed([cost(variant, **choice)] * 3), budget)
+
+
+def test_the_best_setting_is_judged_where_all_worth_it_found_something():
+    # The second misses half the views; of the others the third is better where both found it.
+    columns = [observed([1.0] * 20), observed([0.1] * 10 + [np.nan] * 10), observed([0.9] * 19 + [np.nan])]
+    assert best_of(columns) == 2
+    assert best_of([observed([np.nan]), observed([2.0])]) == 1
+    assert best_of([observed([np.nan]), observed([np.nan])]) == 0
+
+
+def test_tables_that_act_together_are_searched_again():
+    # Row c is the best in image 3 only: found in the second round of detectors.
+    def cost(variant, detector, image):
+        return {"a": 3, "b": 2, "c": 4}[detector] - {"a": 0.5, "b": 0.5, "c": 1.2}[detector] * int(image) + variant
+
+    best, tried = search(cost)
+    assert best == (0, {"detector": "c", "image": "3"})
+    assert len({(variant, *choice.values()) for (variant, choice), _ in tried}) == len(tried)
+
+
+def test_the_first_row_of_each_table_is_tried_first_and_stays_if_nothing_is_better():
+    best, tried = search(lambda variant, detector, image: 1.0)
+    assert best == tried[0][0] == (0, {"detector": "a", "image": "1"})
+    assert len(tried) == 1 + 1 + 2 + 2
+
+
+def test_no_more_than_the_budget_is_tried():
+    best, tried = search(lambda variant, detector, image: -ord(detector) - int(image) - variant, budget=5)
+    assert len(tried) == 5
+    assert best in [candidate for candidate, _ in tried]
