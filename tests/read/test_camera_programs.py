@@ -195,8 +195,8 @@ REFUSED = {
     "no thin prism": mrcal("OPENCV12", (*LENS, 0, 0, 0.1, 0)),
     "RealSense lens": json.dumps({**REALSENSE, "model": "Inverse Brown Conrady", "coeffs": LENS[:5]}),
     "fl_x as of camera_angle_x": json.dumps({**NERF, "camera_angle_x": 0.3}),
-    "one camera for all frames": json.dumps({**NERF, "frames": [{"fl_x": 3}]}),
-    "a camera's number": json.dumps({"cameraData": [[0, DEPTHAI], [1, DEPTHAI]]}),
+    "one value at": json.dumps({**NERF, "frames": [{"fl_x": 3}]}),
+    "a camera's name": json.dumps({"cameraData": [[0, DEPTHAI], [1, {**DEPTHAI, "width": 1281}]]}),
     "projection that is not modeled": json.dumps(
         {"cameraData": [[0, {**DEPTHAI, "cameraType": 2, "distortionCoeff": [0]}]]}
     ),
@@ -219,7 +219,13 @@ BEGINNINGS = [
     b"% x\nfc = [ 657 ; 658 ];", b"#ROSBAG V2.0\n", b"SQLite format 3\0",
     b"<calibration>\n<projection>frame</projection>", b'{"sfm_data_version": "0.3"}', b"# Bundle file v0.3\n",
     b"#polynomial coefficients for the DIRECT mapping function", b' Intrinsic of "Color" / 640x480',
-    b"Model = CAHV = perspective, linear\n",
+    b'<rdf:Description xcr:Version="3" xcr:DistortionModel="brown3"', b'Camera:  CamType:  "area_scan_division";',
+    b"#Focal Length mm assuming a sensor width of 17.30x12.98mm\nF 15.1\n", b"NVM_V3\n\n2\na.jpg 700 1 0 0 0\n",
+    b'<Cameras><Camera><KeyFrame VICON_RADIAL="0 0"/>', b'<lensdatabase version="1">', b'<sdf version="1.6"><model name="c">',
+    b"p = \n\n  cameraParameters with properties:\n",
+    b'{"CalibrationInformation": {"ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}',
+    b'[{"id": 0, "img_name": "a", "width": 1280}]', b'[{"token": "a", "sensor_token": "b"}]', b"BLENDER-v300",
+    b"\x89HDF\r\n", b"Model = CAHV = perspective, linear\n",
 ]  # fmt: skip
 
 

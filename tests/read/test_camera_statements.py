@@ -76,7 +76,7 @@ def test_four_coefficients_without_a_name_are_open():
         ({"image_size": [480, 640]}, "one image size"),
         ({"D": [0, 0, 0, 0.1]}, "one value at distortion_coefficients"),
         ({"K": [500, 0, 321, 0, 510, 240, 0, 0, 1]}, "one value at camera_matrix"),
-        ({"distortion_coefficients": None, "distortion": [0.1]}, "only 'distortion'"),
+        ({"distortion_coefficients": None, "distortion_terms": [0.1]}, "only 'distortion_terms'"),
     ],
 )
 def test_contradictions_and_what_is_unknown_are_refused(changes, words):

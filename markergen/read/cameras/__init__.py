@@ -159,9 +159,9 @@ def sized(source: Any, size: str | None) -> Any:
 def sized_document(path: str | os.PathLike[str]) -> tuple[Document, str | None]:
     """Return a file's document with the size after ``#``, if there is one; or else the name of a camera there."""
     path, choice = split(Path(path))
-    size = _SIZE.fullmatch(choice or "")
-    document = Document(*read(path, "camera"), size=(int(size[1]), int(size[2])) if size else None)
-    return document, None if size else choice
+    if size := _SIZE.fullmatch(choice or ""):
+        path, choice = split(path)
+    return Document(*read(path, "camera"), size=(int(size[1]), int(size[2])) if size else None), choice
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:

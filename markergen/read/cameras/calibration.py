@@ -18,57 +18,148 @@ from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
-from markergen.read.cameras.document import Fields
+from markergen.read.cameras.document import Fields, plain
 from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
 from markergen.read.remarks import remark
 
-MATRIX = ("camera_matrix", "K", "intrinsic_matrix", "mtx", "M", "camera_intrinsics", "intrinsics_matrix", "intrinsic")
-COEFFICIENTS = ("distortion_coefficients", "D", "dist_coeffs", "distortion_coeffs", "dist", "dist_coeff", "coeffs",
-                "distortion_coeff")  # fmt: skip
-MODEL = ("distortion_model",)
-WIDTH, HEIGHT = (
-    ("image_width", "width", "img_width", "w", "cols"),
-    ("image_height", "height", "img_height", "h", "rows"),
+MATRIX = (
+    "camera_matrix",
+    "K",
+    "intrinsic_matrix",
+    "mtx",
+    "M",
+    "camera_intrinsics",
+    "intrinsics_matrix",
+    "intrinsic",
+    "intrinsics",
+    "matrix",
+    "cam_K",
+    "camera_intrinsic",
 )
-SIZE = ("image_size", "resolution", "img_size", "camera_resolution", "image_resolution", "imagersize")
+COEFFICIENTS = (
+    "distortion_coefficients",
+    "D",
+    "dist_coeffs",
+    "distortion_coeffs",
+    "dist",
+    "dist_coeff",
+    "coeffs",
+    "distortion_coeff",
+    "distortions",
+    "distCoef",
+    "distortion",
+    "distortion_parameters",
+    "cameraExtrinsics",
+    "distortion_coefs",
+)
+MODEL = ("distortion_model",)
+WIDTH = ("image_width", "width", "img_width", "w", "cols", "resolution_x")
+HEIGHT = ("image_height", "height", "img_height", "h", "rows", "resolution_y")
+SIZE = (
+    "image_size",
+    "resolution",
+    "img_size",
+    "camera_resolution",
+    "image_resolution",
+    "imagersize",
+    "image_dimension",
+    "size",
+    "S",
+)
 FX, FY = ("fx", "fl_x", "focal_length_x"), ("fy", "fl_y", "focal_length_y")
-CX, CY = ("cx", "ppx", "principal_point_x"), ("cy", "ppy", "principal_point_y")
+CX, CY = ("cx", "ppx", "principal_point_x", "u0"), ("cy", "ppy", "principal_point_y", "v0")
+FOCAL, PRINCIPAL = ("focal_length", "focal_lengths", "focal"), ("principal_point", "center")
+RADIAL, TANGENTIAL = ("radial", "radial_distortion"), ("tangential", "tangential_distortion")
 """Keys used by OpenCV, by ROS, by other programs, and in hand-written files."""
+
+PART = ("x_offset", "y_offset", "height", "width")
+"""Keys of the region of interest of a ROS message."""
 
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Keys of single coefficients."""
 
-SHORTEST, LONGEST = 1e-3, 1e6
+SIDES = frozenset(map(plain, (*WIDTH, *HEIGHT)))
+KNOWN = SIDES.union(map(plain, (*MATRIX, *COEFFICIENTS, *MODEL, *SIZE, *FX, *FY, *CX, *CY, *FOCAL, *PRINCIPAL, *NAMED)))
+"""What `plain` makes of the keys of numbers."""
+
+SHORTEST, LONGEST = 0.02, 1e6
 """Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
 
 
-def calibrated_camera(table: Fields, around: Sequence[Fields] = (), corner: float = 0.0) -> Camera:
+def calibrated_camera(table: Fields, corner: float = 0.0) -> Camera:
     """Make a camera from a table with a matrix, or focal lengths and principal point; coefficients; and image size.
 
-    The lens is the one that any key of the table, or of those `around` it, names; without a name, that of OpenCV.
-    `corner` is the coordinate of a pixel's center from which the principal point counts.
+    The lens is the one that any key of the table names; without a name, that of OpenCV. `corner` is the coordinate of a
+    pixel's center from which the principal point counts.
     """
-    tables = [*around, table]
-    model, model_place = stated_lens(tables)
-    check_statements(tables)
-    key = table.find(*MATRIX)
-    if key is not None and isinstance(table.values[key], list | dict | str):
-        pinhole = pinhole_of(entries(table, table.key(*MATRIX), (3, 3)), table.place(key))
-    else:
-        key = table.find(*FX) or table.key(*MATRIX)
-        fx, cx, cy = table.number(*FX), table.number(*CX), table.number(*CY)
-        pinhole = fx, table.number(*FY), cx, cy
+    model, model_place = stated_lens(table)
+    check_statements(table)
+    key, pinhole = _pinhole(table)
     size_key, width, height = _size(table)
     distortion = _distortion(table, model, model_place, flat=key in map(table.find, FX))
     fx, fy, cx, cy = pinhole
-    return make_camera(
-        width, height, (fx, fy, cx - corner, cy - corner), distortion, table.place(key), table.place(size_key)
-    )
+    place = table.place(key)
+    camera = make_camera(width, height, (fx, fy, cx - corner, cy - corner), distortion, place, table.place(size_key))
+    return _part(table, camera, place) if table.find("roi", "binning_x", "binning_y") else camera
+
+
+def _pinhole(table: Fields) -> tuple[str, tuple[float, float, float, float]]:
+    """Return the key of the matrix or of fx, and fx, fy, cx, cy."""
+    if table.find(*MATRIX) is not None:
+        key = table.key(*MATRIX)
+        value = table.values[key]
+        is_vector = isinstance(value, dict) and "1" in (value.get("rows"), value.get("cols"))
+        values = entries(table, key, None if is_vector else (3, 3))
+        is_flat = isinstance(value, list) and not any(isinstance(row, list) for row in value)
+        if len(values) == 16 and values[3] == values[7] == values[11] == 0 and values[12:] == [0, 0, 0, 1]:
+            values = [*values[:3], *values[4:7], *values[8:11]]
+        if len(values) == 4:
+            return key, (values[0], values[1], values[2], values[3])
+        # One list, column by column, as Eigen has it; rows that are columns are Matlab's, which counts from 1.
+        if is_flat and len(values) == 9 and values[6] and values[7] and not (values[2] or values[5]):
+            values = np.reshape(values, (3, 3)).T.ravel().tolist()
+        if len(values) != 9 and "intrinsics" in key:
+            raise InputError(f"fu, fv, pu, pv at {table.place(key)}", brief(values), "correct the file")
+        return key, pinhole_of(values, table.place(key))
+    if table.find(*FX) is None and table.find(*FOCAL) is not None:
+        key = table.key(*FOCAL)
+        focal, center = table.numbers(*FOCAL), table.numbers(*PRINCIPAL)
+        if len(focal) != 2 or len(center) != 2:
+            raise InputError(
+                f"two focal lengths in px and a center at {table.place(key)}", brief(focal), "correct the file"
+            )
+        return key, (focal[0], focal[1], center[0], center[1])
+    key = table.find(*FX) or table.key(*MATRIX)
+    return key, (table.number(*FX), table.number(*FY), table.number(*CX), table.number(*CY))
+
+
+def _part(table: Fields, camera: Camera, place: str) -> Camera:
+    """Make the camera of the image as ROS sends it: the part of the sensor in `roi`, in pixels binned together."""
+    size = np.array([camera.width, camera.height])
+    binning = [table.whole(axis) if table.find(axis) else 1 for axis in ("binning_x", "binning_y")]
+    roi = table.fields("roi") if table.find("roi") else Fields(table.file, {})
+    offset, part = ([roi.whole(key) if roi.find(key) else 0 for key in keys] for keys in (PART[:2], PART[:1:-1]))
+    # Zero is the full side.
+    part = [side or (0 if start else full) for side, start, full in zip(part, offset, size.tolist(), strict=True)]
+    if not ((np.array(offset) >= 0) & (np.array(part) > 0) & (np.array(offset) + part <= size)).all():
+        raise InputError(f"a part of the image of {size[0]}x{size[1]} px at {table.place('roi')}",
+                         f"{part[0]}x{part[1]} px at {offset[0]}, {offset[1]}", "correct the file")  # fmt: skip
+    if not all(0 <= count <= side for count, side in zip(binning, part, strict=True)):
+        raise InputError(f"a binning at {table.place('binning_x')}", brief(binning), "correct the file")
+    bx, by = (max(count, 1) for count in binning)
+    # The center of a binned pixel is that of its pixels: (b - 1)/2 from the first one's.
+    pinhole = (camera.fx / bx, camera.fy / by, (camera.cx - offset[0] - (bx - 1) / 2) / bx,
+               (camera.cy - offset[1] - (by - 1) / 2) / by)  # fmt: skip
+    return make_camera(part[0] // bx, part[1] // by, pinhole, camera.distortion, place, table.place("roi"))
 
 
 def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Distortion:
     """Make the distortion from a list of coefficients, or from single ones; in a `flat` table these may be left out."""
     model = "" if stated == BY_COUNT else stated
+    if table.find(*RADIAL) and table.find(*TANGENTIAL) and table.find(*COEFFICIENTS) is None:
+        radial, tangential = table.numbers(*RADIAL), table.numbers(*TANGENTIAL)
+        key, coefficients = table.key(*RADIAL), [*radial[:2], *tangential, *radial[2:]]
+        return make_distortion(model, coefficients, model_place or table.place(key), table.place(key))
     key = table.find(*COEFFICIENTS)
     if key is not None:
         coefficients = entries(table, table.key(*COEFFICIENTS), None)
@@ -86,7 +177,8 @@ def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Dis
         if similar or model not in ("", "none"):
             problem = f"only {brief(similar[0])}" if similar else "none"
             raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", problem, "add it, or check the path")
-        if model != "none" and not (flat and model_place and not stated):
+        is_own = {*WIDTH[:2], *HEIGHT[:2], "fx", "fy", "cx", "cy"} >= {key.rpartition(".")[2] for key in table.values}
+        if model != "none" and not is_own and not (flat and model_place and not stated):
             remark(f"{table.place()}: no distortion coefficients, which is taken as no distortion")
         return Distortion()
     if not model:
@@ -290,9 +382,3 @@ def without_k3(record: CameraRecord) -> CameraRecord:
         return record
     camera = replace(record.camera, distortion=Distortion("radtan", lens.coefficients[:4]))
     return replace(record, camera=camera, covariance=None if covariance is None else covariance[:-1, :-1])
-
-
-def no_choice(file: str, choice: str | None) -> None:
-    """Refuse the name of a camera in a file that holds one."""
-    if choice is not None:
-        raise InputError(f"no camera name after {file}", brief(choice), "leave it out: the file holds one camera")

@@ -72,13 +72,13 @@ class Document:
     """A file's name and bytes; raises InputError if a requested text or value is not in it.
 
     `size` is the width and height in px that the user gave, for files without them; `tables` are those that a reader
-    made of the file's values and read, if it did.
+    read, if it read by keys.
     """
 
     name: str
     data: bytes
     size: tuple[int, int] | None = None
-    tables: "list[Fields]" = field(default_factory=list, compare=False)
+    tables: "list[Fields]" = field(default_factory=list, compare=False, repr=False)
 
     @cached_property
     def text(self) -> str:
@@ -115,15 +115,7 @@ class Document:
     @property
     def unused(self) -> list[tuple[str, Any]]:
         """Places and values that a reader left, if it read by keys."""
-        parsed = self.__dict__.get("_parsed")
-        tables = [*self.tables, *([parsed] if isinstance(parsed, Fields) and parsed.used else [])]
-        return [place for table in tables for place in table.unused()]
-
-    def table(self, values: Mapping[str, Any], path: str = "") -> "Fields":
-        """Make a table of values of the file, at their places in it."""
-        used = self._parsed.used if isinstance(self._parsed, Fields) else set()
-        self.tables.append(Fields(self.name, values, path, used, self.size))
-        return self.tables[-1]
+        return [place for table in self.tables if table.used for place in table.unused()]
 
 
 @dataclass(frozen=True)
@@ -131,7 +123,8 @@ class Fields:
     """A mapping at a place in a file; a missing or unfit value raises InputError with file and key.
 
     A key is found by any of the names given, ignoring case, underscores, hyphens and dots; keys that mean the same must
-    have the same value. The places of values that are read are kept in `used`, which inner mappings share.
+    have the same value. Of a key with dots, such as camera.fx, the last names count too. The places of values that are
+    read are kept in `used`, which inner mappings share; `names` are those by which some keys are found.
     """
 
     file: str
@@ -139,6 +132,7 @@ class Fields:
     path: str = ""
     used: set[str] = field(default_factory=set, compare=False, repr=False)
     size: tuple[int, int] | None = None
+    names: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
 
     def place(self, key: str = "") -> str:
         """Return key and file, for messages."""
@@ -147,11 +141,15 @@ class Fields:
 
     def find(self, *names: str) -> str | None:
         """Return the key, as written in the file, for the first of these names that is present."""
-        return next((self._keys[plain(name)][0] for name in names if plain(name) in self._keys), None)
+        return next(iter(self._all(names)), None)
+
+    def _all(self, names: Sequence[str]) -> list[str]:
+        places = [name for name in names if name in self.values and ("." in name or name in self.names)]
+        return [*places, *(key for name in dict.fromkeys(map(plain, names)) for key in self._keys.get(name, []))]
 
     def key(self, *names: str) -> str:
         """Return the key like `find`, but require it, and mark it as used; refuse others for it with another value."""
-        keys = [key for name in dict.fromkeys(map(plain, names)) for key in self._keys.get(name, [])]
+        keys = self._all(names)
         if not keys:
             raise InputError(f"the key {' or '.join(names[:2])} in {self.place()}", "none", "add it, or check the path")
         for key in keys[1:]:
@@ -164,12 +162,16 @@ class Fields:
 
     def unused(self) -> Iterator[tuple[str, Any]]:
         """Yield places and values that were not read, of inner mappings only where something of them was read."""
+        inner = {name[:i] for name in self.used for i, mark in enumerate(name) if mark == "."}
         for key, value in self.values.items():
             path = self.path_of(key)
-            if path not in self.used:
+            tables = dict(tables_in(value)) if path in inner else {}
+            for name, table in tables.items():
+                place = f"{path}.{name}" if name else path
+                if place in inner:
+                    yield from Fields(self.file, table, place, self.used).unused()
+            if not tables and path not in self.used:
                 yield path, value
-            elif isinstance(value, dict) and any(name.startswith(f"{path}.") for name in self.used):
-                yield from Fields(self.file, value, path, self.used).unused()
 
     def path_of(self, key: str) -> str:
         """Return the place of a key in the file, for `used`."""
@@ -235,8 +237,8 @@ class Fields:
     def _keys(self) -> dict[str, list[str]]:
         keys: dict[str, list[str]] = {}
         for key in self.values:
-            if len(key) <= _LONGEST_KEY:
-                keys.setdefault(plain(key), []).append(key)
+            for name in names_of(self.names.get(key, key)):
+                keys.setdefault(name, []).append(key)
         return keys
 
     def _number(self, key: str, value: object) -> float:
@@ -261,6 +263,37 @@ def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> st
 def plain(key: str) -> str:
     """Return a key without what its spelling may vary in."""
     return re.sub(r"[\W_]", "", key.lower())
+
+
+def tables_in(value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the tables of a value, with their number in a list, or the name before each; "" for a single one."""
+    if isinstance(value, dict):
+        yield "", value
+    for index, item in enumerate(value if isinstance(value, list) else []):
+        if isinstance(item, dict):
+            yield str(index), item
+        elif isinstance(item, list) and len(item) == 2 and isinstance(item[1], dict):
+            yield str(item[0]), item[1]
+
+
+def names_of(place: str) -> list[str]:
+    """Return the names by which a place such as camera.distortion.model is found: its last one, two and three words."""
+    words = place.split(".")[-3:]
+    names = [plain("".join(words[i:])) for i in range(len(words)) if len("".join(words[i:])) <= _LONGEST_KEY]
+    return list(dict.fromkeys(names))
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with tables for keys with dots, such as Camera.fx."""
+    result: dict[str, Any] = {}
+    for key, value in values.items():
+        table, mark, name = key.partition(".")
+        inner = result.setdefault(table, {}) if mark and name and not isinstance(value, dict) else None
+        if isinstance(inner, dict):
+            inner[name] = value
+        else:
+            result[key] = value
+    return result
 
 
 def _bare(value: Any) -> Any:
@@ -342,7 +375,7 @@ def _put(value: Any, container: Any, key: list[str]) -> str:
     elif not isinstance(value, str):
         return "a key that is not text"
     elif value in container:
-        return f"the key {brief(value)} twice"
+        return "a key twice"
     else:
         key.append(value)
     return ""

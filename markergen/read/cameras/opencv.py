@@ -11,28 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import MATRIX, MODEL, calibrated_camera, no_choice
-from markergen.read.cameras.document import Document, Fields, opencv_matrix
+from markergen.read.cameras import CAMERA_FORMATS, CameraRecord
+from markergen.read.cameras.document import opencv_matrix
+from markergen.read.cameras.keys import keyed
 
 LENSES = ("none", "radtan", "rational", "equidistant")
 """Models that OpenCV and ROS have."""
-
-
-def _fits(document: Document) -> bool:
-    fields = document.fields
-    return fields.find(*MATRIX) is not None and fields.find(*MODEL) is None and "cameraIntrinsics" not in fields.values
-
-
-def _read(document: Document, choice: str | None) -> Camera:
-    no_choice(document.name, choice)
-    return calibrated_camera(document.fields)
-
-
-def _table(document: Document, choice: str | None) -> Fields:
-    no_choice(document.name, choice)
-    return document.fields
 
 
 def _write(record: CameraRecord, ending: str) -> str:
@@ -82,13 +66,5 @@ def _xml(values: Mapping[str, Any]) -> str:
 
 
 CAMERA_FORMATS.register("opencv")(
-    CameraFormat(
-        "camera_matrix, distortion_coefficients, image_width",
-        _fits,
-        _read,
-        _table,
-        (".yaml", ".yml", ".xml", ".json"),
-        lambda record: record.camera.distortion.model in LENSES,
-        _write,
-    )
+    keyed("opencv", (".yaml", ".yml", ".xml", ".json"), lambda record: record.camera.distortion.model in LENSES, _write)
 )

@@ -1,6 +1,6 @@
-"""Cameras as other programs keep them: a row for each says where its numbers are, and a pixel's center.
+"""How programs keep cameras where their keys alone do not say it: a row for each.
 
-Every row makes a table that `calibrated_camera` reads: the lens under any name, coefficients as a list or one by one.
+A row names the program, recognizes its files, and renames or converts what its reader would misunderstand.
 """
 
 # tests: tests/read/test_camera_programs.py
@@ -9,234 +9,263 @@ import ast
 import math
 import re
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
-from markergen.errors import InputError, brief
-from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.calibration import COEFFICIENTS, FX, HEIGHT, WIDTH, calibrated_camera, no_choice
-from markergen.read.cameras.document import Document, Fields, document_of
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH
+from markergen.read.cameras.document import Document, Fields, document_of, nested, plain
 from markergen.read.remarks import remark
 
+Values = dict[str, Any]
 
-def _plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if not isinstance(value, dict)}
+# --- Texts without keys -----------------------------------------------------------------------------------------------
 
-
-def _merged(document: Document, *tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Join tables of one camera, which must not have a key in common."""
-    values: dict[str, Any] = {}
-    for table in tables:
-        if twice := values.keys() & table.keys():
-            raise InputError(f"every number once in {document.name}", f"{brief(min(twice))} twice", "remove one")
-        values |= table
-    return values
+_N = r"[-+.\deE]+"
 
 
-def _chosen(document: Document, choice: str | None, cameras: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the name and values of the camera after ``#``, or of the only one; ``cam1`` and ``1`` are the same."""
-    name = next(iter(cameras), "") if choice is None else choice.removeprefix("cam")
-    values = cameras.get(name)
-    if not isinstance(values, dict) or (choice is None and len(cameras) > 1):
-        listed = ", ".join(f"#{brief(key)[1:-1]}" for key in list(cameras)[:10]) or "none"
-        raise InputError(f"a camera's number after {document.name}, such as #0", listed, "choose one")
-    return name, values
+def _dso(text: str) -> Values:
+    first, size = (line.split() for line in text.splitlines()[:2])
+    model = first.pop(0) if first[0].isalpha() else "FOV" if len(first) == 5 and float(first[4]) else "Pinhole"
+    fx, fy, cx, cy = map(float, first[:4])
+    width, height = map(float, size)
+    if cx < 1 and cy < 1:  # Relative to the image, whose pixels then begin at integers.
+        fx, fy, cx, cy = fx * width, fy * height, cx * width - 0.5, cy * height - 0.5
+    terms = [] if model == "Pinhole" else first[4:]
+    return {"model": model, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "image_size": size, "D": terms}
 
 
-def _basalt(document: Document) -> Callable[[str | None], Fields]:
-    value = document.fields.fields("value0")
-    cameras, sizes = value.values.get("intrinsics"), value.values.get("resolution")
-    document.fields.used.update(("value0.intrinsics", "value0.resolution"))
-    if not (isinstance(cameras, list) and isinstance(sizes, list) and len(cameras) == len(sizes)):
-        raise InputError(f"as many intrinsics as resolutions in {document.name}", "others", "correct the file")
-
-    def table(choice: str | None) -> Fields:
-        name, camera = _chosen(document, choice, {str(i): camera for i, camera in enumerate(cameras)})
-        inner = Fields(document.name, camera, f"value0.intrinsics.{name}").fields("intrinsics")
-        values = _merged(document, _plain_values(camera), inner.values, {"resolution": sizes[int(name)]})
-        return document.table(values, f"value0.intrinsics.{name}")
-
-    return table
+def _matrix(text: str) -> Values:
+    rows = [[float(word) for word in line.replace(",", " ").split()] for line in text.splitlines() if line.strip()]
+    # A matrix alone, or in the corner of a 4 x 4 one.
+    is_whole = [len(row) for row in rows] in ([3] * 3, [4] * 4) and rows[3:] in ([], [[0, 0, 0, 1]])
+    zeros = [rows[0][1], rows[1][0], *rows[2][:2], *(row[3] for row in rows[:3] if len(row) > 3)] if is_whole else [1]
+    return {} if any(zeros) or rows[0][0] < 2 else {"K": [row[:3] for row in rows[:3]]}
 
 
-def _camodocal(document: Document) -> Callable[[str | None], Fields]:
-    root = document.fields
-    projection = root.fields("projection_parameters").values
-    distortion = root.fields("distortion_parameters").values if root.find("distortion_parameters") else {}
-    # Kannala-Brandt's coefficients count from that of the angle itself, which is 1.
-    angles = {"k2": "k1", "k3": "k2", "k4": "k3", "k5": "k4", "mu": "fx", "mv": "fy", "u0": "cx", "v0": "cy"}
-    renamed = {angles[key] if "mu" in projection and key in angles else key: item for key, item in projection.items()}
-    return _single(document, _merged(document, _plain_values(root.values), distortion, renamed))
-
-
-def _depthai(document: Document) -> Callable[[str | None], Fields]:
-    document.fields.used.add("cameraData")
-    sockets = [item for item in document.fields.values["cameraData"] if isinstance(item, list) and len(item) == 2]
-    cameras = {item[0]: item[1] for item in sockets if isinstance(item[0], str)}
-
-    def table(choice: str | None) -> Fields:
-        name, camera = _chosen(document, choice, cameras)
-        fields = Fields(document.name, camera, f"cameraData.{name}", document.fields.used)
-        kind = {0: "perspective", 1: "fisheye"}.get(fields.whole("cameraType"), "equirectangular")
-        values = {**camera, "cameraType": kind}
-        if kind == "fisheye" and isinstance(camera.get("distortionCoeff"), list):
-            values["distortionCoeff"] = camera["distortionCoeff"][:4]
-        return document.table(values, f"cameraData.{name}")
-
-    return table
-
-
-def _mrcal(document: Document) -> Callable[[str | None], Fields]:
+def _mrcal(text: str) -> Values:
     # A Python dict; what it was optimized from may have megabytes.
-    text = re.sub(r"['\"]optimization_inputs['\"]\s*:\s*b(['\"])[^'\"]*\1\s*,?", "", document.text)
+    text = re.sub(r"['\"]optimization_inputs['\"]\s*:\s*b(['\"])[^'\"]*\1\s*,?", "", text)
     try:
         values = ast.literal_eval(text.strip())
-    except (ValueError, SyntaxError, RecursionError, MemoryError):
-        values = None
-    if not isinstance(values, dict):
-        raise InputError(f"a Python dict in {document.name}", "a damaged one", "write it again")
-    fields = document_of({str(key): value for key, value in values.items()}, document.name).fields
-    intrinsics, lens = fields.numbers("intrinsics"), fields.text("lensmodel")
+        intrinsics, lens = list(map(float, values.pop("intrinsics"))), str(values.pop("lensmodel"))
+    except (ValueError, SyntaxError, RecursionError, MemoryError, KeyError, TypeError, AttributeError):
+        raise InputError("a Python dict with lensmodel and intrinsics", "a damaged one", "write it again") from None
     known = re.fullmatch(r"LENSMODEL_(PINHOLE|OPENCV(4|5|8|12))", lens)
     count = 4 + int((known and known[2]) or 0)
     if known and len(intrinsics) != count:
-        raise InputError(f"{count} intrinsics of {lens} in {document.name}", str(len(intrinsics)), "correct the file")
-    others = {key: value for key, value in fields.values.items() if key != "intrinsics"}
-    numbers = dict(zip(("fx", "fy", "cx", "cy"), intrinsics, strict=False))
-    coefficients = {"D": intrinsics[4:]} if len(intrinsics) > 4 else {}
+        raise InputError(f"{count} intrinsics of {lens}", str(len(intrinsics)), "correct the file")
     # Thin prisms of zero are none.
-    return _single(document, {**others, "lensmodel": "opencv" if count == 16 else lens, **numbers, **coefficients})
+    numbers = dict(zip(("fx", "fy", "cx", "cy"), intrinsics, strict=False))
+    return {**values, **numbers, "D": intrinsics[4:], "lensmodel": "opencv" if count == 16 else lens}
 
 
-def _nerf(document: Document) -> Callable[[str | None], Fields]:
-    root = document.fields
-    frames = root.values.get("frames", [])
-    single = next((key for frame in frames if isinstance(frame, dict) for key in FX if key in frame), None)
-    if single is not None:
-        raise InputError(f"one camera for all frames in {document.name}", f"{single} in a frame", "write it alone")
-    values = {key: value for key, value in root.values.items() if key != "frames"}
-    root.used.update(("frames",))
-    if root.find("fl_x") and not root.find("fl_y"):
+def _middlebury(text: str) -> Values:
+    lines = (line.partition("=") for line in text.split("\n") if "=" in line)
+    values = {key.strip(): value.strip() for key, _, value in lines}
+    return {
+        key: {"K": value.strip("[]").replace(";", " ")} if key[:3] == "cam" else value for key, value in values.items()
+    }
+
+
+def _ost(text: str) -> Values:
+    parts = re.findall(r"^([a-z ]+)\n+((?:[-+.\deE ]+\n)+)", text + "\n", re.MULTILINE)
+    return {key: numbers.strip() for key, numbers in parts}
+
+
+def _realsense_text(text: str) -> Values:
+    form = rf"\[\s*(\d+)x(\d+)\s+p\[({_N}) ({_N})\]\s+f\[({_N}) ({_N})\]\s+(.+?)\s*\[([^\]]*)\]"
+    width, height, cx, cy, fx, fy, model, terms = re.match(form, text.strip()).groups()  # type: ignore[union-attr]
+    numbers = {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    return {**numbers, "model": model, "D": terms}
+
+
+TEXTS: dict[str, tuple[str, Callable[[str], Values]]] = {
+    "dso": (rf"\A(?:(?:Pinhole|RadTan|EquiDistant|KannalaBrandt|FOV) )?{_N}(?: {_N}){{3,8}} *\n\d+ \d+ *\n"
+            rf"(?:crop|full|none|{_N} {_N})", _dso),
+    "matrix": (r"\A[-+.\deE,\s]{17,}\Z", _matrix),
+    "mrcal": (r"\A(?:\s|#[^\n]*\n)*\{\s*(?:#[^\n]*\n\s*)*['\"]lensmodel['\"]", _mrcal),
+    "middlebury": (r"\Acam0=\[", _middlebury),
+    "ros ost.txt": (r"(?:\A|\n)\[image\]\s+width\s+\d", _ost),
+    "realsense text": (rf"\A\s*\[\s*\d+x\d+\s+p\[{_N} {_N}\]\s+f\[", _realsense_text),
+}  # fmt: skip
+"""Texts that are no YAML, JSON, TOML or XML: how they are recognized, and what makes keys and values, or none."""
+
+_BEGINNING = 2_000
+
+
+def _of_text(document: Document) -> tuple[str, Values]:
+    """Return the name in `TEXTS` of a file and its keys and values; none if it is no such text."""
+    beginning = document.data[:_BEGINNING].decode("latin-1").replace("\r\n", "\n")
+    for name, (form, read) in TEXTS.items():
+        if re.search(form, beginning):
+            try:
+                if values := read(document.text.replace("\r\n", "\n")):
+                    return name, dict(document_of(values, document.name).fields.values)
+            except InputError as error:
+                expected, problem, remedy = error.args
+                raise InputError(f"{expected} in {document.name}", problem, remedy) from None
+            except (ValueError, AttributeError):
+                continue
+    return "", {}
+
+
+def values_of(document: Document) -> tuple[str, Values]:
+    """Return the name of the program that a file with keys is of, and its keys and values, as the program means them.
+
+    Raises
+    ------
+    InputError
+        If it has no keys and values, or the program's are incomplete.
+    """
+    name, values = _of_text(document)
+    if not name:
+        values = document.fields.values
+        name = next((name for name, row in PROGRAMS.items() if row.fits(values)), "keys")
+        values = PROGRAMS[name].fix(document, nested(values))
+    return name, values
+
+
+# --- Keys -------------------------------------------------------------------------------------------------------------
+
+
+def _camodocal(document: Document, values: Values) -> Values:
+    del document
+    projection = values["projection_parameters"]
+    if not (isinstance(projection, dict) and "mu" in projection):
+        return values
+    # Kannala-Brandt's coefficients count from that of the angle itself, which is 1.
+    angles = {"k2": "k1", "k3": "k2", "k4": "k3", "k5": "k4", "mu": "fx", "mv": "fy", "u0": "cx", "v0": "cy"}
+    return {**values, "projection_parameters": {angles.get(key, key): item for key, item in projection.items()}}
+
+
+def _matlab(document: Document, values: Values) -> Values:
+    table = Fields(document.name, values)
+    radial, tangential = table.numbers("RadialDistortion"), table.numbers("TangentialDistortion")
+    matrix, size = np.reshape(table.numbers(*MATRIX)[:9], (3, 3)), table.numbers("ImageSize")
+    matrix = matrix if matrix[0, 2] else matrix.T
+    # Rows come before columns, and the first pixel is (1, 1).
+    matrix[:2, 2] -= 1
+    terms = [*radial[:2], *tangential, *radial[2:]]
+    others = {key: value for key, value in values.items() if plain(key) not in map(plain, (*MATRIX, "ImageSize"))}
+    drop = ("RadialDistortion", "TangentialDistortion")
+    others = {key: value for key, value in others.items() if key not in drop and "Tangential" not in key}
+    return {**others, "K": matrix.tolist(), "image_size": size[::-1], "D": terms}
+
+
+def _nerf(document: Document, values: Values) -> Values:
+    root = Fields(document.name, values, size=document.size)
+    if _has_single(values):
+        return values
+    values = {key: value for key, value in values.items() if key != "frames"}
+    angles = {axis: root.number(f"camera_angle_{axis}") for axis in "xy" if root.find(f"camera_angle_{axis}")}
+    if angles and (root.size or root.find(*WIDTH)):
+        sides = root.size or (root.whole(*WIDTH), root.whole(*HEIGHT) if root.find(*HEIGHT) else 0)
+        for (axis, angle), side in zip(angles.items(), sides, strict=False):
+            focal = side / 2 / math.tan(angle / 2)
+            key = f"fl_{axis}"
+            stated = root.number(key if root.find(key) else "fl_x") if root.find("fl_x") else focal
+            if not math.isclose(stated, focal, rel_tol=1e-3):
+                problem = f"{stated:.6g} and {focal:.6g}"
+                raise InputError(f"{key} as of camera_angle_{axis} in {document.name}", problem, "remove the wrong one")
+            values.setdefault(key, str(focal))
+        values = {"cx": str(sides[0] / 2), "cy": str(sides[1] / 2), **values}
+    if "fl_x" in values and "fl_y" not in values:
         values["fl_y"] = values["fl_x"]
         remark(f"{document.name}: no fl_y, which is taken as fl_x")
-    if root.find(*FX) is None:
-        width, height = root.size or (root.number(*WIDTH), root.number(*HEIGHT))
-        focal = width / 2 / math.tan(root.number("camera_angle_x") / 2)
-        values = {"cx": width / 2, "cy": height / 2, "fl_x": focal, **values}
-    table = document.table(values)
-    for axis, side in (("x", WIDTH), ("y", HEIGHT)):
-        if table.find(f"camera_angle_{axis}") and table.find(*side):
-            focal = table.number(f"fl_{axis}" if table.find(f"fl_{axis}") else "fl_x")
-            stated = table.number(*side) / 2 / math.tan(table.number(f"camera_angle_{axis}") / 2)
-            if not math.isclose(stated, focal, rel_tol=1e-3):
-                raise InputError(
-                    f"fl_{axis} as of camera_angle_{axis} in {document.name}",
-                    f"{focal:.6g} and {stated:.6g}",
-                    "remove the wrong one",
-                )
-    return _checked_choice(document, table)
+    return values
 
 
-def _orb(document: Document) -> Callable[[str | None], Fields]:
-    """ORB-SLAM's settings, whose keys have a prefix: Camera.fx, or Camera1.fx beside Camera.width."""
-    shared = _prefixed(document, "Camera.")
-    numbered = {number: _prefixed(document, f"Camera{number}.") for number in ("1", "2")}
-    cameras = {number: {**shared, **values} for number, values in numbered.items() if values} or {"1": shared}
-
-    def table(choice: str | None) -> Fields:
-        name, values = _chosen(document, choice, cameras)
-        return document.table(values, "Camera" if name == "1" and not numbered["1"] else f"Camera{name}")
-
-    return table
-
-
-def _prefixed(document: Document, prefix: str) -> dict[str, Any]:
-    items = document.fields.values.items()
-    return {key[len(prefix) :]: value for key, value in items if key.lower().startswith(prefix.lower())}
+def _opensfm(document: Document, values: Values) -> Values:
+    """Lengths are shares of the longer side, from the center of the image."""
+    cameras = {}
+    for key, camera in values.items():
+        table = Fields(document.name, camera, key)
+        width, height = table.whole("width"), table.whole("height")
+        longer = max(width, height)
+        focal = [table.number(*names) * longer for names in (("focal_x", "focal"), ("focal_y", "focal"))]
+        off = [table.number(name) * longer if table.find(name) else 0.0 for name in ("c_x", "c_y")]
+        numbers = {"fx": focal[0], "fy": focal[1], "cx": (width - 1) / 2 + off[0], "cy": (height - 1) / 2 + off[1]}
+        others = {name: value for name, value in camera.items() if name[:2] != "c_" and name[:5] != "focal"}
+        cameras[key] = {**others, **{name: repr(value) for name, value in numbers.items()}}
+    return cameras
 
 
-def _photonvision(document: Document) -> Callable[[str | None], Fields]:
-    values = dict(document.fields.values)
-    # Until 2024 its coefficients had this name.
-    if document.fields.find(*COEFFICIENTS) is None and "cameraExtrinsics" in values:
-        values["D"] = values.pop("cameraExtrinsics")
-        document.fields.used.add("cameraExtrinsics")
-    return _single(document, values)
-
-
-def _realsense(document: Document) -> Callable[[str | None], Fields]:
-    values = dict(document.fields.values)
+def _realsense(document: Document, values: Values) -> Values:
     # Its inverse lens is none where nothing is distorted.
-    if "inverse" in str(values.get("model", "")).lower() and not any(document.fields.numbers("coeffs")):
-        values |= {"model": "none", "coeffs": []}
-    return _single(document, values)
+    if "inverse" in str(values.get("model", "")).lower() and not any(Fields(document.name, values).numbers("coeffs")):
+        return {**values, "model": "none", "coeffs": []}
+    return values
 
 
-def _single(document: Document, values: Mapping[str, Any], path: str = "") -> Callable[[str | None], Fields]:
-    return _checked_choice(document, document.table(values, path))
+def _as_it_is(document: Document, values: Values) -> Values:
+    del document
+    return values
 
 
-def _checked_choice(document: Document, table: Fields) -> Callable[[str | None], Fields]:
-    def chosen(choice: str | None) -> Fields:
-        no_choice(document.name, choice)
-        return table
-
-    return chosen
+def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda values: set(keys) <= values.keys()
 
 
-Row = tuple[str, Callable[[Fields], object], Callable[[Document], Callable[[str | None], Fields]], float]
-"""Typical contents, whether a file has them, its table by a camera's name, and the coordinate of a pixel's center."""
+def _any(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda values: any(plain(key) in set(map(plain, keys)) for key in values)
 
 
-def _has(*keys: str) -> Callable[[Fields], bool]:
-    return lambda fields: set(keys) <= fields.values.keys()
+def _every(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda values: bool(values) and all(isinstance(v, dict) and v.keys() >= set(keys) for v in values.values())
 
 
-PROGRAMS: dict[str, Row] = {
-    "basalt": ("value0 with intrinsics, resolution", _has("value0"), _basalt, 0.0),
-    "camodocal": ("model_type, projection_parameters", _has("projection_parameters"), _camodocal, 0.0),
-    "depthai": ("cameraData", lambda fields: isinstance(fields.values.get("cameraData"), list), _depthai, 0.0),
-    "nerf": (
+class Program(NamedTuple):
+    """Typical contents, whether values are the program's, their conversion, the coordinate of a pixel's center."""
+
+    signs: str
+    fits: Callable[[Mapping[str, Any]], bool]
+    fix: Callable[[Document, Values], Values] = _as_it_is
+    corner: float = 0.0
+
+
+def _never(values: Mapping[str, Any]) -> bool:
+    del values
+    return False
+
+
+OWN = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "camera_parameters", "camera_covariance",
+       "avg_reprojection_error"}  # fmt: skip
+"""Keys of markergen's own table."""
+
+
+def _is_own(values: Mapping[str, Any]) -> bool:
+    camera = values.get("camera")
+    return ("fx" in values and values.keys() <= OWN) or (isinstance(camera, dict) and _is_own(camera))
+
+
+PROGRAMS: dict[str, Program] = {
+    "kalibr": Program("cam0 with camera_model, intrinsics, resolution",
+                      lambda values: any(re.fullmatch(r"cam\d{1,3}", key) for key in values)),
+    "basalt": Program("value0 with intrinsics, resolution", _has("value0")),
+    "camodocal": Program("model_type, projection_parameters", _has("projection_parameters"), _camodocal),
+    "depthai": Program("cameraData", _has("cameraData")),
+    "matlab": Program("RadialDistortion, ImageSize", _has("RadialDistortion", "ImageSize"), _matlab),
+    "nerf": Program(
         "fl_x, cx, w, frames",
-        lambda fields: _has("fl_x")(fields) or _has("camera_angle_x", "frames")(fields), _nerf, 0.5,
-    ),
-    "orb-slam": (
-        "Camera.fx, Camera.width", lambda fields: {"Camera.fx", "Camera1.fx"} & fields.values.keys(), _orb, 0.0,
-    ),
-    "photonvision": ("cameraIntrinsics, distCoeffs", _has("cameraIntrinsics"), _photonvision, 0.0),
-    "realsense": ("fx, ppx, coeffs", _has("fx", "ppx"), _realsense, 0.0),
-    "single numbers": (
-        "fx, fy, cx, cy, k1, k2", lambda fields: _has("fx", "cx")(fields) and fields.find("k1", *COEFFICIENTS),
-        lambda document: _single(document, document.fields.values), 0.0,
-    ),
-    "stella_vslam": (
-        "Camera with fx, cols, rows",
-        lambda fields: isinstance(fields.values.get("Camera"), dict) and "fx" in fields.values["Camera"],
-        lambda document: _single(document, document.fields.fields("Camera").values, "Camera"), 0.0,
-    ),
+        lambda values: "fl_x" in values or {"camera_angle_x", "frames"} <= values.keys() or _has_single(values),
+        _nerf, 0.5),
+    "opensfm": Program("projection_type, focal_x, c_x", _every("projection_type", "width", "height"), _opensfm),
+    "photonvision": Program("cameraIntrinsics, distCoeffs", _has("cameraIntrinsics")),
+    "realsense": Program("fx, ppx, coeffs", _has("fx", "ppx"), _realsense),
+    "markergen": Program("width, height, fx, fy, cx, cy, distortion", _is_own),
+    "ros": Program(
+        "camera_matrix or K, and distortion_model",
+        lambda values: _any("camera_info")(values) or (_any(*MATRIX)(values) and _any(*MODEL)(values))),
+    "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*MATRIX)),
+    "orb-slam": Program("Camera.fx, Camera.width", lambda values: not values.keys().isdisjoint({"Camera.fx", "Camera1.fx"})),
+    **{name: Program(name, _never) for name in TEXTS},
+    "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),
 }  # fmt: skip
-"""Programs by name; mrcal's files are no YAML."""
+"""Programs by name; the last takes what no other has."""
 
 
-def _format(row: Row, fits: Callable[[Document], bool]) -> CameraFormat:
-    signs, _, table, corner = row
-
-    def read(document: Document, choice: str | None) -> Camera:
-        chosen = table(document)(choice)
-        around = [] if row[2] is _mrcal else [document.fields]
-        return calibrated_camera(chosen, around, corner)
-
-    return CameraFormat(signs, fits, read, lambda document, choice: table(document)(choice))
-
-
-def _fits(row: Row) -> Callable[[Document], bool]:
-    return lambda document: bool(row[1](document.fields))
-
-
-def _is_mrcal(document: Document) -> bool:
-    return re.search(rb"^\s*\{\s*(#[^\n]*\n\s*)*['\"]lensmodel['\"]", document.data, re.MULTILINE) is not None
-
-
-for _name, _row in PROGRAMS.items():
-    CAMERA_FORMATS.register(_name)(_format(_row, _fits(_row)))
-CAMERA_FORMATS.register("mrcal")(_format(("lensmodel, intrinsics, imagersize", bool, _mrcal, 0.0), _is_mrcal))
+def _has_single(values: Mapping[str, Any]) -> bool:
+    frames = values.get("frames")
+    return isinstance(frames, list) and any(isinstance(frame, dict) and "fl_x" in frame for frame in frames)

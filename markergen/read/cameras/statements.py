@@ -6,7 +6,7 @@ Every key is used, known to be irrelevant, or reported. What is unknown or contr
 # tests: tests/read/test_camera_statements.py
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,13 @@ BY_COUNT, ANY = "by count", "any"
 """What a name leaves open: which of OpenCV's models, by the number of coefficients; or everything."""
 
 NAMES = {
-    **dict.fromkeys(("opencv", "brown", "brownconrady", "polynomial", "standard", "perspective"), BY_COUNT),
-    **dict.fromkeys(("pinhole", "simplepinhole", "pinholecamera", "camera", "frame", "mono", "monocular"), ANY),
+    **dict.fromkeys(("opencv", "brown", "brownconrady", "polynomial", "standard", "perspective", "rectilinear"),
+                    BY_COUNT),
+    **dict.fromkeys(("pinhole", "simplepinhole", "pinholecamera", "camera", "frame", "mono", "monocular", "hd", "vga",
+                     "rgb", "color", "gray"), ANY),
     **dict.fromkeys(("nodistortion", "undistorted", "rectified", "linear"), "none"),
-    **dict.fromkeys(("radialtangential", "radialtan", "pinholeradtan", "opencv4", "opencv5", "plumbbob"), "radtan"),
+    **dict.fromkeys(("radialtangential", "radialtan", "radial", "simpleradial", "pinholeradtan", "opencv4", "opencv5",
+                     "plumbbob"), "radtan"),
     **dict.fromkeys(("opencv8", "fullopencv", "rationalpolynomial", "pinholeradtan8", "radtan8"), "rational"),
     **dict.fromkeys(
         ("opencvfisheye", "pinholeequi", "pinholeequidistant", "kannalabrandt", "kannalabrandt4", "kannalabrandt8",
@@ -48,11 +51,16 @@ REFUSED = {
 }  # fmt: skip
 """Names of lenses that are not modeled, unless a plug-in has one of the name."""
 
+DEPTHAI = {"0": "perspective", "1": "fisheye", "2": "equirectangular"}
+"""Lenses by their numbers under the key cameraType."""
+
 GENERAL = {"none", "linear", "opencv", "camera", "standard", "polynomial", "frame", "mono", "monocular", "perspective",
            "rectified", "ds", "fov", "unified", "spherical", "division", "kb", "brown", "pinhole"}  # fmt: skip
 """Names that mean a lens only under a key that is about one."""
 
-ABOUT_LENS = re.compile(r"distort|lens|model|projection|camera_?type|calibration_?type|^type$|fish_?eye", re.IGNORECASE)
+ABOUT_LENS = re.compile(
+    r"distort|lens|model|projection|camera_?type|calibration_?type|(^|\.)type$|fish_?eye", re.IGNORECASE
+)
 LABEL = re.compile(
     r"name|title|note|comment|desc|serial|label|product|sensor|manufacturer|brand|make$|topic|frame_?id|path|file",
     re.IGNORECASE,
@@ -95,7 +103,7 @@ def lens_name(text: str) -> str | None:
     return None
 
 
-def stated_lens(tables: Sequence[Fields]) -> tuple[str, str]:
+def stated_lens(table: Fields) -> tuple[str, str]:
     """Return the lens that some key names, and its place: "" without a name, `BY_COUNT`, or a model.
 
     Raises
@@ -105,18 +113,17 @@ def stated_lens(tables: Sequence[Fields]) -> tuple[str, str]:
     """
     stated: dict[str, str] = {}
     unknown: list[tuple[str, str]] = []
-    for table in tables:
-        for key, value in table.values.items():
-            if (model := _lens_at(table, key, value, unknown)) is not None:
-                stated.setdefault(model, table.place(key))
-                table.used.add(table.path_of(key))
+    for key, value in table.values.items():
+        if (model := _lens_at(table, key, value, unknown)) is not None:
+            stated.setdefault(model, table.place(key))
+            table.used.add(table.path_of(key))
     models = [model for model in stated if model != ANY]
     definite = [model for model in models if model != BY_COUNT]
     if len(definite) > 1 or (models and BY_COUNT in models and "equidistant" in models):
         first, second = (definite + [BY_COUNT])[:2]
         remedy = "remove the wrong one"
         raise InputError(f"one lens at {stated[first]}", f"another at {stated[second]}", remedy)
-    if unknown and not definite:
+    if unknown and (not definite or _is_refused(unknown[0][1])):
         place, name = unknown[0]
         names = ", ".join(dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases)))
         kind = REFUSED.get(plain(name)) or REFUSED.get(_PREFIX.sub("", plain(name)), "")
@@ -130,13 +137,19 @@ def stated_lens(tables: Sequence[Fields]) -> tuple[str, str]:
     return ("" if best == ANY else best), stated.get(best, "")
 
 
+def _is_refused(name: str) -> bool:
+    return not {plain(name), _PREFIX.sub("", plain(name))}.isdisjoint(REFUSED)
+
+
 def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]) -> str | None:
     """Return the lens that a key names; names that are not known are added to `unknown`."""
     if isinstance(value, bool | int | float):
         value = str(value)
-    if not isinstance(value, str) or LABEL.search(key):
+    if not isinstance(value, str) or LABEL.search(_last(key)):
         return None
     text = value.strip().strip("\"'")
+    if plain(_last(key)) == "cameratype" and text in DEPTHAI:
+        text = DEPTHAI[text]
     about = ABOUT_LENS.search(key) is not None
     if re.search(r"fish_?eye", key, re.IGNORECASE) and re.fullmatch(
         r"[01]|true|false|yes|no|on|off|", text, re.IGNORECASE
@@ -155,23 +168,26 @@ def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]
     return model
 
 
-def check_statements(tables: Sequence[Fields]) -> None:
+def check_statements(table: Fields) -> None:
     """Refuse other units than pixels, skew, and other places of pixel centers than integers."""
-    for table in tables:
-        for key, value in table.values.items():
-            text = str(value).strip().strip("\"'") if isinstance(value, str | int | float) else None
-            for keys, values, expected in (
-                (UNITS, PIXELS, "px as the unit"),
-                (ORIGIN, CENTERS, "pixel centers at integers, as OpenCV has them,"),
-            ):
-                if text is not None and keys.search(key):
-                    if not values.fullmatch(text):
-                        raise InputError(f"{expected} at {table.place(key)}", brief(text), "convert the file")
-                    table.used.add(table.path_of(key))
-            if text is not None and NOT_ZERO.search(key) and re.fullmatch(r"[-+\d.eE]+", text):
-                if float(text) != 0:
-                    raise InputError(f"no skew at {table.place(key)}", text, "calibrate without skew")
+    for key, value in table.values.items():
+        text, name = str(value).strip().strip("\"'") if isinstance(value, str | int | float) else None, _last(key)
+        for keys, values, expected in (
+            (UNITS, PIXELS, "px as the unit"),
+            (ORIGIN, CENTERS, "pixel centers at integers, as OpenCV has them,"),
+        ):
+            if text is not None and keys.search(name):
+                if not values.fullmatch(text):
+                    raise InputError(f"{expected} at {table.place(key)}", brief(text), "convert the file")
                 table.used.add(table.path_of(key))
+        if text is not None and NOT_ZERO.search(name) and re.fullmatch(r"[-+\d.eE]+", text):
+            if float(text) != 0:
+                raise InputError(f"no skew at {table.place(key)}", text, "calibrate without skew")
+            table.used.add(table.path_of(key))
+
+
+def _last(key: str) -> str:
+    return key.rpartition(".")[2]
 
 
 def remark_unused_keys(document: Document, camera: Camera) -> None:
