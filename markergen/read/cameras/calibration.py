@@ -129,8 +129,8 @@ def _pinhole(table: Fields) -> tuple[str, tuple[float, float, float, float]]:
                 f"two focal lengths in px and a center at {table.place(key)}", brief(focal), "correct the file"
             )
         return key, (focal[0], focal[1], center[0], center[1])
-    key = table.find(*FX) or table.key(*MATRIX)
-    return key, (table.number(*FX), table.number(*FY), table.number(*CX), table.number(*CY))
+    name = table.find(*FX) or table.key(*MATRIX)
+    return name, (table.number(*FX), table.number(*FY), table.number(*CX), table.number(*CY))
 
 
 def _part(table: Fields, camera: Camera, place: str) -> Camera:

@@ -36,13 +36,14 @@ MOST_CAMERAS = 10_000
 """Maximum number of tables and cameras of a file: nerf's may have a camera for every image."""
 
 PART = re.compile(
-    r"^(?!.*(board|pattern|target|grid|extrin|pose|stereo|imu|depth)).*?(intrin|distor|calib|cam|param|"
-    r"projection|lens|fisheye|(?<![a-z])size$|(img|image)_?size$|resolution|focal|principal|matrix|model$|"
-    r"colou?r$|rgb$|left$|right$|value0|data$|result|optics)",
+    r"^(?!.*(board|pattern|target|grid|extrin|pose|stereo|imu|depth)).*?(intrin|distor|calib|cam|param|projection|lens|"
+    r"fisheye|(?<![a-z])size$|(img|image)_?size$|resolution|focal|principal|matrix|model$|colou?r$|rgb$|left$|right$|"
+    r"value0|data$|result|optics)",
     re.IGNORECASE,
 )
+"""Keys of tables that belong to the camera around them."""
 WHOLE = ("roi", NAMES, COVARIANCE)
-"""Keys of tables that belong to the camera around them, and of those that have keys such as width for something else."""
+"""Keys of tables that have keys such as width for something else."""
 _SIDE = r"left|right|cam\d{1,3}|l|r|a|b|\d{1,3}"
 _GROUPED = (re.compile(rf"(.+?)_?({_SIDE})", re.IGNORECASE), re.compile(rf"({_SIDE})_(.+)", re.IGNORECASE))
 """Keys of one of several cameras beside each other."""

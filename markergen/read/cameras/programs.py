@@ -121,7 +121,7 @@ def values_of(document: Document) -> tuple[str, Values]:
     """
     name, values = _of_text(document)
     if not name:
-        values = document.fields.values
+        values = dict(document.fields.values)
         name = next((name for name, row in PROGRAMS.items() if row.fits(values)), "keys")
         values = PROGRAMS[name].fix(document, nested(values))
     return name, values
@@ -259,7 +259,7 @@ PROGRAMS: dict[str, Program] = {
         "camera_matrix or K, and distortion_model",
         lambda values: _any("camera_info")(values) or (_any(*MATRIX)(values) and _any(*MODEL)(values))),
     "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*MATRIX)),
-    "orb-slam": Program("Camera.fx, Camera.width", lambda values: not values.keys().isdisjoint({"Camera.fx", "Camera1.fx"})),
+    "orb-slam": Program("Camera.fx, Camera.width", _any("Camera.fx", "Camera1.fx")),
     **{name: Program(name, _never) for name in TEXTS},
     "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),
 }  # fmt: skip
