@@ -13,10 +13,10 @@ from markergen.guard import read
 from markergen.model.body_json import is_rig
 from markergen.read.cameras import format_of, split
 from markergen.read.cameras.document import Document
-from markergen.read.cameras.unreadable import refuse_unreadable
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.poses import POSE_FORMATS
 from markergen.read.poses.rows import RowsFile
+from markergen.read.unreadable import refuse_unreadable
 
 KINDS = ("marker", "rig", "spec", "camera", "poses", "outline", "points")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
@@ -52,7 +52,7 @@ def kinds_of(path: Path) -> list[str]:
         return kinds
     if _is_layout(data):
         return ["points"]
-    refuse_unreadable(document)
+    refuse_unreadable(name, data)
     if path.suffix.lower() == ".toml":
         return ["spec"]
     known = "a marker.json, rig.json, spec .toml, camera, poses, outline .svg .dxf .geojson .kicad_pcb, or points .csv"

@@ -10,7 +10,7 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.read.cameras import read_camera
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.cameras.unreadable import UNREADABLE
+from markergen.read.unreadable import UNREADABLE
 from markergen.read.remarks import collected_remarks
 
 FILE = "camera.yaml"
@@ -230,7 +230,7 @@ BEGINNINGS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("data", "row"), list(zip(BEGINNINGS, UNREADABLE, strict=True)))
+@pytest.mark.parametrize(("data", "row"), list(zip(BEGINNINGS, UNREADABLE["camera"], strict=True)))
 def test_other_programs_files_are_named_with_a_way_out(write, data, row):
     with pytest.raises(InputError) as caught:
         read_camera(write(data))

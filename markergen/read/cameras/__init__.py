@@ -16,7 +16,7 @@ from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, document_of
 from markergen.read.cameras.statements import remark_doubts, remark_unused_keys
-from markergen.read.cameras.unreadable import refuse_unreadable
+from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
 
 __all__ = ["CAMERA_FORMATS", "CameraFormat", "CameraRecord", "load_camera", "read_camera"]
@@ -165,7 +165,7 @@ def sized_document(path: str | os.PathLike[str]) -> tuple[Document, str | None]:
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:
-    refuse_unreadable(document)
+    refuse_unreadable(document.name, document.data, "camera")
     if (camera_format := format_of(document)) is not None:
         camera = camera_format.read(document, choice)
         remark_unused_keys(document, camera)

@@ -33,6 +33,7 @@ from markergen.read.outlines.formats import (
 )
 from markergen.read.outlines.joining import Track, closed_contours
 from markergen.read.remarks import remark, remark_unused
+from markergen.read.unreadable import refuse_unreadable
 from markergen.units import format_length, parse_length
 
 SMALLEST, LARGEST = 1e-3, 100.0
@@ -93,6 +94,7 @@ def outline_reading(
     if unit is not None and unit not in UNITS:
         raise InputError("a known --boundary-unit", brief(unit), f"known: {', '.join(UNITS)}")
     file = load(Path(path))
+    refuse_unreadable(file.name, file.data, "outline")
     format_ = next((OUTLINE_FORMATS[name] for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(file)), None)
     if format_ is None:
         signs = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)

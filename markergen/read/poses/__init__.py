@@ -24,6 +24,7 @@ from markergen.read.poses.conventions import (
 )
 from markergen.read.poses.images_bin import is_images
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile
+from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
 
 __all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
@@ -165,6 +166,7 @@ def pose_reading(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> P
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
     file = RowsFile(path.name if path.name.isprintable() else brief(path.name), text, convention)
+    refuse_unreadable(file.name, text, "poses")
     if b"\0" in data and not is_images(data):
         raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
     for name in POSE_FORMATS:

@@ -75,9 +75,11 @@ class PoseConvention:
 # --- Columns ----------------------------------------------------------------------------------------------------------
 
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*)\s*[\])]\s*$|_(mm|cm|m|um|in|ft|deg|rad|km|inch|inches)$", re.IGNORECASE)
-_PLACE = re.compile(r"(?:.*[._ /])?(?:p|t|pos|position|trans|translation|loc|location|p_\w+_\w+)[._ ]?([xyz])|([xyz])")
-_TURN = re.compile(r"(?:.*[._ /])?(?:q|quat|quaternion|ori|orient|orientation|rotation|q_\w+)[._ ]?([wxyz])|q?(w)")
-_AXIS = re.compile(r"(?:rotvec_?|rodrigues_?|r|rv|rvec_?)([xyz])")
+_PLACE = re.compile(
+    r"(?:.*[._ /])?(?:p|t|pos|position|tvec|trans|translation|loc|location|p_\w+_\w+)[._ /]?([xyz])|([xyz])"
+)
+_TURN = re.compile(r"(?:.*[._ /])?(?:q|quat|quaternion|ori|orient|orientation|rotation|q_\w+)[._ /]?([wxyz])|q?(w)")
+_AXIS = re.compile(r"(?:rotvec|rodrigues|r|rv|rvec)[._]?([xyz])")
 _ENTRY = re.compile(r"r_?([123])_?([123])")
 _TIME = re.compile(
     r"(.*[._ /])?(t|time|times|timestamp|timestamps|stamp|sec|secs|nsec|nsecs|nanosec)s?([._ ].*)?|%time"
@@ -89,7 +91,10 @@ IGNORED = re.compile(
 """Columns that do not change a pose."""
 
 BODY_COLUMN = re.compile(r"[pq]_\w+_\w*[wxyz]\b|.*\bbody\b.*|.*\bimu\b.*")
-ROS_COLUMN = re.compile(r"(field\.|/?\w*pose\.|.*\.pose\.|transform\.|.*\.transform\.).*")
+ASKED_COLUMN = re.compile(
+    r"(field\.|/?\w*pose[./]|.*[./]pose[./]|transform[./]|.*[./]transform[./]).*|(.*[._ /])?(pos|position|loc|location)[._ /]?x.*"
+)
+"""Columns of a pose of anything in anything."""
 
 ANGLES = ("rad", "radian", "radians", "deg", "degree", "degrees")
 _NAMES_OF_UNITS = {
@@ -175,6 +180,8 @@ def stated(texts: Iterable[str], place: str) -> dict[str, str]:
     """Return what texts such as comments state: order, frame, axes, unit, angle; raises InputError if they disagree."""
     statements: dict[str, str] = {}
     for text in texts:
+        if re.search(r"\bjpl\b", text, re.IGNORECASE):
+            raise InputError(f"Hamilton's quaternions in {place}", "JPL's", "write the conjugates, with x y z negated")
         here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
         words = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
         for word in words:

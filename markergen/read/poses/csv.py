@@ -7,7 +7,7 @@ The names may be those of ROS's tools: ``field.pose.position.x``, ``%time``.
 
 from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import ASKED, ROS_COLUMN, RawPoses, column_of, is_body
+from markergen.read.poses.conventions import ASKED, ASKED_COLUMN, MARKER_IN_CAMERA, RawPoses, column_of, is_body
 from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, lines_of, table_poses
 
 
@@ -27,8 +27,8 @@ def _read(file: RowsFile) -> RawPoses:
 
 def frame_of(names: list[str]) -> str:
     """Return the frame of poses with these columns; poses over time may be those of a camera, a body or a marker."""
-    known = not any(is_body(name) or ROS_COLUMN.fullmatch(name.strip().lower()) for name in names)
-    return "marker-in-camera" if known and "time" not in (column_of(name).kind for name in names) else ASKED
+    open_names = any(is_body(name) or ASKED_COLUMN.fullmatch(name.strip().lower()) for name in names)
+    return ASKED if open_names or "time" in (column_of(name).kind for name in names) else MARKER_IN_CAMERA
 
 
 POSE_FORMATS.register("csv")(

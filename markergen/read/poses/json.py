@@ -7,6 +7,7 @@ nerf's transforms.json has ``frames`` with a ``transform_matrix``: the camera in
 
 import json
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,15 @@ from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import CAMERA_IN_MARKER, RawPoses, camera_in_marker, scale_of, stated
 from markergen.read.poses.csv import frame_of
-from markergen.read.poses.rows import WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
+from markergen.read.poses.rows import ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
 from markergen.read.remarks import remark_unused
 
 NERF_NAME = "transforms.json"
 NERF = re.compile(r"camera_.*|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
 """Keys of the camera in nerf's transforms.json."""
+
+BOP = ("cam_R_m2c", "cam_t_m2c")
+"""Keys of BOP's pose of a model in the camera."""
 
 LARGEST_JSON = 5_000_000
 """Maximum size in bytes; as Python objects they may take forty times as much."""
@@ -64,15 +68,34 @@ def _read(file: RowsFile) -> RawPoses:
 
 
 def _flat(pose: dict[str, Any]) -> dict[str, Any]:
-    """Join nested keys: position.x."""
+    """Join nested keys, position.x, and number the entries of vectors and matrices: tvec.x, r11."""
     values: dict[str, Any] = {}
     for key, value in pose.items():
-        values |= (
-            {f"{key}.{inner}": item for inner, item in _flat(value).items()}
-            if isinstance(value, dict)
-            else {key: value}
-        )
+        if isinstance(value, list):
+            numbers = [item for row in value for item in (row if isinstance(row, list) else [row])]
+            names: Sequence[str] = {3: [f"{key}.{axis}" for axis in "xyz"], 9: ROTATIONS[2]}.get(len(numbers), ())
+            values |= dict(zip(names, numbers, strict=True)) if names else {key: value}
+        else:
+            inner = _flat(value) if isinstance(value, dict) else {}
+            values |= {f"{key}.{name}": item for name, item in inner.items()} if inner else {key: value}
     return values
+
+
+def _listed(content: Any, name: str) -> Any:
+    """Return the poses that OpenCV's rvecs and tvecs, or BOP's scene_gt in mm, are; or else the content."""
+    if not isinstance(content, dict):
+        return content
+    turns, places = content.get("rvecs"), content.get("tvecs")
+    if isinstance(turns, list) and isinstance(places, list) and len(turns) == len(places):
+        return [{"rvec": turn, "tvec": place} for turn, place in zip(turns, places, strict=True)]
+    images = list(content.values())
+    objects = [item for image in images if isinstance(image, list) for item in image]
+    if not objects or not all(isinstance(item, dict) and isinstance(item.get(BOP[1]), list) for item in objects):
+        return content
+    if len(objects) != len(images):
+        raise InputError(f"one object for each image in {name}", "several", "leave the entries of one obj_id")
+    axes = ("tx_mm", "ty_mm", "tz_mm")
+    return [{"R": item.get(BOP[0]), **dict(zip(axes, item[BOP[1]], strict=False))} for item in objects]
 
 
 def _matrix(file: RowsFile, index: int, pose: dict[str, Any]) -> Any:
@@ -99,6 +122,7 @@ def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     except ValueError as error:
         raise InputError(f"complete JSON in {file.name}", brief(str(error)), "correct the file") from None
     around: dict[str, Any] = {}
+    content = _listed(content, file.name)
     if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
         around = {name: value for name, value in content.items() if name != key}
         content = content[key]

@@ -8,6 +8,7 @@ ones are refused.
 
 import csv
 import io
+import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -229,7 +230,9 @@ def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int, str]:
             raise InputError(f"every column once at {place}", f"{brief(names[index])} twice", "correct the header")
     rotations = [rotation for rotation in ROTATIONS if set(rotation) & set(kinds)]
     if len(rotations) != 1:
-        problem = " and ".join(rotation[0] for rotation in rotations) or "no rotation"
+        is_euler = any(re.search(r"\b(roll|pitch|yaw|heading|omega|phi|kappa|euler)", name) for name in plain)
+        none = "Euler angles, whose order is not stated" if is_euler else "no rotation"
+        problem = " and ".join(rotation[0] for rotation in rotations) or none
         raise InputError(f"one kind of rotation at {place}", problem, f"the columns are {WANTED}")
     wanted = (*TRANSLATION, *rotations[0])
     missing = [name for name in wanted if name not in kinds]

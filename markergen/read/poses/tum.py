@@ -6,6 +6,8 @@ Comments that name the columns, or the quaternion's order, are followed.
 # tests: tests/read/test_poses.py
 
 import re
+from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
@@ -28,6 +30,9 @@ WHICH_WAY = (
     " z out of the printed face), the camera frame has x right, y down, z forward"
 )
 FORM = "timestamp tx ty tz qx qy qz qw"
+MATRIX = (4, 12, 16)
+"""Numbers of a line of matrices [R t]: a row, three rows, or with 0 0 0 1."""
+LAST = r"|-?0(\.0*)?(e[-+]00)?( -?0(\.0*)?(e[-+]00)?){2} 1(\.0*)?(e[-+]00)?"
 KITTI = "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"
 _NUMBERS = re.compile(rb"[-+.\d][-+.\deE]*(?:[\s,;]+[-+.\dnaifNIF][-+.\deEnaifNIF]*)*[\s,;]*")
 
@@ -40,7 +45,13 @@ def _count(file: RowsFile) -> int:
 
 
 def _fits(file: RowsFile) -> bool:
-    return 3 < _count(file) != 12 or (_count(file) == 12 and bool(file.header))
+    return _count(file) > 3 and (_count(file) not in MATRIX or bool(file.header))
+
+
+def _is_matrices(file: RowsFile) -> bool:
+    second = next((line for number, line in islice(file.lines(), 1, 2)), b"")
+    is_log = _count(file) == 3 and len(second.split()) == 4 and file.first.split()[0].isdigit()
+    return (_count(file) in MATRIX and not file.header) or is_log
 
 
 def _read(file: RowsFile) -> RawPoses:
@@ -67,8 +78,25 @@ def _read(file: RowsFile) -> RawPoses:
 
 
 def _read_kitti(file: RowsFile) -> RawPoses:
-    names = KITTI.split()
-    return RawPoses(table_poses(file, names, file.table(), file.name), CAMERA_IN_MARKER)
+    return RawPoses(table_poses(file, KITTI.split(), _matrices(file), file.name), CAMERA_IN_MARKER)
+
+
+def _matrices(file: RowsFile) -> Iterator[tuple[int, list[str]]]:
+    """Yield the twelve numbers of each matrix, from one line or from four, which Open3D's logs precede by numbers."""
+    rows: list[str] = []
+    for line, cells in file.table():
+        if len(cells) == 3 and not rows:
+            continue
+        rows += cells
+        if len(cells) not in MATRIX or len(rows) > MATRIX[-1]:
+            raise InputError(f"4, 12 or 16 numbers of [R t] at {file.place(line)}", str(len(cells)), "correct the line")
+        if len(cells) == MATRIX[1] or len(rows) == MATRIX[-1]:
+            if not re.fullmatch(LAST, " ".join(rows[12:])):
+                raise InputError(f"0 0 0 1 at {file.place(line)}", "others", "correct the line")
+            yield line, rows[:12]
+            rows = []
+    if rows:
+        raise InputError(f"whole matrices in {file.name}", f"{len(rows)} numbers at its end", "correct the file")
 
 
 def _write(numbers: Array, ending: str) -> str:
@@ -89,9 +117,9 @@ def _write_kitti(numbers: Array, ending: str) -> str:
 POSE_FORMATS.register("tum")(PoseFormat(f"lines of {FORM}", WHICH_WAY, _fits, _read, (".tum", ".tum.txt"), _write))
 POSE_FORMATS.register("kitti")(
     PoseFormat(
-        "lines of 12 numbers [R t]",
+        "lines of 12 or 16 numbers [R t], or matrices in 4 lines",
         WHICH_WAY.replace("the camera in the world", "[R t] row by row"),
-        lambda file: _count(file) == 12 and not file.header,
+        _is_matrices,
         _read_kitti,
         (".kitti", ".kitti.txt"),
         _write_kitti,
