@@ -55,7 +55,7 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
     ],
     "outline": [
         (rb"\A%PDF|\A%!PS|\AII\xbc|\A\xc5\xd0\xd3\xc6", "a PDF, EPS or Illustrator file", _DRAWING),
-        (rb"\AISO-10303|\ADBRep_DrawableShape|\A(?:solid|facet)\b", "a solid", "draw or project its outline: SVG or DXF"),
+        (rb"\AISO-10303|\ADBRep_DrawableShape|\A(?:solid|facet)\b", "a solid", "project its outline: SVG or DXF"),
         (rb"\A(?:\x89PNG|\xff\xd8\xff|GIF8|BM|II\*|MM\0\*|RIFF....WEBP)", "a picture", "trace it, as Inkscape can"),
         (rb"\A(?:G04|%FS|%MO|M48)", "Gerber or drill data", "export Edge.Cuts as SVG or DXF, or give the .kicad_pcb"),
         (rb"<eagle\b|<LightBurnProject|<kml\b|<gpx\b|<mxfile\b", "a drawing of another program", _DRAWING),

@@ -10,8 +10,8 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.read.cameras import read_camera
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.unreadable import UNREADABLE
 from markergen.read.remarks import collected_remarks
+from markergen.read.unreadable import UNREADABLE
 
 FILE = "camera.yaml"
 LENS = (0.1, -0.2, 0.001, -0.002, 0.03, 0.02, -0.01, 0.004)

@@ -6,7 +6,7 @@ All have fx 700.25, fy 701.5, cx 642.125, cy 355.75 in images of 1280 x 720 px.
 
 import json
 
-LENS, EYE = (0.1, -0.2, 0.001, -0.002, 0.03, 0.02, -0.01, 0.004), (-0.01, 0.003, -0.001, 0.0002)
+LENS, EYE = (0.1, -0.02, 0.001, -0.002, 0.003, 0.02, -0.01, 0.004), (-0.01, 0.003, -0.001, 0.0002)
 NUMBERS = {"fx": 700.25, "fy": 701.5, "cx": 642.125, "cy": 355.75}
 MATRIX = [[700.25, 0, 642.125], [0, 701.5, 355.75], [0, 0, 1]]
 R9, C9 = [v for row in MATRIX for v in row], [MATRIX[j][i] for i in range(3) for j in range(3)]
@@ -124,21 +124,21 @@ add(
     + ocv("local_transform", 3, 4, [0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0]),
     R5,
 )
-vins = '%YAML:1.0\n\n#common parameters\nimu_topic: "/imu0"\nimage_topic: "/cam0/image_raw"\noutput_path: "/home/x/"\n\nmodel_type: PINHOLE\ncamera_name: camera\nimage_width: 1280\nimage_height: 720\ndistortion_parameters:\n   k1: 0.1\n   k2: -0.2\n   p1: 0.001\n   p2: -0.002\nprojection_parameters:\n   fx: 700.25\n   fy: 701.5\n   cx: 642.125\n   cy: 355.75\n\nestimate_extrinsic: 0\nextrinsicRotation: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [0,-1,0,1,0,0,0,0,1]\nmax_cnt: 150\nmin_dist: 30\nfreq: 10\nF_threshold: 1.0\nshow_track: 1\nequalize: 1\nfisheye: 0\nmax_solver_time: 0.04\nacc_n: 0.08\ng_norm: 9.81007\nloop_closure: 1\ntd: 0.0\nrolling_shutter: 0\n'
+vins = '%YAML:1.0\n\n#common parameters\nimu_topic: "/imu0"\nimage_topic: "/cam0/image_raw"\noutput_path: "/home/x/"\n\nmodel_type: PINHOLE\ncamera_name: camera\nimage_width: 1280\nimage_height: 720\ndistortion_parameters:\n   k1: 0.1\n   k2: -0.02\n   p1: 0.001\n   p2: -0.002\nprojection_parameters:\n   fx: 700.25\n   fy: 701.5\n   cx: 642.125\n   cy: 355.75\n\nestimate_extrinsic: 0\nextrinsicRotation: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [0,-1,0,1,0,0,0,0,1]\nmax_cnt: 150\nmin_dist: 30\nfreq: 10\nF_threshold: 1.0\nshow_track: 1\nequalize: 1\nfisheye: 0\nmax_solver_time: 0.04\nacc_n: 0.08\ng_norm: 9.81007\nloop_closure: 1\ntd: 0.0\nrolling_shutter: 0\n'
 add("vins-mono", vins, R4)
 add(
     "openvins",
-    "%YAML:1.0\n\ncam0:\n  T_imu_cam: #rotation from camera to IMU R_CtoI\n    - [0.01, -0.99, 0.004, -0.02]\n    - [0.9, 0.01, 0.02, -0.06]\n    - [-0.02, 0.003, 0.99, 0.009]\n    - [0.0, 0.0, 0.0, 1.0]\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_coeffs: [0.1,-0.2,0.001,-0.002]\n  distortion_model: radtan\n  intrinsics: [700.25,701.5,642.125,355.75] #fu, fv, cu, cv\n  resolution: [1280, 720]\n  rostopic: /cam0/image_raw\n",
+    "%YAML:1.0\n\ncam0:\n  T_imu_cam: #rotation from camera to IMU R_CtoI\n    - [0.01, -0.99, 0.004, -0.02]\n    - [0.9, 0.01, 0.02, -0.06]\n    - [-0.02, 0.003, 0.99, 0.009]\n    - [0.0, 0.0, 0.0, 1.0]\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_coeffs: [0.1,-0.02,0.001,-0.002]\n  distortion_model: radtan\n  intrinsics: [700.25,701.5,642.125,355.75] #fu, fv, cu, cv\n  resolution: [1280, 720]\n  rostopic: /cam0/image_raw\n",
     R4,
 )
-okvis = "%YAML:1.0\ncameras:\n     - {T_SC:\n        [ 0.01, -0.99, 0.004, -0.02,\n          0.9, 0.01, 0.02, -0.06,\n         -0.02, 0.003, 0.99, 0.009,\n          0.0, 0.0, 0.0, 1.0],\n        image_dimension: [1280, 720],\n        distortion_coefficients: [0.1,-0.2,0.001,-0.002],\n        distortion_type: radialtangential,\n        focal_length: [700.25, 701.5],\n        principal_point: [642.125, 355.75]}\n"
+okvis = "%YAML:1.0\ncameras:\n     - {T_SC:\n        [ 0.01, -0.99, 0.004, -0.02,\n          0.9, 0.01, 0.02, -0.06,\n         -0.02, 0.003, 0.99, 0.009,\n          0.0, 0.0, 0.0, 1.0],\n        image_dimension: [1280, 720],\n        distortion_coefficients: [0.1,-0.02,0.001,-0.002],\n        distortion_type: radialtangential,\n        focal_length: [700.25, 701.5],\n        principal_point: [642.125, 355.75]}\n"
 add(
     "okvis",
     okvis
     + "camera_params:\n    camera_rate: 20\n    sigma_absolute_translation: 0.0\n    timestamp_tolerance: 0.005\nimu_params:\n    a_max: 176.0\n",
     R4,
 )
-euroc = "# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam0 (MT9M034)\n\n# Sensor extrinsics wrt. the body-frame.\nT_BS:\n  cols: 4\n  rows: 4\n  data: [0.01, -0.99, 0.004, -0.02, 0.9, 0.01, 0.02, -0.06, -0.02, 0.003, 0.99, 0.009, 0.0, 0.0, 0.0, 1.0]\n\n# Camera specific definitions.\nrate_hz: 20\nresolution: [1280, 720]\ncamera_model: pinhole\nintrinsics: [700.25, 701.5, 642.125, 355.75] #fu, fv, cu, cv\ndistortion_model: radial-tangential\ndistortion_coefficients: [0.1,-0.2,0.001,-0.002]\n"
+euroc = "# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam0 (MT9M034)\n\n# Sensor extrinsics wrt. the body-frame.\nT_BS:\n  cols: 4\n  rows: 4\n  data: [0.01, -0.99, 0.004, -0.02, 0.9, 0.01, 0.02, -0.06, -0.02, 0.003, 0.99, 0.009, 0.0, 0.0, 0.0, 1.0]\n\n# Camera specific definitions.\nrate_hz: 20\nresolution: [1280, 720]\ncamera_model: pinhole\nintrinsics: [700.25, 701.5, 642.125, 355.75] #fu, fv, cu, cv\ndistortion_model: radial-tangential\ndistortion_coefficients: [0.1,-0.02,0.001,-0.002]\n"
 add("euroc sensor.yaml", euroc, R4)
 add(
     "kimera",
@@ -149,7 +149,7 @@ add(
 add("svo", svo("radial-tangential", LENS[:4]), R4)
 add("maplab equidistant", svo("equidistant", EYE), EQ)
 add("dso", "Pinhole 700.25 701.5 642.125 355.75 0\n1280 720\ncrop\n640 480\n", FLAT)
-add("dso radtan", "RadTan 700.25 701.5 642.125 355.75 0.1 -0.2 0.001 -0.002\n1280 720\ncrop\n640 480\n", R4)
+add("dso radtan", "RadTan 700.25 701.5 642.125 355.75 0.1 -0.02 0.001 -0.002\n1280 720\ncrop\n640 480\n", R4)
 add("dso equi", "EquiDistant 700.25 701.5 642.125 355.75 -0.01 0.003 -0.001 0.0002\n1280 720\nfull\n640 480\n", EQ)
 osfm = {
     "projection_type": "brown",
@@ -160,10 +160,10 @@ osfm = {
     "c_x": (642.125 - 639.5) / 1280,
     "c_y": (355.75 - 359.5) / 1280,
     "k1": 0.1,
-    "k2": -0.2,
+    "k2": -0.02,
     "p1": 0.001,
     "p2": -0.002,
-    "k3": 0.03,
+    "k3": 0.003,
 }
 add("opensfm brown", json.dumps({"v2 unknown unknown 1280 720 brown 0.85": osfm}), R5)
 add(
@@ -242,7 +242,7 @@ add(
     "cityscapes",
     json.dumps(
         {
-            "extrinsic": {"baseline": 0.2, "pitch": 0.03, "roll": 0, "x": 1.7, "y": 0.1, "yaw": 0.01, "z": 1.2},
+            "extrinsic": {"baseline": 0.2, "pitch": 0.003, "roll": 0, "x": 1.7, "y": 0.1, "yaw": 0.01, "z": 1.2},
             "intrinsic": {"fx": 700.25, "fy": 701.5, "u0": 642.125, "v0": 355.75},
         }
     ),
@@ -261,7 +261,7 @@ add(
     ),
     R5,
 )
-anip = '[cam_0]\nname = "A"\nsize = [ 1280, 720,]\nmatrix = [ [ 700.25, 0.0, 642.125,], [ 0.0, 701.5, 355.75,], [ 0.0, 0.0, 1.0,],]\ndistortions = [ 0.1, -0.2, 0.001, -0.002, 0.03,]\nrotation = [ 0.0, 0.0, 0.0,]\ntranslation = [ 0.0, 0.0, 0.0,]\n'
+anip = '[cam_0]\nname = "A"\nsize = [ 1280, 720,]\nmatrix = [ [ 700.25, 0.0, 642.125,], [ 0.0, 701.5, 355.75,], [ 0.0, 0.0, 1.0,],]\ndistortions = [ 0.1, -0.02, 0.001, -0.002, 0.003,]\nrotation = [ 0.0, 0.0, 0.0,]\ntranslation = [ 0.0, 0.0, 0.0,]\n'
 add(
     "anipose",
     anip
@@ -349,7 +349,7 @@ add(
             "platform": "x",
             "image_size": [1280, 720],
             "camera_matrix": NUMBERS,
-            "distortion_coefficients": {"k1": 0.1, "k2": -0.2, "p1": 0.001, "p2": -0.002, "k3": 0.03},
+            "distortion_coefficients": {"k1": 0.1, "k2": -0.02, "p1": 0.001, "p2": -0.002, "k3": 0.003},
             "distortion_model": "rectilinear",
             "avg_reprojection_error": 0.3,
         }
@@ -364,7 +364,7 @@ add(
             "platform": "x",
             "img_size": [1280, 720],
             "camera_matrix": {**NUMBERS},
-            "distortion_coefficients": [0.1, -0.2, 0.001, -0.002, 0.03],
+            "distortion_coefficients": [0.1, -0.02, 0.001, -0.002, 0.003],
             "distortion_model": "rectilinear",
             "avg_reprojection_error": 0.3,
             "keyframes": [[0, 0]],
@@ -431,14 +431,14 @@ add(
 )
 add(
     "openvslam flat",
-    'Camera.name: "x"\nCamera.setup: "monocular"\nCamera.model: "perspective"\nCamera.fx: 700.25\nCamera.fy: 701.5\nCamera.cx: 642.125\nCamera.cy: 355.75\nCamera.k1: 0.1\nCamera.k2: -0.2\nCamera.p1: 0.001\nCamera.p2: -0.002\nCamera.k3: 0.03\nCamera.fps: 30.0\nCamera.cols: 1280\nCamera.rows: 720\nCamera.color_order: "RGB"\nFeature.max_num_keypoints: 1000\n',
+    'Camera.name: "x"\nCamera.setup: "monocular"\nCamera.model: "perspective"\nCamera.fx: 700.25\nCamera.fy: 701.5\nCamera.cx: 642.125\nCamera.cy: 355.75\nCamera.k1: 0.1\nCamera.k2: -0.02\nCamera.p1: 0.001\nCamera.p2: -0.002\nCamera.k3: 0.003\nCamera.fps: 30.0\nCamera.cols: 1280\nCamera.rows: 720\nCamera.color_order: "RGB"\nFeature.max_num_keypoints: 1000\n',
     R5,
 )
 add(
     "orb no size",
     '%YAML:1.0\n\nCamera.type: "PinHole"\n'
     + "".join(f"Camera.{k}: {v}\n" for k, v in NUMBERS.items())
-    + "Camera.k1: 0.1\nCamera.k2: -0.2\nCamera.p1: 0.001\nCamera.p2: -0.002\nCamera.fps: 30.0\nORBextractor.nFeatures: 1000\nViewer.PointSize:2\n".replace(
+    + "Camera.k1: 0.1\nCamera.k2: -0.02\nCamera.p1: 0.001\nCamera.p2: -0.002\nCamera.fps: 30.0\nORBextractor.nFeatures: 1000\nViewer.PointSize:2\n".replace(
         "Viewer.PointSize:2\n", ""
     ),
     R4,
@@ -446,7 +446,7 @@ add(
 )
 add(
     "zed conf",
-    "[LEFT_CAM_HD]\nfx=700.25\nfy=701.5\ncx=642.125\ncy=355.75\nk1=0.1\nk2=-0.2\np1=0.001\np2=-0.002\nk3=0.03\n\n[RIGHT_CAM_HD]\nfx=600\nfy=600\ncx=640\ncy=360\nk1=0\nk2=0\np1=0\np2=0\nk3=0\n\n[STEREO]\nBaseline=119.9\nTY=0.1\n",
+    "[LEFT_CAM_HD]\nfx=700.25\nfy=701.5\ncx=642.125\ncy=355.75\nk1=0.1\nk2=-0.02\np1=0.001\np2=-0.002\nk3=0.003\n\n[RIGHT_CAM_HD]\nfx=600\nfy=600\ncx=640\ncy=360\nk1=0\nk2=0\np1=0\np2=0\nk3=0\n\n[STEREO]\nBaseline=119.9\nTY=0.1\n",
     R5,
     "#LEFT_CAM_HD" + S,
 )
@@ -454,7 +454,7 @@ add(
     "matlab struct",
     json.dumps(
         {
-            "RadialDistortion": [0.1, -0.2, 0.03],
+            "RadialDistortion": [0.1, -0.02, 0.003],
             "TangentialDistortion": [0.001, -0.002],
             "ImageSize": [720, 1280],
             "WorldPoints": [],
@@ -486,7 +486,7 @@ add(
                     "w": 1280,
                     "h": 720,
                     "k1": 0.1,
-                    "k2": -0.2,
+                    "k2": -0.02,
                     "p1": 0.001,
                     "p2": -0.002,
                     "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]],
@@ -505,7 +505,7 @@ add(
 )
 add(
     "realsense text",
-    "[ 1280x720  p[642.125 355.75]  f[700.25 701.5]  Brown Conrady [0.1 -0.2 0.001 -0.002 0.03] ]\n",
+    "[ 1280x720  p[642.125 355.75]  f[700.25 701.5]  Brown Conrady [0.1 -0.02 0.001 -0.002 0.003] ]\n",
     R5,
 )
 add(
@@ -540,11 +540,11 @@ add(
                 "height": 720,
                 "focal": 700.0 / 1280,
                 "k1": 0.1,
-                "k2": -0.2,
+                "k2": -0.02,
             }
         }
     ),
-    ("radtan", (0.1, -0.2, 0, 0)),
+    ("radtan", (0.1, -0.02, 0, 0)),
 )
 add("blenderproc", json.dumps({"cam_K": R9, "depth_scale": 1.0}), FLAT, S)
 add(
@@ -641,7 +641,7 @@ add(
 )
 add(
     "kalibr omni",
-    "cam0:\n  camera_model: omni\n  distortion_coeffs: [0.1,-0.2,0.001,-0.002]\n  distortion_model: radtan\n  intrinsics: [1.1,700.25,701.5,642.125,355.75]\n  resolution: [1280, 720]\n",
+    "cam0:\n  camera_model: omni\n  distortion_coeffs: [0.1,-0.02,0.001,-0.002]\n  distortion_model: radtan\n  intrinsics: [1.1,700.25,701.5,642.125,355.75]\n  resolution: [1280, 720]\n",
     REFUSED,
 )
 add(
@@ -663,8 +663,8 @@ add(
             "height": 720,
             **NUMBERS,
             "k1": 0.1,
-            "k2": -0.2,
-            "k3": 0.03,
+            "k2": -0.02,
+            "k3": 0.003,
             "k4": 0.02,
             "k5": -0.01,
             "k6": 0.004,
@@ -708,7 +708,7 @@ add(
 )
 add(
     "toml cam",
-    "[camera]\nimage_size = [1280, 720]\nfx = 700.25\nfy = 701.5\ncx = 642.125\ncy = 355.75\ndistortion = [0.1, -0.2, 0.001, -0.002, 0.03]\n",
+    "[camera]\nimage_size = [1280, 720]\nfx = 700.25\nfy = 701.5\ncx = 642.125\ncy = 355.75\ndistortion = [0.1, -0.02, 0.001, -0.002, 0.003]\n",
     R5,
 )
 add(
@@ -731,7 +731,7 @@ add(
         {
             "image_size": {"width": 1280, "height": 720},
             "intrinsics": {"focal_length": [700.25, 701.5], "principal_point": [642.125, 355.75]},
-            "distortion": {"radial": [0.1, -0.2, 0.03], "tangential": [0.001, -0.002]},
+            "distortion": {"radial": [0.1, -0.02, 0.003], "tangential": [0.001, -0.002]},
         }
     ),
     R5,

@@ -18,69 +18,12 @@ from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
-from markergen.read.cameras.document import Fields, plain
+from markergen.read.cameras.document import Fields
+from markergen.read.cameras.names import KEYS, NAMED
 from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
 from markergen.read.remarks import remark
 
-MATRIX = (
-    "camera_matrix",
-    "K",
-    "intrinsic_matrix",
-    "mtx",
-    "M",
-    "camera_intrinsics",
-    "intrinsics_matrix",
-    "intrinsic",
-    "intrinsics",
-    "matrix",
-    "cam_K",
-    "camera_intrinsic",
-)
-COEFFICIENTS = (
-    "distortion_coefficients",
-    "D",
-    "dist_coeffs",
-    "distortion_coeffs",
-    "dist",
-    "dist_coeff",
-    "coeffs",
-    "distortion_coeff",
-    "distortions",
-    "distCoef",
-    "distortion",
-    "distortion_parameters",
-    "cameraExtrinsics",
-    "distortion_coefs",
-)
-MODEL = ("distortion_model",)
-WIDTH = ("image_width", "width", "img_width", "w", "cols", "resolution_x")
-HEIGHT = ("image_height", "height", "img_height", "h", "rows", "resolution_y")
-SIZE = (
-    "image_size",
-    "resolution",
-    "img_size",
-    "camera_resolution",
-    "image_resolution",
-    "imagersize",
-    "image_dimension",
-    "size",
-    "S",
-)
-FX, FY = ("fx", "fl_x", "focal_length_x"), ("fy", "fl_y", "focal_length_y")
-CX, CY = ("cx", "ppx", "principal_point_x", "u0"), ("cy", "ppy", "principal_point_y", "v0")
-FOCAL, PRINCIPAL = ("focal_length", "focal_lengths", "focal"), ("principal_point", "center")
-RADIAL, TANGENTIAL = ("radial", "radial_distortion"), ("tangential", "tangential_distortion")
-"""Keys used by OpenCV, by ROS, by other programs, and in hand-written files."""
-
-PART = ("x_offset", "y_offset", "height", "width")
-"""Keys of the region of interest of a ROS message."""
-
-NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-"""Keys of single coefficients."""
-
-SIDES = frozenset(map(plain, (*WIDTH, *HEIGHT)))
-KNOWN = SIDES.union(map(plain, (*MATRIX, *COEFFICIENTS, *MODEL, *SIZE, *FX, *FY, *CX, *CY, *FOCAL, *PRINCIPAL, *NAMED)))
-"""What `plain` makes of the keys of numbers."""
+MATRIX, COEFFICIENTS, RADIAL, TANGENTIAL, _, WIDTH, HEIGHT, SIZE, FX, FY, CX, CY, FOCAL, PRINCIPAL, PART = KEYS.values()
 
 SHORTEST, LONGEST = 0.02, 1e6
 """Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
@@ -157,9 +100,9 @@ def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Dis
     """Make the distortion from a list of coefficients, or from single ones; in a `flat` table these may be left out."""
     model = "" if stated == BY_COUNT else stated
     if table.find(*RADIAL) and table.find(*TANGENTIAL) and table.find(*COEFFICIENTS) is None:
-        radial, tangential = table.numbers(*RADIAL), table.numbers(*TANGENTIAL)
-        key, coefficients = table.key(*RADIAL), [*radial[:2], *tangential, *radial[2:]]
-        return make_distortion(model, coefficients, model_place or table.place(key), table.place(key))
+        radial, place = table.numbers(*RADIAL), table.place(table.key(*RADIAL))
+        split = [*radial[:2], *table.numbers(*TANGENTIAL), *radial[2:]]
+        return make_distortion(model, split, model_place or place, place)
     key = table.find(*COEFFICIENTS)
     if key is not None:
         coefficients = entries(table, table.key(*COEFFICIENTS), None)

@@ -16,20 +16,9 @@ from typing import Any
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import (
-    COEFFICIENTS,
-    FOCAL,
-    FX,
-    HEIGHT,
-    KNOWN,
-    MATRIX,
-    MODEL,
-    SIDES,
-    SIZE,
-    WIDTH,
-    calibrated_camera,
-)
+from markergen.read.cameras.calibration import calibrated_camera
 from markergen.read.cameras.document import Document, Fields, names_of, plain, tables_in
+from markergen.read.cameras.names import KEYS, KNOWN, SIDES
 from markergen.read.cameras.programs import PROGRAMS, values_of
 
 MOST_CAMERAS = 10_000
@@ -130,16 +119,19 @@ def _is_camera(node: Mapping[str, Any], parent: tuple[str, ...]) -> bool:
     """True for a table with a matrix or focal lengths, or one that lacks them beside a size and coefficients."""
     keys = {name: value for key, value in node.items() for name in names_of(".".join((*parent, key)))}
 
-    def has(names: Sequence[str]) -> bool:
-        return any(plain(name) in keys and not (isinstance(keys[plain(name)], dict) and "data" not in keys[plain(name)])
-                   for name in names)  # fmt: skip
+    def has(*kinds: str) -> bool:
+        return any(
+            not isinstance(keys.get(plain(name), {}), dict) or "data" in keys.get(plain(name), {})
+            for kind in kinds
+            for name in KEYS[kind]
+        )
 
-    return has(MATRIX) or has(FX) or has(FOCAL) or (has((*SIZE, *WIDTH, *HEIGHT)) and has(COEFFICIENTS) and has(MODEL))
+    return has("matrix", "fx", "focal") or (has("size", "width") and has("coefficients") and has("model"))
 
 
 def _groups(node: Mapping[str, Any], way: tuple[str, ...]) -> list[_Found]:
     """Cameras whose keys end or begin with a number or a side, such as K_00 and D_00."""
-    matrices, groups = set(map(plain, MATRIX)), dict[str, _Found]()
+    matrices, groups = set(map(plain, KEYS["matrix"])), dict[str, _Found]()
     if any(plain(key) in matrices for key in node):
         return []
     for key, value in node.items():

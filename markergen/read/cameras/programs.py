@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH
 from markergen.read.cameras.document import Document, Fields, document_of, nested, plain
+from markergen.read.cameras.names import KEYS
 from markergen.read.remarks import remark
 
 Values = dict[str, Any]
@@ -143,12 +143,19 @@ def _camodocal(document: Document, values: Values) -> Values:
 def _matlab(document: Document, values: Values) -> Values:
     table = Fields(document.name, values)
     radial, tangential = table.numbers("RadialDistortion"), table.numbers("TangentialDistortion")
-    matrix, size = np.reshape(table.numbers(*MATRIX)[:9], (3, 3)), table.numbers("ImageSize")
+    numbers, size = table.numbers(*KEYS["matrix"]), table.numbers("ImageSize")
+    if (len(numbers), len(size), len(tangential)) != (9, 2, 2):
+        raise InputError(
+            f"K, ImageSize and TangentialDistortion of MATLAB in {document.name}", "others", "write it again"
+        )
+    matrix = np.reshape(numbers, (3, 3))
     matrix = matrix if matrix[0, 2] else matrix.T
     # Rows come before columns, and the first pixel is (1, 1).
     matrix[:2, 2] -= 1
     terms = [*radial[:2], *tangential, *radial[2:]]
-    others = {key: value for key, value in values.items() if plain(key) not in map(plain, (*MATRIX, "ImageSize"))}
+    others = {
+        key: value for key, value in values.items() if plain(key) not in map(plain, (*KEYS["matrix"], "ImageSize"))
+    }
     drop = ("RadialDistortion", "TangentialDistortion")
     others = {key: value for key, value in others.items() if key not in drop and "Tangential" not in key}
     return {**others, "K": matrix.tolist(), "image_size": size[::-1], "D": terms}
@@ -160,9 +167,14 @@ def _nerf(document: Document, values: Values) -> Values:
         return values
     values = {key: value for key, value in values.items() if key != "frames"}
     angles = {axis: root.number(f"camera_angle_{axis}") for axis in "xy" if root.find(f"camera_angle_{axis}")}
-    if angles and (root.size or root.find(*WIDTH)):
-        sides = root.size or (root.whole(*WIDTH), root.whole(*HEIGHT) if root.find(*HEIGHT) else 0)
+    if angles and (root.size or root.find(*KEYS["width"])):
+        sides = root.size or (
+            root.whole(*KEYS["width"]),
+            root.whole(*KEYS["height"]) if root.find(*KEYS["height"]) else 0,
+        )
         for (axis, angle), side in zip(angles.items(), sides, strict=False):
+            if not 0 < angle < math.pi:
+                raise InputError(f"a camera_angle_{axis} of 0 to pi in {document.name}", f"{angle:g}", "correct it")
             focal = side / 2 / math.tan(angle / 2)
             key = f"fl_{axis}"
             stated = root.number(key if root.find(key) else "fl_x") if root.find("fl_x") else focal
@@ -185,7 +197,8 @@ def _opensfm(document: Document, values: Values) -> Values:
         width, height = table.whole("width"), table.whole("height")
         longer = max(width, height)
         focal = [table.number(*names) * longer for names in (("focal_x", "focal"), ("focal_y", "focal"))]
-        off = [table.number(name) * longer if table.find(name) else 0.0 for name in ("c_x", "c_y")]
+        names = ("c_x", "c_y") if table.find("focal_x", "c_x", "c_y") else ()
+        off = [table.number(name) * longer for name in names] or [0.0, 0.0]
         numbers = {"fx": focal[0], "fy": focal[1], "cx": (width - 1) / 2 + off[0], "cy": (height - 1) / 2 + off[1]}
         others = {name: value for name, value in camera.items() if name[:2] != "c_" and name[:5] != "focal"}
         cameras[key] = {**others, **{name: repr(value) for name, value in numbers.items()}}
@@ -257,8 +270,8 @@ PROGRAMS: dict[str, Program] = {
     "markergen": Program("width, height, fx, fy, cx, cy, distortion", _is_own),
     "ros": Program(
         "camera_matrix or K, and distortion_model",
-        lambda values: _any("camera_info")(values) or (_any(*MATRIX)(values) and _any(*MODEL)(values))),
-    "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*MATRIX)),
+        lambda values: _any("camera_info")(values) or (_any(*KEYS["matrix"])(values) and _any(*KEYS["model"])(values))),
+    "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*KEYS["matrix"])),
     "orb-slam": Program("Camera.fx, Camera.width", _any("Camera.fx", "Camera1.fx")),
     **{name: Program(name, _never) for name in TEXTS},
     "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),

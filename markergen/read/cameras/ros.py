@@ -14,9 +14,10 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraRecord
-from markergen.read.cameras.calibration import PART, calibrated_camera
+from markergen.read.cameras.calibration import calibrated_camera
 from markergen.read.cameras.document import document_of, yaml_text
 from markergen.read.cameras.keys import keyed
+from markergen.read.cameras.names import KEYS
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
 """Relevant fields of a message, in ROS 1 and 2."""
@@ -66,7 +67,7 @@ def camera_of_message(message: Any) -> Camera:
         raise InputError("a message sensor_msgs/CameraInfo", problem, "Camera.load reads files")
     roi = values.get("roi")
     if roi is not None and not isinstance(roi, Mapping):
-        values = {**values, "roi": _attributes(roi, PART)}
+        values = {**values, "roi": _attributes(roi, KEYS["part"])}
     return calibrated_camera(document_of(values, "the CameraInfo").fields)
 
 

@@ -73,6 +73,8 @@ IRRELEVANT = re.compile(
     r"projection_?matrix|header|overlaps|^t_?c|^t_?i|timeshift|std_?dev|camera_?parameters|covariance|residual|observations|"
     r"calobject|^criteria|frame_?id|software|tool|author|copyright|schema|hash|uuid|guid|license|url|num_?images|image_?list|"
     r"extrinsic|translation|rotation_?(matrix|vector)s?$|stereo|baseline|^cam\d+$|hfov|vfov|lens_?position|"
+    r"do_rectify|^rate|sensor_type|^t_\w|local_transform|fix_|corner|^rotation$|^projection$|_rect_|depth_scale|setup|color_order|"
+    r"feature|orbextractor|metadata|camera_?poses|calibrator|calibrated_by|^[rt]_\d+$|blur_score|"
     r"^dt$|^type_id$|^camera$|rt_cam|icam|valid_intrinsics|imu|accel|gyro|vignette|mocap",
     re.IGNORECASE,
 )

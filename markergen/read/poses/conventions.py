@@ -92,7 +92,8 @@ IGNORED = re.compile(
 
 BODY_COLUMN = re.compile(r"[pq]_\w+_\w*[wxyz]\b|.*\bbody\b.*|.*\bimu\b.*")
 ASKED_COLUMN = re.compile(
-    r"(field\.|/?\w*pose[./]|.*[./]pose[./]|transform[./]|.*[./]transform[./]).*|(.*[._ /])?(pos|position|loc|location)[._ /]?x.*"
+    r"(field\.|/?\w*pose[./]|.*[./]pose[./]|transform[./]|.*[./]transform[./]).*|"
+    r"(.*[._ /])?(pos|position|loc|location)[._ /]?x.*"
 )
 """Columns of a pose of anything in anything."""
 

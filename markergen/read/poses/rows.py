@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
 from markergen.model.poses import COLUMNS
 from markergen.read.poses.conventions import PoseConvention, column_of, scale_of, stated, unit_of
-from markergen.read.remarks import remark_unused
+from markergen.read.remarks import remark, remark_unused
 
 Place = Callable[[int], str]
 """Function that returns the place of the pose with an index, for messages: ``line 7 of poses.csv``."""
@@ -88,14 +89,9 @@ class RowsFile:
 
     @cached_property
     def comments(self) -> list[str]:
-        """Comments before the first row, without their mark; at most a hundred."""
-        texts: list[str] = []
-        for line in io.BytesIO(self.data):
-            stripped = line.strip()
-            if (stripped and stripped[:1] != b"#") or len(texts) == MOST_COMMENTS:
-                break
-            texts += [stripped[:LONGEST_LINE].lstrip(b"# ").decode("utf-8", "replace")] if stripped else []
-        return texts
+        """Comments, without their mark; at most a hundred."""
+        marked = (line for line in map(bytes.strip, io.BytesIO(self.data)) if line[:1] == b"#")
+        return [line[:LONGEST_LINE].lstrip(b"# ").decode("utf-8", "replace") for line in islice(marked, MOST_COMMENTS)]
 
     @cached_property
     def stated(self) -> dict[str, str]:
@@ -119,7 +115,10 @@ class RowsFile:
             if len(names) != len(cells) and "," in comment:
                 names = _cells(comment, ",")
             kinds = [column_of(name).kind for name in names]
-            if sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0]) and {"tx", "ty", "tz"} <= set(kinds):
+            is_whole = sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0]) and {"tx", "ty", "tz"} <= set(kinds)
+            if not is_whole and sum(kind[:1] in ("t", "q", "r") for kind in kinds) > FEWEST:
+                remark(f"{self.name}: a comment about columns is not understood, and not followed: {brief(comment)}")
+            if is_whole:
                 if len(names) != len(cells):
                     raise InputError(
                         f"{len(names)} columns as a comment says in {self.name}", str(len(cells)), "correct it"

@@ -57,7 +57,7 @@ def _is_matrices(file: RowsFile) -> bool:
 def _read(file: RowsFile) -> RawPoses:
     names = file.header
     if names:
-        frame = ASKED if any(map(is_body, names)) else CAMERA_IN_MARKER
+        frame = ASKED if any(map(is_body, names)) or "device_id" in names else CAMERA_IN_MARKER
         if any("kapture" in comment.lower() for comment in file.comments):
             frame = MARKER_IN_CAMERA  # Its trajectories map the world to the device.
             devices = {cells[1] for _, cells in file.table() if len(cells) > 1} if "device_id" in names else {""}
