@@ -30,8 +30,18 @@ from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
-from markergen.optimize.dot_count import outlook, planned_error, usual_sources
-from markergen.optimize.dot_size import DotSize, choose_dots, crowded, crowding, needs_scales, pixels_across, size_given
+from markergen.optimize.dot_count import RIM, outlook, planned_error, usual_sources
+from markergen.optimize.dot_size import (
+    MEASURABLE,
+    DotSize,
+    choose_dots,
+    crowded,
+    crowding,
+    needs_scales,
+    pixels_across,
+    separating_gap,
+    size_given,
+)
 from markergen.optimize.ending import Ended, current_limit, limited
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
@@ -569,23 +579,23 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
     layout, crowded = None, None
 
     def refuse_crowds(points: Array) -> None:
-        if task.wanted_gap(points):
+        if task.crowds(points):
             raise _Crowded(points)
 
     try:
         layout = _place(task, progress, traced, watch, refuse_crowds)
-        crowded = layout.points if task.wanted_gap(layout.points) else None
+        crowded = layout.points if task.crowds(layout.points) else None
     except _Crowded as error:
         (crowded,) = error.args
     gap = Gap(max(task.spec.gap, task.dots.clearance), reason)
     if crowded is not None:
         try:
-            apart = _task_of(replace(task.spec, gap=task.wanted_gap(crowded)), "", progress)
+            apart = _task_of(replace(task.spec, gap=task.images_gap), "", progress)
             layout = _place(apart, progress, traced, watch)
-            gap = Gap(apart.spec.gap, IMAGES, _value_without_gap(apart, crowded, layout.points))
-            task = apart
+            if without := _value_without_gap(apart, crowded, layout.points):
+                gap, task = Gap(apart.spec.gap, IMAGES, without), apart
         except InputError as error:
-            log.info("no gap of %s: %s", format_length(task.wanted_gap(crowded)), error)
+            log.info("no gap of %s: %s", format_length(task.images_gap), error)
     layout = layout or _place(task, progress, traced, watch)
     result = _made(task, layout, gap, perf_counter() - begin)
     log.info("designed %r in %.1f s", result.marker, result.seconds)
@@ -593,13 +603,17 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
 
 
 def _value_without_gap(task: "_Task", crowded: Array, points: Array) -> float:
-    """Value of a layout that keeps only the clearance: a crowded one, or one of it and points (n, 2), polished."""
+    """Value of a layout that keeps only the clearance: a crowded one, or one of it and points (n, 2), polished.
+
+    0 if no dots of the points are as close as the gap allows, and none of the others is better: they need no gap.
+    """
     room = task.region.without_gap
-    value = float(task.objective(crowded[None])[0])
-    if len(points) > ALL_PAIRS_UP_TO:
-        return value
-    with limited(None):
-        return min(value, *(polish(task.objective, room, start)[1] for start in (crowded, points)))
+    own, value = task.objective(np.stack([points, crowded])).tolist()
+    if len(points) <= ALL_PAIRS_UP_TO:
+        with limited(None):
+            value = min(value, *(polish(task.objective, room, start)[1] for start in (crowded, points)))
+    wider = replace(task.region, gap=task.region.gap + MEASURABLE)
+    return 0.0 if value >= own * (1 - UPRIGHT) and wider.holds(points[None])[0] else value
 
 
 class _Crowded(Exception):
@@ -617,13 +631,20 @@ class _Task:
     ngon: Array | None
     objective: Objective
 
-    def wanted_gap(self, points: Array) -> float:
-        """Gap in m that keeps images of dots apart, of which nothing is said; 0 if none does, or they are apart."""
-        spec, diameter = self.spec, self.dots.diameter
-        if spec.dot is not None or spec.gap or spec.points or spec.relief or not diameter:
+    @cached_property
+    def images_gap(self) -> float:
+        """Gap in m that keeps images of dots apart anywhere in the room; 0 if dots or gaps are asked for."""
+        spec, room = self.spec, self.region.boundary
+        if spec.dot is not None or spec.gap or spec.points or spec.relief or not self.dots.diameter:
             return 0.0
-        close = crowding(points, diameter, self.setting.camera, self.setting.poses, spec.image_noise)
-        return 0.0 if close is None or close.gap >= diameter else close.gap
+        places = room.project(room.rim(RIM), self.region.inset)
+        gap = separating_gap(places, self.setting.camera, self.setting.poses, spec.image_noise)
+        return 0.0 if gap >= self.dots.diameter else gap
+
+    def crowds(self, points: Array) -> bool:
+        """Whether images of dots at points (n, 2) run together, and a gap prevents it."""
+        setting, image = self.setting, self.spec.image_noise
+        return bool(self.images_gap and crowding(points, self.dots.diameter, setting.camera, setting.poses, image))
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import either
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
-from markergen.optimize.dot_size import clearance_of
+from markergen.optimize.dot_size import clearance_of, separating_gap
 from markergen.optimize.ending import Ended, limited
 from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
 from markergen.optimize.layouts import lattice
@@ -120,19 +120,14 @@ def least_sizes(
 ) -> tuple[float, float]:
     """Diameter and gap of dots in m, whole tenths of a mm, that are large enough anywhere in 95 % of the poses.
 
-    With A of `image_slopes`, the mean diameter of an image is d sqrt(|det A|), the root of long times short axis, and a
-    gap g is no less than g times the smaller singular value of A.
+    With A of `image_slopes`, the mean diameter of an image is d sqrt(|det A|), the root of long times short axis; for
+    gaps see `separating_gap`, which also raises the error.
     """
-    slopes = np.nan_to_num(image_slopes(image_jacobian(boundary.rim(RIM), camera, poses), poses))
-    area = np.sqrt(np.abs(np.linalg.det(slopes)))
-    narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
-    sizes = []
-    for pixels, scale in ((RELIABLE_PIXELS * image.size_factor, area), (GAP_PIXELS * image.gap_factor, narrow)):
-        worst = np.sort(scale.min(axis=1))[int((1 - share) * len(poses) + 1e-9)]
-        if not worst:
-            raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
-        sizes.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))
-    return sizes[0], sizes[1]
+    rim = boundary.rim(RIM)
+    gap = separating_gap(rim, camera, poses, image, GAP_PIXELS, 1 - share)
+    slopes = np.nan_to_num(image_slopes(image_jacobian(rim, camera, poses), poses))
+    area = np.sort(np.sqrt(np.abs(np.linalg.det(slopes))).min(axis=1))[int((1 - share) * len(poses) + 1e-9)]
+    return float(np.ceil(RELIABLE_PIXELS * image.size_factor / area * 1e4 - 1e-6) / 1e4), gap
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.observation import DotNoise
+from markergen.optimize import design as designing
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import (
     BLOT_PX,
@@ -25,6 +26,7 @@ from markergen.optimize.dot_size import (
     crowded,
     largest_that_leaves_room,
     pixels_across,
+    separating_gap,
     smallest_detectable,
     wanted_pixels,
 )
@@ -187,7 +189,7 @@ def test_dots_that_run_together_in_images_are_told_with_the_gap_that_serves():
         assert bool(said) == (800 * gap < BLOT_PX)
         if said:
             assert "100%" in said[0]
-            assert "--gap 1.9mm" in said[0]
+            assert "--gap 1.5mm" in said[0]  # 1.2 px
     assert crowded(points, 0.0, camera, poses) == []
 
 
@@ -215,7 +217,28 @@ def test_a_blur_fills_gaps_between_dots():
     assert crowded(points, diameter, camera, poses) == []
     [said] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
     assert "3 px apart in 100%" in said
-    assert "--gap 4.7mm" in said
+    assert "--gap 3.8mm" in said
+
+
+def test_images_of_dots_that_keep_the_gap_stay_apart_wherever_they_are(setting):
+    """Checks the gap, which is from derivatives at the rim, on pairs of dots anywhere in the room and in any direction."""
+    rng, diameter = np.random.default_rng(3), 0.02
+    gap = separating_gap(Circle(0.13).rim(64), PAPER_CAMERA, setting.poses)
+    for kept, apart in ((gap, True), (0.93 * gap, False)):
+        first, angle = Circle(0.13).sample(4000, 0.0, rng), rng.uniform(0, 2 * np.pi, 4000)
+        second = first + (diameter + kept) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        pairs = np.stack([first, second], axis=1)[np.hypot(*second.T) <= 0.13]
+        pixels = PAPER_CAMERA.project(pairs.reshape(-1, 2), setting.poses.rotation, setting.poses.translation)
+        seen = np.linalg.norm(np.diff(pixels.reshape(len(setting.poses), -1, 2, 2), axis=2)[:, :, 0], axis=-1)
+        images = np.sort((seen * kept / (diameter + kept)).min(axis=1))
+        assert (images[int(0.05 * len(images))] >= BLOT_PX) == apart
+
+
+def test_a_gap_that_no_dots_of_the_best_layout_need_is_none(monkeypatch):
+    # As if the first layouts that the search comes upon were crowded, but not its result.
+    monkeypatch.setattr(designing, "crowding", lambda *_: 1.0)
+    free = design(Spec(n=5, boundary=Circle(0.15), restarts=1))
+    assert (free.gap.reason, free.spec.gap) == ("clearance", 0.0)
 
 
 @pytest.mark.parametrize("boundary", [Circle(0.08), PLATE], ids=["disk", "plate"])
