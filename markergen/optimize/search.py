@@ -8,7 +8,7 @@ starts agree on a layout than which a regular one is as good.
 """
 # tests: tests/optimize/test_search.py tests/optimize/test_optimize.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -107,11 +107,10 @@ LONGEST = 0.15
 
 @dataclass(frozen=True)
 class Optimum:
-    """Best layout (n, 2) in m found, its value, and whether independent starts agree on it."""
+    """Best layout (n, 2) in m found, and its value."""
 
     points: Array
     value: float
-    settled: bool = False
 
 
 def search(
@@ -190,12 +189,11 @@ class Stages:
         elif self.objective.nonsmooth:
             optimum = self.descended(rng, restarts or self.objective.default_restarts)
         else:
-            optimum = self.polished_at_random(rng, restarts)
-        if not optimum.settled:
-            regular = self.from_regular(shaking, restarts)
-            if not optimum.value * (1 - GAIN) <= regular.value:
-                optimum = regular
-        if walled and self.n >= HOPPING and np.isfinite(optimum.value) and not optimum.settled:
+            return self.polished_at_random(rng, shaking, restarts)
+        regular = self.from_regular(shaking, restarts)
+        if not optimum.value * (1 - GAIN) <= regular.value:
+            optimum = regular
+        if walled and self.n >= HOPPING and np.isfinite(optimum.value):
             hops = max(FEWEST_HOPS, round(HOPS * min(1.0, MOST_HOPPING / self.n) ** 3))
             optimum = self.hopped(optimum, min(hops, 3 * restarts or hops), hopping)
         return optimum
@@ -252,15 +250,26 @@ class Stages:
             layouts = layouts[np.concatenate([np.arange(count), likely])]
         return layouts, self.objective(layouts) if len(layouts) else np.empty(0)
 
-    def polished_at_random(self, rng: np.random.Generator, restarts: int) -> Optimum:
-        """Return the best polish of random layouts, or a regular one that is as good, which ends the search early."""
-        ends, starts = list[Ranked](), restarts or RANDOM
+    def polished_at_random(self, rng: np.random.Generator, shaking: np.random.Generator, restarts: int) -> Optimum:
+        """Return the best polish of random and regular layouts, or a regular one that is as good.
+
+        Unless restarts are asked for, there are no more random starts once enough of them end at the best of all, the
+        polishes of regular layouts included.
+        """
+        ends, starts, regular, others = list[Ranked](), restarts or RANDOM, None, list[Ranked]()
         for done in range(starts):
             self.tell("polish", done, starts + POLISHED)
             ends.append(self.quick(self.region.sample(1, self.n, rng)[0]))
             self.shown(ends)
-            if self.agreed(ends, restarts) and (optimum := self.as_regular(*self.polished(best_of(ends, 1)[0][0]))):
-                return optimum
+            if restarts or not agreed(ends):
+                continue
+            if not regular:
+                if exact := self.as_regular(*self.polished(best_of(ends, 1)[0][0])):
+                    return exact
+                regular = self.from_regular(shaking, restarts)
+                others = [self.quick(regular.points)] if len(regular.points) else []
+            if agreed(ends, others):
+                break
         if not np.isfinite([value for _, value in ends]).any() and (packed := fitting(self.region, self.n)) is not None:
             ends.append(self.quick(packed))
         # Few poses rank layouts only nearly as all do.
@@ -270,7 +279,8 @@ class Stages:
             self.tell("polish", starts + done, starts + POLISHED)
             candidates[done] = self.polished(points)
         self.tell("polish", 1, 1)
-        points, value = min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf))
+        regular = regular or self.from_regular(shaking, restarts)
+        points, value = min([*candidates, (regular.points, regular.value)], key=lambda end: end[1])
         return self.as_regular(points, value) or Optimum(points, value)
 
     def as_regular(self, points: Array, value: float) -> Optimum | None:
@@ -281,22 +291,13 @@ class Stages:
             return None
         if self.record:
             self.record("polish", points[None], layouts[as_good[0]][None])
-        return Optimum(layouts[as_good[0]], float(values[as_good[0]]), settled=True)
+        return Optimum(layouts[as_good[0]], float(values[as_good[0]]))
 
     def shown(self, ends: list[Ranked]) -> None:
         """Show the best of the first few ends, once there are enough."""
         points, value = best_of(ends, 1)[0]
         if len(ends) == AGREEING and np.isfinite(value):
             self.first(points)
-
-    def agreed(self, ends: list[Ranked], restarts: int) -> bool:
-        """Return whether enough ends of independent starts have the least value, unless all restarts are asked for."""
-        least = min(value for _, value in ends)
-        return (
-            not restarts
-            and np.isfinite(least)
-            and sum(value <= least * (1 + DISTINCT) for _, value in ends) >= AGREEING
-        )
 
     def from_regular(self, rng: np.random.Generator, restarts: int) -> Optimum:
         """Return the best result of polishing regular layouts, no worse than any regular polygon."""
@@ -430,6 +431,13 @@ class Stages:
                 break
             points, value = moved, better
         return points, value
+
+
+def agreed(ends: list[Ranked], others: Sequence[Ranked] = ()) -> bool:
+    """Return whether enough ends of independent starts have the least value of all, those of others included."""
+    values = np.array([value for _, value in ends])
+    least = min([values.min(), *(value for _, value in others)])
+    return bool(np.isfinite(least) and np.sum(values <= least * (1 + DISTINCT)) >= AGREEING)
 
 
 def _start(
