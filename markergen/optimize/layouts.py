@@ -85,9 +85,11 @@ def regular_layouts(region: FeasibleRegion, n: int) -> tuple[Array, int]:
 def _rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
     """Rings of n - k and k dots, aligned and staggered, on circles of several ratios."""
     radius = region.boundary.radius - region.inset
-    center = _centers(region)[-1]
-    for inner in range(1, n // 2 + 1):
+    center, least = _centers(region)[-1], (1 - PUSHED) * region.spacing
+    for inner in range(max(1, n - _most_around(radius, least)), n // 2 + 1):
         for ratio in RATIOS[: 1 if inner == 1 else None]:
+            if ratio and inner > _most_around(ratio * radius, least):
+                continue
             outside, within = regular_polygon(n - inner, radius), regular_polygon(inner, max(ratio, 0.01) * radius)
             for offset in (0.0, np.pi / (n - inner)):
                 for rotation in _turns(TURNS):
@@ -113,8 +115,8 @@ def _full_rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
 
 
 def _most_around(radius: float, spacing: float) -> int:
-    """Number of dots that fit around a circle."""
-    half = spacing / 2 / radius
+    """Number of dots that fit around a circle; of points without spacing, more than there are."""
+    half = max(spacing, 1e-6 * abs(radius)) / 2 / max(radius, 1e-12)
     return int(np.pi / np.arcsin(half) + 1e-9) if half < 1 else 1
 
 

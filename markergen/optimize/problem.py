@@ -3,7 +3,7 @@
 Also contains an independent check of layouts, which computes distances in other ways than the search does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -12,7 +12,7 @@ from math import dist, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Indices
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, Without, area_without
@@ -31,6 +31,9 @@ FEW_POSES = 48
 
 SWEEPS, GENTLE = 60, 10
 """Number of rounds of pushing dots apart and inside, and how many of them push no more than needed."""
+
+PAIRS = 2**20
+"""Number of pairs of dots whose distances are computed at a time, to limit memory."""
 
 KEPT = 1e-3
 """Relative excess over a bound of the objective that is tolerated."""
@@ -222,13 +225,13 @@ class FeasibleRegion:
         points = self.boundary.project(points, self.inset)
         if not self.spacing:
             return points
-        tight = np.flatnonzero(self._overlap(points).max(axis=(1, 2)) > 0)
+        tight = np.flatnonzero(self._overlap(points) > 0)
         for sweep in range(SWEEPS):
             if not len(tight):
                 break
             # Half the overlap each is the smallest correction; pairs still jammed after that come free by a larger one.
             points[tight] = self._spread(points[tight], 0.5 if sweep < GENTLE else 1.0)
-            tight = tight[self._overlap(points[tight]).max(axis=(1, 2)) > 1e-12]
+            tight = tight[self._overlap(points[tight]) > 1e-12]
         return points
 
     def violation(self, points: Array) -> Array:
@@ -236,29 +239,37 @@ class FeasibleRegion:
         outside = np.max(self.inset - self.boundary.depth(points), axis=-1)
         if not self.spacing or points.shape[1] < 2:
             return outside
-        return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
+        return np.maximum(outside, self._overlap(points))
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
         """Mask (B,) of the layouts (B, n, 2) that are feasible, to a tenth of a nanometer."""
         return self.violation(points) <= 1e-10
 
     def _overlap(self, points: Array) -> Array:
-        gaps = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
-        diagonal = np.arange(points.shape[1])
-        gaps[:, diagonal, diagonal] = np.inf
-        return self.spacing - gaps
+        """Largest overlap (B,) in m of two dots of each layout (B, n, 2)."""
+        return self.spacing - np.concatenate([distance.min(axis=1) for *_, distance in _between(points)])
 
     def _spread(self, points: Array, share: float) -> Array:
-        difference = points[:, :, None] - points[:, None]
-        distance = np.linalg.norm(difference, axis=-1)
-        diagonal = np.arange(points.shape[1])
-        distance[:, diagonal, diagonal] = np.inf
-        # Slightly more than needed; otherwise the last gap would be closed only in the limit.
-        push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) * share
-        direction = difference / np.maximum(distance, 1e-12 * self.spacing)[..., None]
-        # Coincident points have no direction: separate them along x.
-        direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
-        return self.boundary.project(points + np.sum(push[..., None] * direction, axis=2), self.inset)
+        moved, done = points.copy(), 0
+        for first, second, difference, distance in _between(points):
+            # Slightly more than needed; otherwise the last gap would be closed only in the limit.
+            layout, pair = np.nonzero(distance < self.spacing * (1 + 1e-9))
+            length, direction = distance[layout, pair], difference[layout, pair]
+            # Coincident points have no direction: separate them along x.
+            direction[length == 0, 0] = -1e-12 * self.spacing
+            push = (self.spacing * (1 + 1e-9) - length) * share / np.maximum(length, 1e-12 * self.spacing)
+            np.add.at(moved, (done + layout, first[pair]), push[:, None] * direction)
+            np.subtract.at(moved, (done + layout, second[pair]), push[:, None] * direction)
+            done += len(distance)
+        return self.boundary.project(moved, self.inset)
+
+
+def _between(points: Array) -> Iterator[tuple[Indices, Indices, Array, Array]]:
+    """Pairs (q,) of dots, and the vectors (b, q, 2) and distances (b, q) between them, of some layouts at a time."""
+    first, second = np.triu_indices(points.shape[1], 1)
+    for part in np.array_split(points, len(points) * len(first) // PAIRS + 1):
+        difference = part[:, first] - part[:, second]
+        yield first, second, difference, np.hypot(difference[..., 0], difference[..., 1])
 
 
 @dataclass(frozen=True)

@@ -181,6 +181,7 @@ class Stages:
 
     def searched(self, rng: np.random.Generator, restarts: int) -> Optimum:
         """Return the best layout of all stages; its value is inf if none is feasible."""
+        end_if_due()
         # Spawned, so that what callers draw afterwards does not depend on them.
         shaking, hopping = rng.spawn(2)
         walled = len(self.region.walls) > 1
@@ -200,12 +201,13 @@ class Stages:
 
     def best_so_far(self) -> Optimum:
         """Return the best of all layouts that were polished and of the regular ones, or a packed one."""
-        regular, values = self.regular
-        candidates = [*zip(regular, values.tolist(), strict=True)]
         layouts = [points for points, _ in best_of(self.ends, LIKELY)]
-        if not candidates and not layouts and (packed := fitting(self.region, self.n)) is not None:
+        # Regular layouts of many dots take seconds.
+        if "regular" in vars(self) or self.n <= ALL_PAIRS_UP_TO:
+            layouts += [*self.regular[0]]
+        if not layouts and (packed := fitting(self.region, self.n)) is not None:
             layouts = [packed]
-        candidates += [(points, float(self.objective(points[None])[0])) for points in layouts]
+        candidates = [(points, float(self.objective(points[None])[0])) for points in layouts]
         return Optimum(*min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf)))
 
     def polished(self, start: Array) -> Ranked:
@@ -356,6 +358,7 @@ class Stages:
         starts = restarts or max(1, STARTS * MOST_DOTS // max(n, MOST_DOTS))
         shakes, kept = (SHAKES_OF_MANY, KEPT_OF_MANY) if n >= HOPPING else (SHAKES, KEPT)
         grid, spare = _grid(region, n, rng)
+        end_if_due()
         guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
         ends: list[Ranked] = []
         for done in range(starts):
