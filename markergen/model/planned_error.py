@@ -9,6 +9,10 @@ from typing import Any
 KEY = "error_to_plan_with"
 """Its key in the provenance of a marker."""
 
+LINEAR_DEG = 30.0
+"""Angle in degrees from which on first order says that a rotation is not determined, but not how far off it is: the
+tangent differs from the angle by 10 %, at 20 degrees by 4 %."""
+
 
 @dataclass(frozen=True)
 class PlannedError:
@@ -31,7 +35,7 @@ class PlannedError:
     @property
     def amounts(self) -> str:
         """Both errors, such as ``0.33 deg and 0.64 mm``."""
-        return f"{amount(self.rotation_deg)} deg and {amount(self.translation_mm)} mm"
+        return f"{degrees(self.rotation_deg)} and {amount(self.translation_mm)} mm"
 
     @property
     def reach(self) -> str:
@@ -42,7 +46,7 @@ class PlannedError:
     def sentence(self) -> str:
         """What to plan with, and what a measured print gains."""
         gain = "" if self.measured_deg is None else (
-            f"; measure the print with twenty photographs (markergen calibrate): {amount(self.measured_deg)} deg"
+            f"; measure the print with twenty photographs (markergen calibrate): {degrees(self.measured_deg)}"
         )  # fmt: skip
         return f"Plan with {self.amounts} {self.reach}{gain}."
 
@@ -67,3 +71,12 @@ def amount(value: float | None, digits: int = 2) -> str:
     ('0.33', 'unbounded')
     """
     return "unbounded" if value is None or not isfinite(value) else f"{value:#.{digits}g}".rstrip(".")
+
+
+def degrees(value: float) -> str:
+    """Format a first-order rotation error, unless it is beyond what first order holds for.
+
+    >>> degrees(0.332), degrees(128.9)
+    ('0.33 deg', 'an undetermined rotation')
+    """
+    return f"{amount(value)} deg" if value <= LINEAR_DEG else "an undetermined rotation"

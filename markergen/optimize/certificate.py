@@ -22,14 +22,28 @@ caps around y_k, any layout of n dots has
 **The whole room.** The maximum is over the continuous room, by branch and bound: u is at most its value at the center
 of a box plus gradient and curvature times the box's size, and boxes that cannot exceed the best point found are left
 out, others are quartered. s is a polynomial, whose derivatives Markov's inequality bounds: the M_p(x) are
-interpolated at Chebyshev nodes. They are smooth (for a pinhole, rational with poles in the camera's own plane), so that
-this converges geometrically; ten times the largest error found at random places is added to the maximum.
+interpolated at Chebyshev nodes, and a bound of the error of that is added to the maximum.
+
+**Interpolation.** Of a pinhole with equal noise, a row of the Jacobian is a polynomial of degree 2 divided by z^2, the
+squared depth, so <S_p, M_p> = q/z^4 with q = sum_ij c_ij T_i(u) T_j(v) of degree 4 and z linear in the coordinates
+(u, v) of the square [-1, 1]^2 around the room. Let E be the ellipse with foci -1 and 1 and semi-axes
+a = (rho + 1/rho)/2 and (rho - 1/rho)/2. For u and v in E, |T_i| <= t_i = (rho^i + rho^-i)/2 and
+|z| >= Re z >= m = z(0, 0) - a (|dz/du| + |dz/dv|). Where m > 0, <S_p, M_p> is thus analytic and at most
+B = sum_ij |c_ij| t_i t_j / m^4, so that its Chebyshev coefficients are at most 4 B rho^(-i-j). At the nodes, terms with
+i or j > d equal others with i, j <= d, up to the sign. So the interpolant of degree d is off by twice the sum of those,
+
+    8 B sum_{max(i, j) > d} rho^(-i-j) <= 16 B rho^(1-d) / (rho - 1)^2,
+
+for any rho > 1: the best for each pose is taken, and the sum over the poses. This *proves* the bound, up to rounding.
+With a lens or a noise that depends on the image there is no such proof: ten times the largest error found at random
+places is added, and the bound is called *tested*.
 
 Measures and multipliers come from linear programs, whose candidate places include the edge of the room: each maximizes
 the smallest of the known bounds sum_x w_x s(x) over w, and gives the next w and mu. Pukelsheim, Optimal Design of
 Experiments (1993), has the theory without caps.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +53,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.maths.information import covariance
 from markergen.maths.rotation import turn_z
+from markergen.model.camera import NO_DISTORTION
 from markergen.objectives import Objective
 from markergen.objectives.aggregates import DEFAULT_LEVEL
 from markergen.objectives.base import TraceObjective
@@ -56,8 +71,18 @@ EXPONENTS = {"rms": 2, "mean": 1, "logmean": 0, "max": 2, "cvar": 1}
 DEGREES = (12, 18, 27, 40)
 """Degrees of the interpolation, tried in turn."""
 
-ACCURATE = 1e-7
+ACCURATE = 1e-6
 """Error of the interpolation, relative to the largest sensitivity, at which a higher degree is not tried."""
+
+ELLIPSES = np.geomspace(1.1, 40.0, 40)
+"""Values of rho, see the module, of which the best is taken."""
+
+RATIONAL, SAME = 4, 1e-9
+"""Degree of numerator and denominator of the information of a pinhole, and the relative error to which it has to agree:
+objectives of plug-ins may be others."""
+
+WEAK = 0.05
+"""Gap from which on a bound is called weak: fractions of dots gain much in that room."""
 
 ROUNDS, PATIENCE, WORK = 60, 12, 6_000_000
 """Maximum number of linear programs, of those in a row without a noticeable gain, and of the coefficients of all."""
@@ -116,6 +141,8 @@ class Certificate:
         Why none is known, otherwise empty.
     apart : float
         Smallest gap in m that the dots were to keep; 0 if only their clearance.
+    proven : bool
+        Whether all of the bound is proven, or a part of it tested at random places.
     """
 
     n: int
@@ -123,6 +150,7 @@ class Certificate:
     lower_bound: float = 0.0
     reason: str = ""
     apart: float = 0.0
+    proven: bool = True
 
     @property
     def gap(self) -> float:
@@ -137,7 +165,9 @@ class Certificate:
         # Rounded up.
         percent = np.ceil(1000 * self.gap) / 10
         apart = f", {format_length(self.apart)} or more apart," if self.apart else ""
-        return f"no {self.n} dots in this room{apart} can be more than {percent:.1f} % better"
+        doubts = [word for word, holds in (("weak", self.gap > WEAK), ("tested, not proven", not self.proven)) if holds]
+        doubt = f" (the bound is {' and '.join(doubts)})" if doubts else ""
+        return f"no {self.n} dots in this room{apart} can be more than {percent:.1f} % better{doubt}"
 
 
 def certify(
@@ -164,7 +194,8 @@ def certify(
         program = _Program(_Fields(objective, region, degree), region, points, value)
         if program.accurate:
             apart = region.gap if region.gap > region.clearance else 0.0
-            return Certificate(n, value, value / np.sqrt(program.solve(progress)), apart=apart)
+            lower_bound = value / np.sqrt(program.solve(progress))
+            return Certificate(n, value, lower_bound, apart=apart, proven=program.fields.proven)
     return Certificate(n, value, reason="some pose is too close to the marker, or its lens model ends there")
 
 
@@ -180,16 +211,31 @@ class _Fields:
         corners = np.concatenate(region.boundary.outlines())
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
         self.half = np.maximum(np.ptp(corners, axis=0) / 2 - region.inset, 0.0) + 1e-6 * region.boundary.radius
-        nodes = chebyshev.chebpts1(degree + 1)
-        grid = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
-        inverse = np.linalg.inv(chebyshev.chebvander(nodes, degree))
         self._upper = np.triu_indices(objective.weight.shape[-1])
-        packed = self._packed(self.middle + self.half * grid).reshape(degree + 1, degree + 1, -1)
-        self._shape = packed.shape[:2]
-        once = np.tensordot(inverse, packed, (1, 0))
-        self._coefficients = np.tensordot(once, inverse, (1, 1)).transpose(0, 2, 1).reshape(grid.shape[0], -1)
+        self._shape = degree + 1, degree + 1
+        self._coefficients = self._interpolated(degree, self._packed)
         self._places = region.boundary.sample(TESTED, region.inset, np.random.default_rng(0))
         self._exact = self._packed(self._places)
+        self._numerators = self._interpolated(RATIONAL, lambda places: self._packed(places) * self._depths(places))
+        x, y = (values[:, : RATIONAL + 1] for values in self.basis(self._places))
+        products = (x[:, :, None] * y[:, None]).reshape(len(x), -1) @ self._numerators / self._depths(self._places)
+        plain = objective.setting.noise is None and objective.setting.camera.distortion == NO_DISTORTION
+        self.proven = plain and bool(np.abs(products - self._exact).max() <= SAME * np.abs(self._exact).max())
+
+    def _interpolated(self, degree: int, function: Callable[[Array], Array]) -> Array:
+        """Chebyshev coefficients ((d + 1)^2, m) of a function of places (C, 2) with values (C, m)."""
+        nodes = chebyshev.chebpts1(degree + 1)
+        inverse = np.linalg.inv(chebyshev.chebvander(nodes, degree))
+        grid = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+        values = function(self.middle + self.half * grid).reshape(degree + 1, degree + 1, -1)
+        once = np.tensordot(inverse, values, (1, 0))
+        return np.asarray(np.tensordot(once, inverse, (1, 1)).transpose(0, 2, 1).reshape(len(grid), -1))
+
+    def _depths(self, places: Array) -> Array:
+        """z^4 (C, P T) of places (C, 2) in m, for each entry of the packed matrices."""
+        poses = self.objective.setting.poses
+        depth = places @ poses.rotation[:, 2, :2].T + poses.translation[:, 2]
+        return np.repeat(depth**RATIONAL, len(self._upper[0]), axis=1)
 
     def _packed(self, places: Array) -> Array:
         """Information matrices (C, P T) of dots at places (C, 2), their entries on and above the diagonal."""
@@ -247,9 +293,23 @@ class _Fields:
         return (self._coefficients @ sensitivity).reshape(self._shape)
 
     def error(self, sensitivity: Array) -> float:
-        """Largest error of `polynomial` at random places of the room."""
-        x, y = self.basis(self._places)
-        return float(np.abs(np.sum(x @ self.polynomial(sensitivity) * y, axis=1) - self._exact @ sensitivity).max())
+        """Bound of the error of `polynomial`: proven, or ten times the largest error at random places of the room."""
+        if not self.proven:
+            x, y = self.basis(self._places)
+            interpolated = np.sum(x @ self.polynomial(sensitivity) * y, axis=1)
+            return 10 * float(np.abs(interpolated - self._exact @ sensitivity).max())
+        poses, rho = self.objective.setting.poses, ELLIPSES[:, None]
+        entries = len(self._upper[0])
+        numerators = self._numerators * sensitivity
+        c = np.abs(numerators.reshape(len(numerators), -1, entries).sum(axis=-1))
+        powers = rho ** np.arange(RATIONAL + 1)
+        t = (powers + 1 / powers) / 2
+        center = poses.rotation[:, 2, :2] @ self.middle + poses.translation[:, 2]
+        least = center - (rho + 1 / rho) / 2 * (np.abs(poses.rotation[:, 2, :2]) @ self.half)
+        with np.errstate(divide="ignore"):
+            largest = (t[:, :, None] * t[:, None]).reshape(len(rho), -1) @ c / np.maximum(least, 0.0) ** RATIONAL
+        errors = 16 * largest * rho ** (2.0 - self._shape[0]) / (rho - 1) ** 2
+        return float(errors.min(axis=0).sum())
 
 
 @dataclass(frozen=True)
@@ -313,7 +373,7 @@ class _Program:
             if bound - 1 < (best - 1) * NOTICEABLE:
                 tolerance = max(CLOSE / 2, (bound - 1) / 20) / self.n
                 highest, more = self._highest(cut, caps[priced], solution.prices[priced], least, tolerance)
-                best = min(best, float(solution.prices.sum() + self.n * (highest + 10 * fields.error(cut))))
+                best = min(best, float(solution.prices.sum() + self.n * (highest + fields.error(cut))))
             since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + 1
             crowded = self._crowded(solution.weights)
             reached = fields.worth(moments) * self.square if not len(crowded) else 1.0

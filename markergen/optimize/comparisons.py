@@ -7,8 +7,10 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.model.goal import NGON, parse_goal
+from markergen.model.planned_error import LINEAR_DEG
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
+from markergen.objectives.base import Criterion
 from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria
 from markergen.objectives.pose import PoseObjective
 from markergen.objectives.survive import HiddenDots
@@ -23,6 +25,9 @@ LAYOUTS = {
     "random": "random, median",
 }
 """Names of the comparison layouts."""
+
+UNDETERMINED = "undetermined"
+"""What a cell has in place of a rotation error for which first order does not hold."""
 
 NOTICEABLE = 1e-3
 """Relative gain that justifies rotating a polygon away from having a corner straight up."""
@@ -116,7 +121,8 @@ def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: s
         f"What the layout allows, for {noise}",
         _header(),
         [[names[name], *_cells(row)] for name, row in criteria.items()],
-        f"RMS over the poses; proportional to the noise but for {but}.",
+        f"RMS over the poses; proportional to the noise but for {but}. "
+        f"Beyond {LINEAR_DEG:g} deg, first order does not hold.",
     )
 
 
@@ -141,9 +147,12 @@ def _header() -> list[str]:
     return ["", *(criterion.title for criterion in columns().values())]
 
 
+def cell(criterion: Criterion, value: float) -> str:
+    """Value of a criterion in the unit of its column, with four digits, unless first order does not hold for it."""
+    beyond = criterion.title.endswith(" deg") and value * criterion.factor > LINEAR_DEG
+    return UNDETERMINED if beyond else number(value * criterion.factor, 4)
+
+
 def _cells(row: Mapping[str, float]) -> list[str]:
     """Cells for the columns of criteria, some of which a relief lacks."""
-    return [
-        number(row[criterion.key] * criterion.factor, 4) if criterion.key in row else "-"
-        for criterion in columns().values()
-    ]
+    return [cell(criterion, row[criterion.key]) if criterion.key in row else "-" for criterion in columns().values()]

@@ -29,7 +29,7 @@ from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
-from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
+from markergen.optimize.comparisons import LAYOUTS, UNDETERMINED, cell, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import RIM, outlook, planned_error, usual_sources
 from markergen.optimize.dot_size import (
     MEASURABLE,
@@ -323,7 +323,8 @@ class Design(Result):
 
         ``gap_m`` is the least gap between two dots, ``clearance_m`` that between a dot and everything else. A gap
         chosen for the ``images`` costs a fraction of the value of at least ``gap_costs[0]``, since a better layout is
-        known without it, and at most ``gap_costs[1]``, by the lower bound without it.
+        known without it, and at most ``gap_costs[1]``, by the lower bound without it. Bounds are proven or tested, see
+        `markergen.optimize.certificate`.
         """
         stored, bounds = self.marker.provenance["spec"], [bound.lower_bound for bound in self._certificates] or [0.0]
         least = max(0.0, 1 - self.gap.without / self.value)
@@ -338,6 +339,7 @@ class Design(Result):
                 "gap_costs": costs if self.gap.reason == IMAGES else None,
                 "lower_bound": bounds[0] or None,
                 "lower_bound_without_gap": bounds[-1] or None,
+                "lower_bound_proven": all(bound.proven for bound in self._certificates) if bounds[0] else None,
                 "interrupted_s": self.interrupted or None,
                 "limits": [str(limit) for limit in parse_goal(self.spec.objective).limits],
                 "points": bool(stored.get("points")),
@@ -464,7 +466,8 @@ class Design(Result):
         name, _, unit = column.title.rpartition(" ")
         bound, *without = (column.factor * bound.lower_bound for bound in self._certificates)
         more = "".join(f"; without that gap, the bound is {lower:.4g} {unit}" for lower in without)
-        return f"lower bound of the {name} error {bound:.4g} {unit}: {certificate.sentence}{more}"
+        kind = "lower" if certificate.proven else "tested"
+        return f"{kind} bound of the {name} error {bound:.4g} {unit}: {certificate.sentence}{more}"
 
     @property
     def _labels(self) -> str:
@@ -541,14 +544,15 @@ class Design(Result):
             best = min(others, key=lambda layout: others[layout])
             if errors[criterion.key] <= others[best] * (1 + WORSE):
                 continue
-            error, least = (f"{value * criterion.factor:.3g}" for value in (errors[criterion.key], others[best]))
+            error, least = (cell(criterion, value) for value in (errors[criterion.key], others[best]))
+            off = f"off by {error} {criterion.title.rpartition(' ')[2]}" if error != UNDETERMINED else error
             # Nearly collinear dots determine a pose, but hardly the homography that estimators begin with.
             flat = OBJECTIVES[name].planar_only
             better = errors[criterion.key] > others.get(NGON, np.inf)
             bounded = f" or --objective '{self.spec.objective}, {name} <= {NGON}'" if better else ""
             warnings.append(
-                f"the layout is weak for {'a ' * flat}{name}, off by {error} {criterion.title.rpartition(' ')[2]} "
-                f"({LAYOUTS[best]}: {least}){', and estimators that begin with one may flip' * flat}; "
+                f"the layout is weak for {'a ' * flat}{name}, {off} ({LAYOUTS[best]}: "
+                f"{least}){', and estimators that begin with one may flip' * flat}; "
                 f"use --objective {name}{bounded}, or more dots"
             )
         return warnings

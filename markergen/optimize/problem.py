@@ -247,7 +247,9 @@ class FeasibleRegion:
 
     def _overlap(self, points: Array) -> Array:
         """Largest overlap (B,) in m of two dots of each layout (B, n, 2)."""
-        return self.spacing - np.concatenate([distance.min(axis=1) for *_, distance in _between(points)])
+        return self.spacing - np.concatenate(
+            [distance.min(axis=1, initial=np.inf) for *_, distance in _between(points)]
+        )
 
     def _spread(self, points: Array, share: float) -> Array:
         moved, done = points.copy(), 0

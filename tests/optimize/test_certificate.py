@@ -110,7 +110,32 @@ def test_no_more_than_one_dot_is_in_a_cap():
 
 def test_other_layouts_do_not_break_the_bound(rooms, criterion):
     region = FeasibleRegion(rooms["rectangle"], 0.03, 0.003)
-    assert attempt_to_break(criterion(rooms["rectangle"]), region, 7).gap < 0.05
+    found = attempt_to_break(criterion(rooms["rectangle"]), region, 7, 3000)
+    assert found.gap < 0.05
+    assert found.proven
+
+
+@pytest.mark.parametrize("name", TRACES)
+def test_the_interpolation_is_no_worse_than_is_proven(setting, name):
+    """Compares the error bound with the largest error at thousands of places, for degrees that are far too low, too."""
+    boundary = polygon_from([np.array([[-0.1, -0.06], [0.14, -0.06], [0.14, 0.06], [-0.1, 0.06]])])
+    rng = np.random.default_rng(2)
+    objective = OBJECTIVES[name](Setting(boundary, setting.camera, fewer(setting.poses)))
+    region = FeasibleRegion(boundary, 0.01, 0.001)
+    places = boundary.sample(3000, region.inset, rng)
+    bounds = []
+    for degree in (4, 7, 12):
+        fields = certificate._Fields(objective, region, degree)
+        assert fields.proven
+        x, y = fields.basis(region.sample(1, 9, rng)[0])
+        cut = fields.sensitivity(x.T @ y, 0.0) if degree == 12 else rng.normal(size=fields._exact.shape[1])
+        x, y = fields.basis(places)
+        error = np.abs(np.sum(x @ fields.polynomial(cut) * y, axis=1) - fields._packed(places) @ cut).max()
+        scale = np.abs(fields._packed(places) @ cut).max()
+        bounds.append(fields.error(cut) / scale)
+        assert error <= fields.error(cut) + 1e-11 * scale
+    assert bounds[0] > bounds[1] > bounds[2]
+    assert bounds[2] < 1e-4
 
 
 @pytest.mark.long
@@ -130,7 +155,10 @@ def test_bound_with_lens_and_noise_of_dots(criterion):
     boundary = polygon_from([np.array([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]])])
     poses = fewer(paper().seen_whole(boundary, camera))
     objective = OBJECTIVES["rotation"](Setting(boundary, camera, poses, DotNoise(0.02, print_sigma=1e-4)))
-    assert attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200).gap < 0.05
+    found = attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200)
+    assert found.gap < 0.05
+    assert not found.proven
+    assert "tested" in found.sentence
 
 
 def test_smaller_rooms_and_fewer_dots_have_larger_bounds(monkeypatch, criterion):

@@ -3,6 +3,7 @@ import pytest
 from sentences import sentence
 
 from markergen.model.boundary import Circle
+from markergen.model.planned_error import PlannedError
 from markergen.model.poses import PoseDistribution, named_poses
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
@@ -88,3 +89,10 @@ def test_worst_and_mean_with_dots_hidden():
         sentence("worst hidden", "dots 0, 3"),
         sentence("mean hidden", 2),
     ]
+
+
+def test_rotations_beyond_first_order_are_no_errors():
+    table = criteria_table({"design": {"rotation_deg": 128.9}, "ngon": {"rotation_deg": 3.1}}, 6, "image noise of 1 px")
+    column = table.header.index("rotation deg")
+    assert [row[column] for row in table.rows] == ["undetermined", "3.100"]
+    assert "deg" not in PlannedError(128.9, 3.0, 1.0).amounts

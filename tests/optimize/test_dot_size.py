@@ -221,7 +221,7 @@ def test_a_blur_fills_gaps_between_dots():
 
 
 def test_images_of_dots_that_keep_the_gap_stay_apart_wherever_they_are(setting):
-    """Checks the gap, which is from derivatives at the rim, on pairs of dots anywhere in the room and in any direction."""
+    """Checks the gap, from derivatives at the rim, on pairs of dots anywhere in the room and in any direction."""
     rng, diameter = np.random.default_rng(3), 0.02
     gap = separating_gap(Circle(0.13).rim(64), PAPER_CAMERA, setting.poses)
     for kept, apart in ((gap, True), (0.93 * gap, False)):

@@ -17,6 +17,7 @@ from markergen.model.rig import Rig
 from markergen.model.sight import coverage
 from markergen.objectives import Setting
 from markergen.optimize.comparisons import LAYOUTS
+from markergen.optimize.design import IMAGES
 from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.presentation.pages import Section, page, picture
 from markergen.presentation.plots import plot
@@ -368,7 +369,29 @@ def origin(marker: Marker) -> list[tuple[str, str]]:
         ("Versions", marker.provenance.get("versions")),
         ("Dots", marker.provenance.get("dots")),
     ]
-    return [(term, _short(value)) for term, value in terms if value is not None]
+    return [(term, _short(value)) for term, value in terms if value is not None] + searched(marker)
+
+
+def searched(marker: Marker) -> list[tuple[str, str]]:
+    """Constraints that the search had to keep, and how much better another layout under them can be, as terms."""
+    search = marker.provenance.get("search")
+    if not isinstance(search, dict):
+        return []
+    figures = {key: value for key, value in search.items() if isinstance(value, int | float) and value > 0}
+    terms = [(term, format_length(figures[key])) for term, key in (("Clearance", "clearance_m"),) if key in figures]
+    if figures.get("gap_m", 0.0) > figures.get("clearance_m", 0.0):
+        reason = (
+            "chosen so that images of dots do not run together" if search.get("gap_reason") == IMAGES else "as asked"
+        )
+        terms.append(("Gap between dots", f"{format_length(figures['gap_m'])}, {reason}"))
+    if limits := search.get("limits"):
+        terms.append(("Bounds", _short(limits)))
+    for term, key in (("At best", "lower_bound"), ("At best, without the gap", "lower_bound_without_gap")):
+        if key in figures and "value" in figures:
+            terms.append((term, f"{percent(1 - figures[key] / figures['value'])} better, by the lower bound"))
+    if "interrupted_s" in figures:
+        terms.append(("Search", f"interrupted after {figures['interrupted_s']:.0f} s"))
+    return terms
 
 
 def provenance(marker: Marker) -> str:

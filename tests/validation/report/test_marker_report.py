@@ -63,3 +63,18 @@ def test_long_provenance_is_cut_off(pentagon):
     long = replace(pentagon, provenance={"note": "x" * 10_000, "seed": "y" * 10_000})
     assert len(report.provenance(long)) < 5000
     assert all(len(text) < 300 for _, text in report.origin(long))
+
+
+def test_constraints_of_the_search_are_stated(pentagon):
+    found = {
+        "value": 2.0, "clearance_m": 0.0036, "gap_m": 0.0064, "gap_reason": "images", "lower_bound": 1.9,
+        "lower_bound_without_gap": 1.8, "limits": ["rotation <= 1.05 ngon"], "interrupted_s": 12.2,
+    }  # fmt: skip
+    terms = dict(report.searched(replace(pentagon, provenance={"search": found})))
+    for term, figure in (
+        ("Clearance", "3.6 mm"), ("Gap between dots", "6.4 mm"), ("Bounds", "rotation <= 1.05 ngon"),
+        ("At best", "5 %"), ("At best, without the gap", "10 %"), ("Search", "12 s"),
+    ):  # fmt: skip
+        assert figure in terms[term]
+    assert report.searched(replace(pentagon, provenance={"search": {"value": "2", "gap_m": None}})) == []
+    assert report.searched(replace(pentagon, provenance={"search": "lost"})) == []
