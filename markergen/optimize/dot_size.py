@@ -169,8 +169,8 @@ def wanted_diameter(camera: Camera, poses: PoseDistribution, image: ImageNoise =
     return float(np.ceil(np.percentile(diameters, PERCENTILE) * 1e3 - 1e-6) / 1e3)
 
 
-def largest_that_leaves_room(spec: Spec) -> float:
-    """Largest diameter in m, a whole tenth of a mm, that leaves the optimizer room to move n dots.
+def largest_that_leaves_room(spec: Spec, enough: float = np.inf) -> float:
+    """Largest diameter in m, a whole tenth of a mm, that leaves the optimizer room for n dots, or one that is enough.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def largest_that_leaves_room(spec: Spec) -> float:
         If it is below 0.1 mm.
     """
     clearance = max(spec.clearance or 0.0, spec.gap) if spec.gap else spec.clearance
-    fits = ROOM * largest_diameter(room_of(spec), spec.n, clearance)
+    fits = ROOM * largest_diameter(room_of(spec), spec.n, clearance, (enough + MEASURABLE) / ROOM)
     # Whole tenths of a millimeter can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
@@ -202,7 +202,8 @@ def smallest_detectable(camera: Camera, poses: PoseDistribution, image: ImageNoi
 
 
 def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
-    wanted, diameter = wanted_diameter(spec.camera, poses, spec.image_noise), largest_that_leaves_room(spec)
+    wanted = wanted_diameter(spec.camera, poses, spec.image_noise)
+    diameter = largest_that_leaves_room(spec, wanted)
     pixels = f"{wanted_pixels(spec.image_noise):g} px"
     if wanted <= diameter:
         reason = f"{format_length(wanted)}: its image is at least {pixels} across in {PERCENTILE:g} % of the poses"
@@ -286,6 +287,8 @@ def crowded(
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     room = room_of(spec)
+    if pack(room, spec.n, max(size.clearance, spec.gap), size.diameter)[1] >= size.diameter:
+        return
     # The search relies on the same packing: where it is stuck, it starts from it.
     if fitting(FeasibleRegion(room, size.diameter, size.clearance, spec.gap), spec.n) is not None:
         return

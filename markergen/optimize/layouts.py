@@ -173,16 +173,17 @@ def _centers(region: FeasibleRegion) -> Array:
     return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
 
 
-def largest_diameter(boundary: Boundary, n: int, clearance: float | None = None) -> float:
+def largest_diameter(boundary: Boundary, n: int, clearance: float | None = None, enough: float = np.inf) -> float:
     """Largest diameter in m at which n dots fit with their clearance (see `pack`); 0 if nothing fits."""
-    return pack(boundary, n, clearance)[1]
+    return pack(boundary, n, clearance, enough)[1]
 
 
-def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Array, float]:
+def pack(boundary: Boundary, n: int, clearance: float | None = None, enough: float = np.inf) -> tuple[Array, float]:
     """Layout (n, 2) in m with the largest dots, and their diameter in m; clearance None is a tenth of it.
 
     Maximizes d over (points, d) with depth >= d/2 + g and pairwise distance >= d + g by SLSQP from a few spread-out
-    starts; missing the best packing makes the diameter slightly too small, never too large. 0 if nothing fits.
+    starts; missing the best packing makes the diameter slightly too small, never too large. 0 if nothing fits. A
+    diameter that is `enough` is not exceeded by trying more starts.
     """
     if n > EXACT_UP_TO:
         return _pack_on_lattice(boundary, n, clearance)
@@ -191,11 +192,15 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     starts = list(region.sample(SAMPLES, n, rng))
     if len(region.walls) > 1:
         starts += [_spread(boundary, n, rng) for _ in range(SAMPLES)]
+    points, diameter = starts[0], 0.0
     with limited(None):
-        points, diameter = max(
-            (_grow(region, start, full, clearance) for start in starts), key=lambda packed: packed[1]
-        )
-    return points, max(0.0, diameter)
+        for start in starts:
+            grown, size = _grow(region, start, full, clearance)
+            if size > diameter:
+                points, diameter = grown, size
+            if diameter >= enough:
+                break
+    return points, diameter
 
 
 def fitting(region: FeasibleRegion, n: int) -> Array | None:
