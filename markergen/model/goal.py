@@ -82,7 +82,7 @@ class Goal:
 def parse_goal(text: str) -> Goal:
     """Parse ``pose``, ``pose + 0.5 rotation``, or either with bounds: ``pose, rotation <= 1.05 ngon``.
 
-    Whether the criteria exist is not checked.
+    A semicolon may stand for a comma, and < for <=. Whether the criteria exist is not checked.
 
     Raises
     ------
@@ -93,12 +93,14 @@ def parse_goal(text: str) -> Goal:
     --------
     >>> str(parse_goal("pose,rotation<=ngon, homography <= 2px"))
     'pose, rotation <= ngon, homography <= 2 px'
+    >>> str(parse_goal("pose; blunder < 2 mm"))
+    'pose, blunder <= 2 mm'
     >>> parse_goal("pose + 0.5 rotation").terms
     ((1.0, 'pose'), (0.5, 'rotation'))
     """
-    if not re.search(r"[\s,+<>=]", text):
+    if not re.search(r"[\s,;+<>=]", text):
         return Goal(((1.0, text),))
-    first, *rest = (part.strip() for part in text.split(","))
+    first, *rest = (re.sub("<(?!=)", "<=", part.strip()) for part in re.split("[,;]", text))
     terms = [_TERM.fullmatch(part.strip()) for part in first.split("+")]
     limits = [_LIMIT.fullmatch(part) for part in rest]
     goal = Goal(

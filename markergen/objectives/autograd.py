@@ -45,7 +45,7 @@ class AutogradObjective(Objective):
 
     def covariance(self, points: Array) -> Array:
         """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf for degenerate layouts."""
-        covariance: Array = _inverse(self.information(points))
+        covariance: Array = inverse(self.information(points))
         return covariance
 
     def pixels(self, points: Array) -> Array:
@@ -121,7 +121,7 @@ def _inverse_vjp(value: Array, matrix: Array) -> Pullback:
     return lambda cotangent: -value @ cotangent @ value
 
 
-_information, _pixels, _inverse = primitive(_forward_information), primitive(_forward_pixels), primitive(covariance)
-defvjp(_inverse, _inverse_vjp)
+_information, _pixels, inverse = primitive(_forward_information), primitive(_forward_pixels), primitive(covariance)
+defvjp(inverse, _inverse_vjp)
 defvjp(_information, _information_vjp, argnums=(0,))
 defvjp(_pixels, _pixels_vjp, argnums=(0,))

@@ -12,6 +12,7 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
+from markergen.bounds.reliability import DotReliability, reliability, reliability_json, reliability_table
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.camera import PAPER_CAMERA
@@ -27,6 +28,7 @@ from markergen.model.sight import Coverage, coverage
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, columns
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import LAYOUTS, UNDETERMINED, cell, compare, criteria_table, hidden_table, reference
@@ -249,6 +251,8 @@ class Design(Result):
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), noise))
+        if self.reliability:
+            tables.append(reliability_table(self.reliability, str(self._dot_noise)))
         plan = [self.plan.sentence] if self.plan else []
         more = [*filter(None, [self.outlook]), self._bound, *self._interruption]
         return [self.summary, *plan, *more, *tables, _effort(self.seconds)]
@@ -367,6 +371,7 @@ class Design(Result):
             "poses": stored["poses"],
             "noise": self.setting.noise_words,
             "criteria": self.criteria,
+            "reliability": reliability_json(self.reliability, str(self._dot_noise)) if self.reliability else None,
         }
 
     def _constraints(self) -> dict[str, Any]:
@@ -443,6 +448,21 @@ class Design(Result):
             return ""
         sources = usual_sources(self.spec)
         return outlook(self.marker.xyz[:, :2], self.dots.diameter, self.spec, self.setting, sources)
+
+    @property
+    def _dot_noise(self) -> DotNoise:
+        """Noise of image and print, that of the objective if it has one, otherwise with the usual print."""
+        spec = self.spec
+        usual = DotNoise(self.dots.diameter, spec.image_noise, usual_sources(spec).print_sigma)
+        return self.setting.noise or usual
+
+    @cached_property
+    def reliability(self) -> list[DotReliability]:
+        """How well dots control each other; empty for a rig, a relief, bare points and dots of several sizes."""
+        if self.account or self.spec.relief or not self.dots.diameter:
+            return []
+        ids = [point.id for point in self.marker.control_points]
+        return reliability(self.marker.xyz[:, :2], replace(self.setting, noise=self._dot_noise), ids)
 
     @property
     def _aggregate(self) -> str:

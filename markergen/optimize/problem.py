@@ -16,7 +16,7 @@ from markergen.arrays import Array, Indices
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, Without, area_without
-from markergen.model.goal import NGON, parse_goal
+from markergen.model.goal import NGON, Limit, parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
@@ -24,7 +24,7 @@ from markergen.objectives.base import either
 from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
-from markergen.units import format_length
+from markergen.units import format_length, parse_length
 
 FEW_POSES = 48
 """Number of poses that represent all in an exchange; its results are evaluated for all poses afterwards."""
@@ -76,12 +76,23 @@ def check_objective(spec: Spec, noisy: bool) -> None:
         )
     for limit in goal.limits:
         unit = unit_of(limit.name)
-        if limit.unit not in ("", NGON, unit):
+        if limit.unit != NGON and not scale_of(limit):
             raise InputError(
                 f"a bound on {limit.name} in {unit or 'no unit'}, or in multiples of the regular polygon's",
                 f"objective={spec.objective!r}",
                 f"write {' '.join(f'{limit.name} <= {limit.most:g} {unit}'.split())}, or {limit.name} <= 1.05 {NGON}",
             )
+
+
+def scale_of(limit: Limit) -> float:
+    """Value, in the unit of its objective, of 1 in the unit of a bound; 0 if it is another. Lengths may have any."""
+    kind, criterion = OBJECTIVES[limit.name], OBJECTIVES[limit.name].criterion
+    if limit.unit in ("", unit_of(limit.name)):
+        return 1 / criterion.factor if criterion else 1.0
+    try:
+        return parse_length(f"1{limit.unit}") if kind.unit == "m" else 0.0
+    except InputError:
+        return 0.0
 
 
 def unit_of(name: str) -> str:
@@ -116,8 +127,8 @@ def objective_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Obj
     scales = [weight / _value(part, ngon) if sums else 1.0 for (weight, _), part in zip(goal.terms, parts, strict=True)]
     bounds = []
     for limit in goal.limits:
-        part, criterion = _part(spec, setting, limit.name, ""), OBJECTIVES[limit.name].criterion
-        scale = _value(part, ngon) if limit.unit == NGON else 1 / criterion.factor if criterion else 1.0
+        part = _part(spec, setting, limit.name, "")
+        scale = _value(part, ngon) if limit.unit == NGON else scale_of(limit)
         bounds.append((part, limit.most * scale))
     return ComposedObjective(list(zip(scales, parts, strict=True)), bounds)
 
