@@ -28,6 +28,7 @@ from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids, parse_tag
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.animation import MOVIES, Movie
 from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
@@ -224,7 +225,14 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
             for file in files
         ]
     unit = _label(request.spec)
-    steps = {path: trace_bytes(result.trace, path.suffix, unit) for path in request.traces}
+    movie = Movie(result.trace, result.setting, result.dots.diameter, unit)
+    steps = {
+        path: (movie.svg() if suffix == ".svg" else movie.mp4())
+        if suffix in MOVIES
+        else trace_bytes(result.trace, suffix, unit)
+        for path in request.traces
+        for suffix in [path.suffix.lower()]
+    }
     steps |= {path: figure_bytes(lambda: _coverage(result), path) for path in request.coverages}
     result = replace(result, written=(*written, *map(Written, steps)))
     write_all(steps | {path: result.to_json() for path in results})

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, field, fields
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 Record = Callable[[str, Array, Array], None]
 """Callback of a search, with a stage and its layouts (B, n, .) in m before and after the step."""
 
-FORMATS = (".csv", ".svg", ".png")
-"""File formats of a trace."""
+FORMATS = (".csv", ".svg", ".mp4", ".png")
+"""File formats of a trace: a table, two movies (see `markergen.optimize.animation`), and a plot."""
 
 PAUSE = 0.1
 """Seconds between two layouts that a `Watcher` judges: judging every step would take as long as the search."""
@@ -114,6 +114,8 @@ class Step:
         c(A) in unit coordinates, geometric mean over the poses; nan for a relief.
     rotation_deg, translation_pct : float
         RMS over the poses of the predicted errors, for the noise of the setting.
+    points : array (n, .)
+        The layout in m.
     """
 
     step: int
@@ -122,6 +124,7 @@ class Step:
     condition: float
     rotation_deg: float
     translation_pct: float
+    points: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False, compare=False)
 
 
 def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Step]:
@@ -139,7 +142,9 @@ def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Ste
         100 * _rms(translation_bound(bound, setting.poses.translation)),
     )
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [Step(i, stage, *row) for i, (stage, row) in enumerate(zip(stages, rows, strict=True))]
+    return [
+        Step(i, stage, *row, layout) for i, (stage, row, layout) in enumerate(zip(stages, rows, layouts, strict=True))
+    ]
 
 
 def check_trace_path(path: Path) -> None:
@@ -158,7 +163,7 @@ def check_trace_path(path: Path) -> None:
 
 
 def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective") -> bytes:
-    """Contents of a file with that suffix (see `FORMATS`), always the same for the same trace.
+    """Contents of a .csv or .png file, always the same for the same trace.
 
     Parameters
     ----------
@@ -168,8 +173,10 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
     if suffix.lower() == ".csv":
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([field.name for field in fields(Step)])
-        writer.writerows([[f"{v:.9g}" if isinstance(v, float) else v for v in astuple(step)] for step in trace])
+        names = [column.name for column in fields(Step) if column.name != "points"]
+        writer.writerow(names)
+        rows = [[getattr(step, name) for name in names] for step in trace]
+        writer.writerows([[f"{v:.9g}" if isinstance(v, float) else v for v in row] for row in rows])
         return text.getvalue().encode()
     import matplotlib
     from matplotlib.figure import Figure
@@ -177,12 +184,10 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
     # Independent of the user's matplotlib settings and of the time.
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams["svg.hashsalt"] = "markergen"
         figure = Figure(figsize=(7, 4.5), layout="constrained")
         plot(trace, figure.add_subplot(), objective)
         data = io.BytesIO()
-        metadata = {"Date": None} if suffix.lower() == ".svg" else {"Software": None}
-        figure.savefig(data, format=suffix.lower()[1:], dpi=150, metadata=metadata)
+        figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
         return data.getvalue()
 
 

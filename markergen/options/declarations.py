@@ -284,7 +284,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Files,
         Option(
             FILES,
-            "Write the steps of the search as .csv, or plotted as .svg or .png; may be repeated.",
+            "Write the steps of the search as .csv, as a plot .png, or as a movie .svg or .mp4; may be repeated.",
             metavar="FILE",
         ),
     ]

@@ -132,7 +132,7 @@ def test_the_way_of_the_search(here):
         ("--camera none.yaml", "No such file"),
         ("--poses none.csv", "No such file"),
         ("--poses cone:tilt=200", "below 90"),
-        ("--trace way.txt", ".csv, .svg, .png"),
+        ("--trace way.txt", ".csv, .svg, .mp4, .png"),
         ("--trace m.svg -o m.svg", "twice"),
         ("--boundary rect:2x2 --no-tile", "A0"),
         ("--dot 0 -o m.svg", "leave out --dot 0"),
