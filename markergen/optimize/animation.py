@@ -105,9 +105,9 @@ class Movie:
                 f'<polygon fill="{DARK}" points="{_text_of(dot[-1])}">'
                 f'<animate attributeName="points" {times} values="{ways}"/></polygon>'
             )
-        ways = [_joined([*axis, axis[-1]], ";") for axis in curve.T.tolist()]
         moves = "".join(
-            f'<animate attributeName="c{axis}" {times} values="{way}"/>' for axis, way in zip("xy", ways, strict=True)
+            f'<animate attributeName="c{axis}" {times} values="{_joined([*values, values[-1]], ";")}"/>'
+            for axis, values in zip("xy", curve.T.tolist(), strict=True)
         )
         parts.append(f'<circle r="5" fill="{BLUE}" cx="{curve[-1, 0]:.1f}" cy="{curve[-1, 1]:.1f}">{moves}</circle>')
         for place, step in enumerate(steps):
@@ -130,7 +130,7 @@ class Movie:
         lines = [np.round(16 * line).astype(np.int32) for line in [*self.outlines(), curve]]
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "way.mp4"
-            video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), RATE, (WIDTH, HEIGHT))
+            video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (WIDTH, HEIGHT))
             shown = np.round(np.linspace(0, len(steps) - 1, round(RATE * SECONDS))).astype(int).tolist()
             for place in [*shown, *[len(steps) - 1] * round(RATE * HELD)]:
                 picture = np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)

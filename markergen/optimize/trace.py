@@ -141,10 +141,8 @@ def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Ste
         np.rad2deg(_rms(rotation_bound(bound))),
         100 * _rms(translation_bound(bound, setting.poses.translation)),
     )
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [
-        Step(i, stage, *row, layout) for i, (stage, row, layout) in enumerate(zip(stages, rows, layouts, strict=True))
-    ]
+    rows = zip(stages, *(column.tolist() for column in columns), layouts, strict=True)
+    return [Step(i, *row) for i, row in enumerate(rows)]
 
 
 def check_trace_path(path: Path) -> None:
