@@ -1,4 +1,5 @@
 """Reliability as an objective: how far off a dot may be before a test notices it (Baarda 1968, Foerstner 1987)."""
+# tests: tests/bounds/test_reliability.py tests/contracts/test_objectives.py
 
 from copy import copy
 
