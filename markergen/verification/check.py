@@ -27,7 +27,13 @@ from markergen.verification.findings import (
     judge_copies,
 )
 from markergen.verification.flat import flat_findings, informative
-from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
+from markergen.verification.made import (
+    REMARK,
+    is_light_alone,
+    sheet_plate_findings,
+    solid_findings,
+    unclaimed_findings,
+)
 from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, mapped_pages
 from markergen.verification.placement import (
     check_sides,
@@ -254,6 +260,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     ids = [point.id for point in marker.control_points]
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
+    findings += [Finding("twice", sentence, "remove one of both") for sentence in reading.twice]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
@@ -289,6 +296,9 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         verdicts += here
         explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
         findings += extras(dots, explained_dots, here[0].motion, holes)
+        # What is left over means something once all of the marker is in its place.
+        if page.surface is not None and not _sorted_out([*findings, *here[0].findings])[0] and len(here) == 1:
+            findings += _unclaimed(here[0], marker, page.surface, None if room else dots, tolerance)
     hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
@@ -317,6 +327,16 @@ def _made(verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet 
     dots = page_dots.take(verdict.used) if page_dots is not None else None
     made_findings = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
     return replace(verdict, findings=(*verdict.findings, *made_findings))
+
+
+def _unclaimed(
+    verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet | None, tolerance: float
+) -> list[Finding]:
+    """What of a solid that has all of a marker belongs to nothing of it."""
+    if verdict.motion is None:
+        return []
+    dots = page_dots.take(verdict.used) if page_dots is not None else None
+    return unclaimed_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
 
 
 def _copies(

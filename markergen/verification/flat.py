@@ -51,6 +51,9 @@ THIN = 0.05
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
+MISPLACED = 0.1
+"""Share of a dot's radius by which the lines of a dot may be off, which is reported as such."""
+
 INFO_ON = "INFO"
 """Layer of a DXF of what is drawn for information only."""
 
@@ -113,7 +116,34 @@ def flat_findings(
         x, y = page.lines[page.cut][strange].mean(axis=1)[0]
         what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
         extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
+    unclaimed = _unclaimed(page, marker, judged, factor)
+    if len(unclaimed):
+        x, y = unclaimed.mean(axis=1)[0]
+        what = f"lines that are neither dot nor tag are to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
+        extra.append(Finding("extra", what, f"remove them, or move them to the layer {INFO_ON}"))
     return judged, extra, list(notes)
+
+
+def _unclaimed(page: Page, marker: Marker, verdicts: Sequence[Verdict], factor: tuple[float, float]) -> Array:
+    """Lines to engrave (m, 2, 2) other than circles that belong to no dot and not to the tag, mm."""
+    if page.engraved is None or any(verdict.findings for verdict in verdicts):
+        return np.zeros((0, 2, 2))
+    expected = expected_dots(marker)
+    room = np.maximum(MISPLACED * expected.radii, 1.0)
+    left = page.engraved
+    for motion in [verdict.motion for verdict in verdicts if verdict.motion is not None]:
+        middles = _to_marker(left.mean(axis=1), motion, factor)
+        away = np.linalg.norm(middles[:, None] - expected.centers, axis=2)
+        is_rim = (np.abs(away - expected.radii) < room) | (
+            (expected.inner > 0) & (np.abs(away - expected.inner) < room)
+        )
+        claimed = is_rim.any(axis=1)
+        if marker.tag is not None:
+            rings = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines]
+            pieces = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+            claimed |= np.linalg.norm(seek_among(pieces)(middles, middles) - middles, axis=1) < 1.0
+        left = left[~claimed]
+    return left
 
 
 def _explained(verdict: Verdict, marker: Marker, picture: PagePicture) -> Verdict:

@@ -12,6 +12,7 @@ from markergen.arrays import Array
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.marker import Marker
+from markergen.verification.claims import body_findings, core_findings, surface_findings
 from markergen.verification.lines import CutLine, line_findings, plate_lines, seek_among
 from markergen.verification.matching import DotSet
 from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, is_dot, plate_index
@@ -99,6 +100,22 @@ def solid_findings(
         return [*findings, *([Finding("part", "the plate is missing", WHOLE)] if missing else [])]
     findings += _layers(marker, surface, seats, tolerance)
     return [*findings, *plate_findings(marker, surface, motion, tolerance)]
+
+
+def unclaimed_findings(
+    marker: Marker, surface: Surface, motion: Motion, dots: DotSet | None, names: tuple[int, ...], tolerance: float
+) -> list[Finding]:
+    """Bodies, cores of rings and surface that belong to nothing of the marker; arguments as of `solid_findings`."""
+    whole = plate_index(surface) if surface.parts and not surface.loose else -1
+    findings = body_findings(marker, surface, motion, whole)
+    if dots is not None and not is_light_alone(surface, dots):
+        findings += core_findings(surface, dots, names, tolerance)
+    if surface.loose or findings:
+        return findings
+    face, back = faces_of(surface)
+    if face is None or back is None:
+        return []
+    return surface_findings(marker, surface, motion, plate_lines(marker), (face.z, back.z), tolerance)
 
 
 def seats_of(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: float) -> list[Seat]:

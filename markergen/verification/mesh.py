@@ -117,7 +117,7 @@ def surface_of(objects: Sequence[MeshObject], name: str, level: float = LEVEL) -
     for mesh in objects:
         parts += _parts(mesh, left, name, level)
         left = MOST_PARTS - len(parts)
-    return Surface(tuple(parts), views, mapped)
+    return Surface(tuple(parts), views, mapped, triangles=np.concatenate([mesh.corners for mesh in objects]))
 
 
 def _widest(objects: Sequence[MeshObject]) -> list[Array]:

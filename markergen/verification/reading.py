@@ -69,6 +69,8 @@ class Page:
         Layers that are switched off.
     unread : tuple of (name, corners (4, 2))
         What shows but is not read, such as text and images, and boxes that hold it, mm; nan if these are unknown.
+    engraved : array (k, 2, 2) or None
+        Lines to engrave as straight pieces, mm, in formats that have them.
     surface : Surface or None
         Plan view of a solid; the circles of its dots are not listed in `circles`.
     """
@@ -86,6 +88,7 @@ class Page:
     hidden: tuple[str, ...] = ()
     unread: tuple[tuple[str, Array], ...] = ()
     surface: Surface | None = None
+    engraved: Array | None = None
 
     def __post_init__(self) -> None:
         if self.lines is None:
@@ -117,6 +120,8 @@ class Reading:
         Sizes of the pages that were assembled into one, mm.
     gaps : tuple of str
         Errors in the fit between these pages.
+    twice : tuple of str
+        What would be made twice.
     flaws : tuple of str
         Defects of the solids themselves.
     """
@@ -129,6 +134,7 @@ class Reading:
     tagged: bool = False
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
+    twice: tuple[str, ...] = ()
     flaws: tuple[str, ...] = ()
 
 

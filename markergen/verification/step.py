@@ -33,8 +33,11 @@ def _read(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> 
     if body.frame != "marker":
         CHECKS[kind](data, name)
         return reading_of(kind, views("sides"), body)
-    parts = {"STEP": read_step, "BREP": read_brep}[kind](data, name)
-    return reading_of(kind, [Surface(parts, partial(views, "turned"))], body)
+    CHECKS[kind](data, name)
+    values = _asked(kind, kind.lower(), data, name)
+    triangles = np.array(values["triangles"], dtype=float).reshape(-1, 3, 3)
+    surface = Surface(_parts(values["parts"], name), partial(views, "turned"), triangles=triangles)
+    return reading_of(kind, [surface], body)
 
 
 for _suffix, _kind in ((".step", "STEP"), (".stp", "STEP"), (".brep", "BREP")):

@@ -181,6 +181,8 @@ class Surface:
         True for parts of dots without a plate around them.
     rotation : array (3, 3)
         From the frame of the file to that of the view.
+    triangles : array (m, 3, 3) or None
+        The whole surface, roughly where it is curved; None where it is not looked at.
     """
 
     parts: tuple[SolidPart, ...] = field(default=())
@@ -188,6 +190,7 @@ class Surface:
     mapped: "Callable[[Array], Surface] | None" = None
     loose: bool = False
     rotation: Array = field(default_factory=lambda: np.eye(3))
+    triangles: Array | None = None
 
     def scaled(self, factor: float) -> "Surface":
         """Scale by a factor."""

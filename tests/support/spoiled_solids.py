@@ -105,4 +105,5 @@ def _step(data, x, y, z):
 
     text = re.sub(r"(CARTESIAN_POINT\('',\()([^)]*)(\))", times, text)
     text = re.sub(r"((?:CIRCLE|CYLINDRICAL_SURFACE|SPHERICAL_SURFACE)\('',#\d+,)([^)]*)(\))", times, text)
+    text = re.sub(r"(CONICAL_SURFACE\('',#\d+,)([^,)]*)(,)", times, text)  # Its angle stays.
     return text.encode()

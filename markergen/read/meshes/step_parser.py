@@ -31,6 +31,9 @@ SAGITTA = 1e-3
 MOST_FACES = 200_000
 """Maximum number of faces of all solids; a plate with an engraved back has thousands."""
 
+CHORD, TURN = 0.1, 0.8
+"""Distance in mm, and angle in rad between neighbors, of the triangles that show where there is something."""
+
 SMALLEST_SIDE, MOST_SIDES = 0.02, 60
 """Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
 
@@ -46,12 +49,42 @@ def prepare() -> None:
 
 def step(data: bytes) -> Json:
     """Read the parts of a STEP file in mm, placed as its assemblies have them."""
-    return {"parts": [_described(*part) for part in as_file(data, ".step", _step)]}
+    return _whole(as_file(data, ".step", _step))
 
 
 def brep(data: bytes) -> Json:
     """Read the parts of an Open CASCADE BREP file."""
-    return {"parts": [_described(*part) for part in as_file(data, ".brep", _brep)]}
+    return _whole(as_file(data, ".brep", _brep))
+
+
+def _whole(parts: list[Part]) -> Json:
+    """Parts, and the corners of rough triangles of all of them."""
+    described = [_described(*part) for part in parts]
+    return {"parts": described, "triangles": [value for _, _, shape, _ in parts for value in _triangles(shape)]}
+
+
+def _triangles(shape: Any) -> list[float]:
+    """Coordinates of the corners of triangles within `CHORD` of a shape."""
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
+    from OCP.TopAbs import TopAbs_FACE
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopoDS import TopoDS
+
+    BRepMesh_IncrementalMesh(shape, CHORD, False, TURN, False)
+    values: list[float] = []
+    for face in _within(shape, TopAbs_FACE):
+        place = TopLoc_Location()
+        mesh = BRep_Tool.Triangulation_s(TopoDS.Face_s(face), place)
+        if mesh is None:
+            continue
+        move = place.Transformation()
+        points = [mesh.Node(k + 1).Transformed(move) for k in range(mesh.NbNodes())]
+        places = [(point.X(), point.Y(), point.Z()) for point in points]
+        for k in range(mesh.NbTriangles()):
+            for corner in mesh.Triangle(k + 1).Get():
+                values += places[corner - 1]
+    return values
 
 
 def step_turned(data: bytes) -> Json:
