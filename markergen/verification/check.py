@@ -266,7 +266,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
     holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
-    notes = [note] if note else []
+    notes = [*reading.notes, *([note] if note else [])]
     for page in reading.pages:
         dots = _dots(page, expected)
         # A page may have no dots, such as assembly instructions.
@@ -303,6 +303,8 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
+    if reading.alone and len(verdicts) > 1:
+        findings.append(Finding("twice", f"the marker is there {len(verdicts)} times", "leave one of them"))
     worst = max(verdicts, key=lambda verdict: np.nan_to_num(verdict.largest, nan=np.inf))
     if hidden and any(finding.kind in LACKING for v in verdicts for finding in v.findings):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))

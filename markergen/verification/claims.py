@@ -62,8 +62,9 @@ def body_findings(marker: Marker, surface: Surface, motion: Motion, plate: int) 
         role: tuple[object, ...] | None = None
         nearest = int(np.argmin(np.linalg.norm(places - middle[:2], axis=1)))
         off = np.abs(np.concatenate([low[:2], high[:2]]) - np.tile(places[nearest], 2))
-        if off.max() <= ALIKE * radii[nearest]:
-            role = ("dot", nearest, *np.round(low, 2).tolist(), *np.round(high, 2).tolist())
+        for size in (radii[nearest], expected.inner[nearest]):
+            if size and np.abs(off - size).max() <= min(ROOM, 0.2 * size):
+                role = ("dot", nearest, size)
         if role is None and square is not None and (low[:2] >= square[0]).all() and (high[:2] <= square[1]).all():
             role = ("tag", *np.round(low, 2).tolist(), *np.round(high, 2).tolist(), round(part.volume, 1))
         if role is None and _is_plate(marker, part, motion):

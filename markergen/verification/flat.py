@@ -30,6 +30,7 @@ from markergen.verification.lines import (
 )
 from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
 from markergen.verification.picture import PagePicture
+from markergen.verification.printed import printed_findings
 from markergen.verification.reading import Page
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids
 
@@ -110,13 +111,17 @@ def flat_findings(
             stray = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
             strange = stray if strange is None else strange & stray
         seen = verdict if page.picture is None else _explained(verdict, marker, page.picture)
+        if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (seen.findings or flaws):
+            flaws = printed_findings(marker, factor != (1.0, 1.0), page.size, page.picture, verdict.motion)
         judged.append(replace(verdict, findings=(*seen.findings, *flaws)))
+    if page.lines is None and page.picture is not None and page.picture.bilevel:
+        notes["a picture in black and white alone, which may lack grey lines to cut"] = None
     extra = []
     if strange is not None and strange.any() and page.lines is not None:
         x, y = page.lines[page.cut][strange].mean(axis=1)[0]
         what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
         extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
-    unclaimed = _unclaimed(page, marker, judged, factor)
+    unclaimed = _unclaimed(page, marker, dots, judged, factor)
     if len(unclaimed):
         x, y = unclaimed.mean(axis=1)[0]
         what = f"lines that are neither dot nor tag are to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
@@ -124,26 +129,35 @@ def flat_findings(
     return judged, extra, list(notes)
 
 
-def _unclaimed(page: Page, marker: Marker, verdicts: Sequence[Verdict], factor: tuple[float, float]) -> Array:
-    """Lines to engrave (m, 2, 2) other than circles that belong to no dot and not to the tag, mm."""
+def _unclaimed(
+    page: Page, marker: Marker, dots: DotSet, verdicts: Sequence[Verdict], factor: tuple[float, float]
+) -> Array:
+    """Lines to engrave (m, 2, 2) that belong to no dot, whether it is the marker's or extra, and not to the tag, mm."""
     if page.engraved is None or any(verdict.findings for verdict in verdicts):
         return np.zeros((0, 2, 2))
     expected = expected_dots(marker)
     room = np.maximum(MISPLACED * expected.radii, 1.0)
-    left = page.engraved
+    left = page.engraved[~_on_rim(page.engraved.mean(axis=1), dots, np.full(len(dots), 0.1))]
     for motion in [verdict.motion for verdict in verdicts if verdict.motion is not None]:
         middles = _to_marker(left.mean(axis=1), motion, factor)
-        away = np.linalg.norm(middles[:, None] - expected.centers, axis=2)
-        is_rim = (np.abs(away - expected.radii) < room) | (
-            (expected.inner > 0) & (np.abs(away - expected.inner) < room)
-        )
-        claimed = is_rim.any(axis=1)
+        claimed = _on_rim(middles, expected, room)
         if marker.tag is not None:
             rings = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines]
             pieces = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
             claimed |= np.linalg.norm(seek_among(pieces)(middles, middles) - middles, axis=1) < 1.0
         left = left[~claimed]
     return left
+
+
+def _on_rim(points: Array, dots: DotSet, room: Array) -> Mask:
+    """Tell which points are on a rim of the dot nearest to them."""
+    from scipy.spatial import cKDTree
+
+    if not len(dots) or not len(points):
+        return np.zeros(len(points), dtype=bool)
+    away, index = cKDTree(dots.centers).query(points)
+    inner = (dots.inner[index] > 0) & (np.abs(away - dots.inner[index]) < room[index])
+    return np.asarray((np.abs(away - dots.radii[index]) < room[index]) | inner)
 
 
 def _explained(verdict: Verdict, marker: Marker, picture: PagePicture) -> Verdict:
@@ -243,7 +257,7 @@ def _lines(
         sample, grain = page.picture.sample, page.picture.grain
         seek = in_picture(lambda points: sample(_to_page(points, motion, factor)), grain)
         allowed = max(tol, grain / 2, THIN)
-    if page.lines is None and page.picture is not None and page.picture.grain > COARSEST:
+    if page.lines is None and page.picture is not None and (page.picture.grain > COARSEST or page.picture.bilevel):
         return [], kinds[0]
     gaps = None if page.layers else free
     outliers = 0.0 if page.lines is not None else CROSSED
@@ -289,13 +303,13 @@ ALIKE = 0.85
 STRANGE = 0.3
 """Minimum difference from the ink, or from the paper, of what covers it, as a share of the contrast."""
 
-COVERED, INKED = 0.025, 0.005
+COVERED, INKED = 0.025, 0.003
 """Maximum share of a dot, and of its quiet zone, that may be strange: rounding of pixels."""
 
 STROKE = 0.15
 """Share of a dot that a white stroke may cover; what covers more is something else."""
 
-PLACES, RAYS = 400, 48
+PLACES, RAYS = 1000, 48
 """Number of places in and around a dot that are looked at, and of rays along which its edge is found."""
 
 ACROSS = 0.35

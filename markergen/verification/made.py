@@ -285,9 +285,14 @@ def color_findings(surface: Surface, dots: DotSet, seats: list[Seat]) -> list[Fi
         if ring and color is not None and _darker(color, plate) > CONTRAST:
             sentence = f"the middle of dot {seat.name} does not have the color of the plate"
             findings.append(Finding("color", sentence, AGAIN))
-    tools = {surface.parts[seat.part].tool for seat in seats if seat.kind == "part"} - {""}
-    if tools and surface.parts[plate_index(surface)].tool in tools:
-        findings.append(Finding("inverted", "dots and plate are printed by the same extruder", AGAIN))
+    tools: dict[bool, set[str]] = {True: set(), False: set()}
+    for part in surface.parts:
+        if part.color is not None and part.tool:
+            tools[_darker(part.color, plate) > CONTRAST].add(part.tool)
+    if tools[True] & tools[False]:
+        findings.append(Finding("inverted", "light and dark parts are printed by the same extruder", AGAIN))
+    elif tools[True] and max(tools[False], default="") > max(tools[True]):
+        findings.append(Finding("inverted", "the extruder of the light parts comes after that of the dark ones", AGAIN))
     return findings[:MOST_LISTED]
 
 

@@ -62,15 +62,25 @@ MOST_PARTS, MOST_LEVEL, MOST_SHARED = 20_000, 100_000, 200_000
 
 def _read(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the triangles of an STL, the objects in the build of a 3MF, or the meshes in the scene of a GLB, in mm."""
-    return reading_of(kind, views_of(triangles_of(kind, data, name), body, name), body)
+    objects, flaws = mesh_of(kind, data, name)
+    twice = sum(map(_doubled, objects))
+    flaws += [f"{twice} triangles are there twice"] if twice else []
+    reading = reading_of(kind, views_of(objects, body, name), body)
+    return replace(reading, flaws=(*flaws, *reading.flaws))
 
 
 for _kind in ("STL", "3MF", "GLB"):
     READERS.register(f".{_kind.lower()}")(partial(_read, _kind))
 
 
-def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:
-    """Read the objects of a mesh in a child process; raises InputError if it is not a complete one."""
+def mesh_of(kind: str, data: bytes, name: str) -> tuple[list[MeshObject], list[str]]:
+    """Read a mesh in a child process: its objects, and what is not drawn or made as they are.
+
+    Raises
+    ------
+    InputError
+        If it is not a complete one.
+    """
     start_child(PARSER, "mesh")
     # Imported early, to load while the child starts.
     import scipy.sparse.csgraph
@@ -84,7 +94,15 @@ def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:
         objects.append(
             MeshObject(corners, mesh["name"], tuple(color) if color else None, paints, palette, mesh["tool"])
         )
-    return objects
+    return objects, values["flaws"]
+
+
+def _doubled(mesh: MeshObject) -> int:
+    """Number of triangles that are there before, with the same side outside."""
+    sides = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
+    rows = np.round(np.column_stack([mesh.corners.sum(axis=1), np.cross(*sides)]), 5)
+    # One number instead of six: sorting takes a fifth of the time.
+    return len(rows) - len(np.unique(rows @ np.sqrt([2.0, 3, 5, 7, 11, 13])))
 
 
 def surface_of(objects: Sequence[MeshObject], name: str, level: float = LEVEL) -> Surface:

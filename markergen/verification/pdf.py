@@ -7,7 +7,7 @@ of a row has no seam on its left.
 
 # tests: tests/verification/test_check.py tests/verification/test_flat.py
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,20 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.body import Body
+from markergen.verification.matching import dots_on_page, expected_dots
+from markergen.verification.pdf_parser import FINEST
 from markergen.verification.picture import PagePicture
+from markergen.verification.png import pixel_page, tolerance_of
 from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters
+from markergen.verification.words import MOST_LISTED
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
 
 CUT = "cut"
 """Name of the layer of lines to be cut."""
+
+ROUNDED = 0.6
+"""Tolerance in pixels of a page of pixels: half of one, by which dots move if programs round its size, and some."""
 
 TILE_TOLERANCE = 1e-3
 """Maximum distance in mm between the registration marks of neighboring tiles."""
@@ -113,7 +120,33 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         gaps = tuple(gap for assembly in assemblies for gap in assembly.gaps)
         papers = tuple(page.size for page in pages)
         return Reading("PDF", tuple(assembly.page for assembly in assemblies), tagged=True, papers=papers, gaps=gaps)
-    return Reading("PDF", pages, tagged=True)
+    finest = max((values["image"] for values in reply.values["pages"]), default=0.0)
+    if finest and not any(
+        len(dots_on_page(page, expected_dots(plate.marker))) for page in pages for plate in body.plates
+    ):
+        drawn = [
+            _of_image(values, reply.arrays, index, body, name) for index, values in enumerate(reply.values["pages"])
+        ]
+        tolerance = tolerance_of(min(finest, FINEST), ROUNDED)
+        note = f"pictures of {25.4 * finest:.0f} dpi without paths: places are allowed {1e6 * tolerance:.0f} um"
+        return Reading("PDF", tuple(drawn), tolerance, ordered=False, pixels=True, tagged=True, notes=(note,))
+    return Reading("PDF", pages, tagged=True, twice=tuple(_twice(pages)))
+
+
+def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, body: Body, name: str) -> Page:
+    """Page of pixels alone."""
+    grey = arrays.get(f"picture{index}", np.zeros((0, 0), np.uint8))
+    if not grey.size:
+        return Page(np.zeros((0, 3)))
+    return pixel_page(np.ascontiguousarray(np.rot90(grey, values["turn"])), values["shown"], body, name)
+
+
+def _twice(pages: Sequence[Page]) -> Iterator[str]:
+    """What is painted again in the same place."""
+    for page in pages:
+        circles, count = np.unique(np.round(page.circles, 3), axis=0, return_counts=True)
+        for x, y, _ in circles[count > 1][:MOST_LISTED].tolist():
+            yield f"the circle around x {x:.4g}, y {y:.4g} mm of the page is there twice"
 
 
 def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:

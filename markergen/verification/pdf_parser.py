@@ -96,6 +96,7 @@ class _Parser:
     pages: list[dict[str, Any]] = field(default_factory=list)
     layers: list[str] = field(default_factory=lambda: [""])
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    finest: float = 0.0
     budget: int = MOST_SEGMENTS
     rounds: int = MOST_ROUND
 
@@ -109,6 +110,7 @@ class _Parser:
         ]
         tiled = any(trim is not None for trim in trims)
         paths = _Paths()
+        self.finest = 0.0
         self._objects(page.raw, paths)
         points, ends, kind, layer = paths.flattened()
         circles, corners, arcs = self._filled(points, ends, kind, tiled)
@@ -121,6 +123,7 @@ class _Parser:
                 "cropped": bool(np.abs(np.subtract(media, box)).max() > 1),
                 "turn": int(page.get_rotation()) // 90,
                 "trim": trims,
+                "image": self.finest,
             }
         )
         self.arrays |= {
@@ -132,7 +135,7 @@ class _Parser:
             f"arcs{index}": np.concatenate(arcs) if arcs else np.zeros((0, 2)),
             f"arc_ends{index}": np.cumsum([len(arc) for arc in arcs], dtype=np.int64),
         }
-        if len(drawn):
+        if len(drawn) or self.finest:
             self.arrays[f"picture{index}"] = self._picture(page, box)
 
     def _picture(self, page: Any, box: list[float]) -> NDArray[np.uint8]:
@@ -165,6 +168,12 @@ class _Parser:
                 if kind == pdfium.FPDF_PAGEOBJ_PATH:
                     on = self._layer(item) or layer
                     self._spend(paths.add(item, here, on, self.budget, strokes_only=self.layers[on] == TEXT))
+                elif kind == pdfium.FPDF_PAGEOBJ_IMAGE:
+                    width, height = ctypes.c_uint(), ctypes.c_uint()
+                    if pdfium.FPDFImageObj_GetImagePixelSize(item, width, height):
+                        sides = MM_PER_POINT * np.linalg.norm(here[:2, :2], axis=0)
+                        finest = min(np.array([width.value, height.value]) / np.maximum(sides, 1e-9))
+                        self.finest = max(self.finest, float(finest))
                 elif kind == pdfium.FPDF_PAGEOBJ_FORM:
                     inner = pdfium.FPDFFormObj_CountObjects(item)
                     get_inner = pdfium.FPDFFormObj_GetObject

@@ -33,6 +33,8 @@ class PagePicture:
         False if it is put together from tiles, with lines along their seams.
     measured : bool
         True if the dots were measured in this picture rather than read from paths.
+    bilevel : bool
+        True if it has two grey levels, so that thin grey lines may be lost.
     """
 
     sample: Callable[[Array], Array]
@@ -40,9 +42,10 @@ class PagePicture:
     paper: float = WHITE
     whole: bool = True
     measured: bool = False
+    bilevel: bool = False
 
     @staticmethod
-    def of_pixels(grey: NDArray[np.uint8], matrix: Array, offset: Array, measured: bool = False) -> "PagePicture":
+    def of_pixels(grey: NDArray[np.uint8], matrix: Array, offset: Array) -> "PagePicture":
         """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
         size = np.array(grey.shape[::-1])
         inset = np.minimum(np.maximum((CORNER * size).astype(int), 1), size - 1)
@@ -52,7 +55,8 @@ class PagePicture:
         def sample(points: Array) -> Array:
             return _interpolated(grey, points @ matrix.T + offset)
 
-        return PagePicture(sample, grain, float(np.median(corners)), measured=measured)
+        levels = np.count_nonzero(np.bincount(grey[:: max(len(grey) // 2000, 1)].ravel()))
+        return PagePicture(sample, grain, float(np.median(corners)), bilevel=levels == 2)
 
     @staticmethod
     def of_page(grey: NDArray[np.uint8], box: Sequence[float], quarter_turns: int) -> "PagePicture":

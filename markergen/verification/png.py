@@ -1,25 +1,22 @@
-"""Measure dots in a PNG as blobs of ink by their grey-weighted moments, at the resolution that the file states.
-
-The letters and digits of a page, compared with those of the font and their mirror images, tell whether it is mirrored:
-a layout that is its own mirror image, such as a regular polygon with its key ring, does not.
-"""
+"""Measure dots in a PNG as blobs of ink by their grey-weighted moments, at the resolution that the file states."""
 
 # tests: tests/verification/test_check.py tests/verification/test_flat.py
 
-from collections.abc import Iterator
-from functools import cache, partial
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.drawing.scene import FilledPath
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import opened_image
 from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
+from markergen.verification.printed import reads_upright
 from markergen.verification.reading import (
     FLATTEST,
     PRINTABLE,
@@ -67,56 +64,40 @@ SEARCHED, LEAST_BLOB = 4_000_000, 8
 """Pixels of the reduced image that is searched for blobs of any size, and their minimum size in its pixels."""
 
 
-CHARACTERS = "1245679aefghkprtyFGJKLPRQ"
-"""Connected characters whose mirror image resembles none of them."""
-
-LEAST_PX, MOST_PX = 12, 120
-"""Range of heights of a character in pixels of the image that is searched for text."""
-
-LEAST_VOTES, MAJORITY = 4, 3.0
-"""Minimum number of recognized characters, and minimum ratio of those one way to those the other way."""
-
-NEAR, CLEAR = 0.05, 2.0
-"""Maximum distance of a shape from a character, and minimum ratio of its distance from all mirrored ones to that."""
-
-FINE = 0.08
-"""Approximate pixel size of that image in mm; characters are 1.5 mm high or more."""
-
-BAND = 8_000_000
-"""Number of pixels processed at once."""
-
-MOST_SHAPES = 20_000
-"""Maximum number of shapes that are compared with characters."""
-
-MIRROR = np.array([1, 1, 1, 1, -1, 1, -1])
-"""Signs by which a mirror multiplies the invariants."""
-
-DRAWN_PX = 60
-"""Height of the reference capitals, px."""
-
-
 @READERS.register(".png")
 def read_png(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)
+    size = width / scale[0], height / scale[1]
+    page = pixel_page(grey, (0.0, -size[1], size[0], 0.0), body, name)
+    return Reading("PNG", (page,), tolerance_of(scale.mean()), ordered=False, pixels=True, tagged=True)
+
+
+def tolerance_of(scale: float, pixels: float = TOLERANCE_PX) -> float:
+    """Tolerance in m of what is measured at a number of pixels per mm."""
+    return max(PRINTABLE, 1e-3 * pixels / float(scale))
+
+
+def pixel_page(grey: Grey, box: Sequence[float], body: Body, name: str) -> Page:
+    """Page of an image that fills a box (left, bottom, right, top) in mm."""
     sizes = np.array(circle_diameters(body))
     gap = min(_least_gap(plate.marker) for plate in body.plates)
+    corner, size = np.array([box[0], box[3], 0.0]), (box[2] - box[0], box[3] - box[1])
+    scale = np.array(grey.shape[::-1]) / size
+    picture = replace(PagePicture.of_page(grey, box, 0), measured=True)
 
     def circles(wanted: Array | None) -> Array:
-        measured = [_measure(grey, box, dark, scale) for box, dark in _blobs(grey, scale, wanted, gap)]
-        return circles_of([circle for circle in measured if circle is not None], name)
+        measured = [_measure(grey, blob, dark, scale) for blob, dark in _blobs(grey, scale, wanted, gap)]
+        return circles_of([circle for circle in measured if circle is not None], name) + corner
 
-    size = width / scale[0], height / scale[1]
-    page = Page(
+    return Page(
         circles(sizes),
         size,
         of_any_size=partial(circles, None),
-        upright=partial(reads_upright, grey, scale),
-        picture=PagePicture.of_pixels(grey, np.diag(scale * [1, -1]), np.full(2, -0.5), measured=True),
+        upright=partial(reads_upright, body.plates[0].marker, box, picture) if len(body.plates) == 1 else None,
+        picture=picture,
     )
-    tolerance = max(PRINTABLE, 1e-3 * TOLERANCE_PX / float(scale.mean()))
-    return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)
 
 
 def _header(data: bytes, name: str) -> tuple[int, int, Array]:
@@ -278,106 +259,3 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
     xy = float((y - my) @ covered.astype(float) @ (x - mx)) / area
     # A pixel is a square, not a point.
     return area, center + [mx, my], np.array([[xx, xy], [xy, yy]]) + np.eye(2) / 12
-
-
-def reads_upright(grey: NDArray[np.uint8], scale: Array) -> bool | None:
-    """Tell whether the characters on a page, at `scale` (x, y) pixels per mm, are unmirrored; None if unknown.
-
-    The page may have any orientation.
-    """
-    import cv2
-
-    step = max(round(FINE * float(scale.min())), 1)
-    height, width = (side // step for side in grey.shape)
-    if min(height, width) < 1:
-        return None
-    small = cv2.resize(grey[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
-    level = (int(small.min()) + int(small.max())) / 2
-    rows = max(BAND // width, 4 * MOST_PX)
-    for dark in (True, False):
-        votes = np.zeros(2)
-        # Bands overlap, so that a character cut by one is whole in the next.
-        for top in range(0, height, rows - MOST_PX):
-            votes += _votes((small[top : top + rows] < level) == dark, scale)
-        plain, mirrored = votes
-        if plain + mirrored >= LEAST_VOTES and max(plain, mirrored) >= MAJORITY * min(plain, mirrored):
-            return bool(plain > mirrored)
-    return None
-
-
-def _votes(ink: NDArray[np.bool_], scale: Array) -> Array:
-    """Number of characters that are plain and that are mirrored."""
-    import cv2
-
-    votes = np.zeros(2)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(ink.astype(np.uint8), connectivity=8)
-    sides = stats[1:, 2:4]
-    sized = (sides.max(axis=1) >= LEAST_PX) & (sides.max(axis=1) <= MOST_PX) & (sides.min(axis=1) >= LEAST_PX / 4)
-    for index in 1 + np.flatnonzero(sized)[:MOST_SHAPES]:
-        left, top, across, down, _ = stats[index]
-        y, x = np.nonzero(labels[top : top + down, left : left + across] == index)
-        votes += _vote(_invariants(x / scale[0], -y / scale[1], np.ones(len(x))))
-    return votes
-
-
-def _vote(shape: Array) -> Array:
-    """(1, 0) for a character, (0, 1) for a mirrored one, (0, 0) for neither or both."""
-    font = _font()
-    plain, mirrored = (
-        float(np.linalg.norm(font - invariants, axis=-1).min()) for invariants in (shape, shape * MIRROR)
-    )
-    if min(plain, mirrored) > NEAR or max(plain, mirrored) < CLEAR * min(plain, mirrored):
-        return np.zeros(2)
-    return np.array([1.0, 0.0]) if plain < mirrored else np.array([0.0, 1.0])
-
-
-def _invariants(x: Array, y: Array, weight: Array) -> Array:
-    """Seven invariants of a shape under rotation, translation and scale; a mirror negates the 5th and 7th.
-
-    They are computed from complex moments of second and third order (Flusser).
-    """
-    mass = weight.sum()
-    z = (x - (weight @ x) / mass) + 1j * (y - (weight @ y) / mass)
-    z = z / np.sqrt(weight @ np.abs(z) ** 2 / mass)
-
-    def moment(p: int, q: int) -> complex:
-        return complex(weight @ (z**p * np.conj(z) ** q) / mass)
-
-    c20, c21, c30 = moment(2, 0), moment(2, 1), moment(3, 0)
-    c12 = np.conj(c21)
-    second, third = c20 * c12**2, c30 * c12**3
-    return np.array([abs(c20), abs(c21), abs(c30), second.real, second.imag, third.real, third.imag])
-
-
-@cache
-def _font() -> Array:
-    """Invariants (g, 7) of the characters of the fonts used on sheets."""
-    import cv2
-
-    from markergen.drawing.text import FACES, text
-
-    rows = []
-    for face in FACES:
-        for character in CHARACTERS:
-            contours = _contours(text(character, 20.0, 20.0, DRAWN_PX, face=face))
-            picture = np.zeros((3 * DRAWN_PX, 3 * DRAWN_PX), dtype=np.uint8)
-            cv2.fillPoly(picture, [np.rint(16 * contour).astype(np.int32) for contour in contours], 1, shift=4)
-            y, x = np.nonzero(picture)
-            # The outline has y up, and so do the picture's rows.
-            rows.append(_invariants(x.astype(float), y.astype(float), np.ones(len(x))))
-    return np.array(rows)
-
-
-def _contours(outline: FilledPath) -> list[Array]:
-    """Closed polygons that approximate an outline of lines and quadratic curves."""
-    contours: list[list[Array]] = []
-    for command, points in outline.segments:
-        if command == "M":
-            contours.append([np.array(points[0])])
-        elif command == "Q":
-            start, (control, end) = contours[-1][-1], np.array(points)
-            for t in (0.25, 0.5, 0.75, 1.0):
-                contours[-1].append((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)
-        elif points:
-            contours[-1] += [np.array(point) for point in points]
-    return [np.array(contour) for contour in contours]

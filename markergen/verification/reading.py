@@ -122,8 +122,12 @@ class Reading:
         Errors in the fit between these pages.
     twice : tuple of str
         What would be made twice.
+    alone : bool
+        True if it can hold one marker, once.
     flaws : tuple of str
         Defects of the solids themselves.
+    notes : tuple of str
+        Remarks about how it was read.
     """
 
     kind: str
@@ -135,7 +139,9 @@ class Reading:
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     twice: tuple[str, ...] = ()
+    alone: bool = False
     flaws: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

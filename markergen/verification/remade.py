@@ -29,7 +29,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.verification.mesh import triangles_of
+from markergen.verification.mesh import mesh_of
 from markergen.verification.reading import READERS, Settings
 from markergen.verification.result import Check
 from markergen.verification.words import KNOWN, MOST_LISTED, Finding, scale_finding
@@ -575,7 +575,7 @@ def _target(file: str, path: Path) -> Path:
 
 
 def _corners(data: bytes, name: str) -> Array:
-    (mesh,) = triangles_of("STL", data, name)
+    ((mesh,), _) = mesh_of("STL", data, name)
     return mesh.corners
 
 

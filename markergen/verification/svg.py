@@ -20,6 +20,7 @@ from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.outlines.svg import parse_svg
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import READERS, Page, Reading, Settings, circles_of, round_shape
+from markergen.verification.words import MOST_LISTED
 
 PATIENCE = 10
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
@@ -45,6 +46,19 @@ _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 """Elements by which a browser shows something else than a picture of the file."""
 
 
+_STYLE = re.compile(rb"<(?:\w+:)?style\b[^>]*>(.*?)</(?:\w+:)?style>", re.DOTALL)
+_STYLES = re.compile(rb"\{([^{}]*)\}")
+_ATTRIBUTE = re.compile(rb"\sstyle\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_RULE = re.compile(rb"@(?!charset|namespace|font-face)|\b(?:var|calc|env|attr)\(")
+_ALIKE = (
+    b"fill stroke opacity display visibility font text letter word line color stop clip mask filter flood lighting "
+    b"marker overflow paint-order shape image mix-blend isolation enable-background background solid direction "
+    b"writing-mode baseline dominant-baseline alignment unicode white-space vector-effect inline-size pointer-events "
+    b"cursor block-progression -inkscape -moz -webkit src tab-size unset"
+)
+"""Beginnings of the properties that change no place and no size, or that the reader has."""
+
+
 @READERS.register(".svg", ".svgz")
 def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the circles, corners and lines of an SVG, and what shows of it."""
@@ -53,6 +67,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         data = _unpacked(data, name)
     if _MOVING.search(data):
         raise InputError(f"an SVG that stays as it is in {name}", "animation or a script", "save it without them")
+    _check_styles(data, name)
     file = OutlineFile(name, data, PATIENCE)
     wanted = f"an SVG that browsers draw, within {KINDS['SVG'].seconds:g} s, in {name}"
     with np.errstate(all="ignore"):
@@ -63,6 +78,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
         circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0
+        painted = set[tuple[object, ...]]()
+        twice = list[str]()
         for piece in drawing.pieces:
             assert piece.look is not None
             if piece.look.style["fill"] == "none":
@@ -81,6 +98,11 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                     raise InputError(f"at most {MOST_ROUGH} shapes as wide as high in {name}", "more", "verify the PDF")
                 points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
                 circle = round_shape(points)
+            key = (*np.round([*points.min(axis=0), *sides], 3).tolist(), piece.look.style["fill"], len(piece.curves))
+            if key in painted and sides.max() > 1:
+                x, y = points.min(axis=0) + sides / 2
+                twice.append(f"the {brief(piece.name)} around x {x:.4g}, y {-y:.4g} mm of the page is there twice")
+            painted.add(key)
             if circle and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
                 circles.append(circle)
             elif len(points) >= 3:
@@ -96,7 +118,21 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
-    return Reading("SVG", (page,), tagged=True)
+    return Reading("SVG", (page,), tagged=True, twice=tuple(twice[:MOST_LISTED]))
+
+
+def _check_styles(data: bytes, name: str) -> None:
+    """Refuse styles by which a browser shows something else than a picture of the file."""
+    sheets = _STYLE.findall(data)
+    rules = [rule for sheet in sheets for rule in _STYLES.findall(re.sub(rb"/\*.*?\*/", b"", sheet, flags=re.DOTALL))]
+    rules += [first or second for first, second in _ATTRIBUTE.findall(data)]
+    known = tuple(_ALIKE.split())
+    names = {part.partition(b":")[0].strip().lower() for rule in rules for part in rule.split(b";") if b":" in part}
+    strange = sorted(key for key in names if not key.startswith(known) and key != b"transform")
+    strange += [match[0] for text in (*sheets, *rules) if (match := _RULE.search(text))]
+    if strange:
+        problem = brief(strange[0].decode("utf-8", "replace"))
+        raise InputError(f"styles that all programs draw alike in {name}", problem, "save it as a plain SVG")
 
 
 def _unpacked(data: bytes, name: str) -> bytes:

@@ -1,11 +1,15 @@
 """What belongs to nothing of the marker is reported, wherever it is; what is only written otherwise passes."""
 
+import re
+import zipfile
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
+import pypdfium2
 import pytest
-from damaged_sheets import drawn
-from spoiled_solids import glb, gltf, stl, triangles
+from damaged_sheets import drawn, grey
+from spoiled_solids import glb, gltf, stl, triangles, with_model
 
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
@@ -27,8 +31,12 @@ def marker(make_ngon):
 def files(marker, tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     options = ExportOptions(fabrication=Fabrication(engrave=False, foot=0.0, tolerance=1e-5))
-    save(marker, [folder / "a.stl", folder / "a.dxf", folder / "a.glb"], options)
-    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in (".stl", ".dxf", ".glb")}
+    suffixes = (".stl", ".dxf", ".glb", ".3mf", ".svg", ".pdf", ".png")
+    save(marker, [folder / f"a{suffix}" for suffix in suffixes], replace(options, dpi=150))
+    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in suffixes}
+
+
+MODEL, VOLUMES = "3D/3dmodel.model", "Metadata/Slic3r_PE_model.config"
 
 
 def check_of(marker, folder, suffix, data):
@@ -58,6 +66,7 @@ BODIES = {
     "block in the air": box((-18, -18, 10), (-15, -15, 12)),
     "block beside the plate": box((80, 0, -3), (90, 10, 0)),
     "post on the back": box((-18, -18, -20), (-15, -15, -3)),
+    "block in a dot": box((-1, 31, 0), (1, 33, 1)),
     "void": box((-18, -18, -2), (-15, -15, -1))[:, ::-1],
 }
 
@@ -110,7 +119,50 @@ def broken_line(document, space):
     entity(space, "LWPOLYLINE").dxf.linetype = "GAPS"
 
 
+def twice_as_arcs(document, space):
+    circle = entity(space, "CIRCLE")
+    for start in (0, 180):
+        space.add_arc(circle.dxf.center, circle.dxf.radius, start, start + 180, dxfattribs={"layer": "ENGRAVE"})
+
+
+def outline_beside(document, space):
+    space.add_entity(space.query('CIRCLE[layer=="CUT"]')[0].copy().translate(0.05, 0, 0))
+
+
+def elsewhere(document, space):
+    for part in list(space):
+        space.add_entity(part.copy().translate(150, 0, 0))
+
+
+def small_circle(document, space):
+    space.add_circle((20, -20), 1, dxfattribs={"layer": "ENGRAVE"})
+
+
+def point_to_cut(document, space):
+    space.add_point((20, -20), dxfattribs={"layer": "CUT"})
+
+
+def wide_line(document, space):
+    entity(space, "LWPOLYLINE").dxf.const_width = 1.0
+
+
+def above(document, space):
+    entity(space, "CIRCLE").translate(0, 0, 5)
+
+
+def not_plotted(document, space):
+    document.layers.get("ENGRAVE").dxf.plot = 0
+
+
 ENTITIES = {
+    "circle twice, as arcs": (twice_as_arcs, "twice"),
+    "outline beside itself": (outline_beside, "twice"),
+    "everything elsewhere": (elsewhere, "twice"),
+    "small circle to engrave": (small_circle, "extra"),
+    "point to cut": (point_to_cut, "covered"),
+    "wide line": (wide_line, "covered"),
+    "circle above the plane": (above, "covered"),
+    "layer that is not plotted": (not_plotted, "hidden"),
     "circle twice": (again("CIRCLE"), "twice"),
     "tag twice": (again("LWPOLYLINE"), "twice"),
     "line to engrave": (engraved_line, "extra"),
@@ -148,10 +200,116 @@ def test_drawings_that_are_written_otherwise_pass(marker, files, tmp_path, chang
     assert check.largest < 1e-6
 
 
-def test_blocks_that_are_stretched_are_refused(marker, files, tmp_path):
+def test_blocks_that_are_stretched_are_named(marker, files, tmp_path):
     def stretched(document, space):
         in_a_block(document, space)
         space[0].dxf.xscale = 1.01
 
+    assert not check_of(marker, tmp_path, ".dxf", drawn(stretched)(files[".dxf"])).passed
+
+
+def materials(**changes):
+    return lambda document: [material.update(changes) for material in document["materials"]]
+
+
+def clear(document):
+    for material in document["materials"]:
+        material["alphaMode"] = "BLEND"
+        material["pbrMetallicRoughness"]["baseColorFactor"][3] = 0.0
+
+
+def again_elsewhere(document):
+    mesh = next(node["mesh"] for node in document["nodes"] if node.get("name") == "dot-2")
+    document["nodes"].append({"mesh": mesh, "translation": [0.0, 0.0, 0.01]})
+    document["nodes"][0]["children"].append(len(document["nodes"]) - 1)
+
+
+GLTF = {
+    "transparent": clear,
+    "masked": materials(alphaMode="MASK", alphaCutoff=2.0),
+    "glowing": materials(emissiveFactor=[1, 1, 1]),
+    "moving": lambda document: document.update(animations=[{"channels": [], "samplers": []}]),
+    "painted": lambda document: document.update(textures=[{"source": 0}]),
+    "a dot again above": again_elsewhere,
+}
+
+
+@pytest.mark.parametrize("name", GLTF)
+def test_what_is_drawn_otherwise_in_a_glb_is_named(marker, files, tmp_path, name):
+    document, rest = gltf(files[".glb"])
+    assert check_of(marker, tmp_path, ".glb", glb(document, rest)).passed
+    GLTF[name](document)
+    assert not check_of(marker, tmp_path, ".glb", glb(document, rest)).passed
+
+
+def swapped(text):
+    return re.sub(r'(key="extruder" value=")([12])', lambda match: match[1] + "21"[int(match[2]) - 1], text)
+
+
+PRINTED = {
+    "not printed": (lambda text: text.replace("<item ", '<item printable="0" '), MODEL),
+    "a support": (lambda text: text.replace('type="model"', 'type="support"'), MODEL),
+    "transparent": (lambda text: re.sub(r'(displaycolor="#\w{6})\w*', r"\g<1>00", text), MODEL),
+    "twice": (lambda text: re.sub(r"(<item [^>]*/>)", r"\1\1", text), MODEL),
+    "extruders swapped": (swapped, VOLUMES),
+    "a core of the other extruder": (
+        lambda text: re.sub(r'(-core"/><meta[^/]*er" value=")1', r"\g<1>2", text),
+        VOLUMES,
+    ),
+    "a modifier": (
+        lambda text: text.replace(
+            "</volume>", '<metadata type="volume" key="volume_type" value="ParameterModifier"/></volume>', 1
+        ),
+        VOLUMES,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_what_is_printed_otherwise_in_a_3mf_is_named(marker, files, tmp_path, name):
+    change, path = PRINTED[name]
+    with zipfile.ZipFile(BytesIO(files[".3mf"])) as package:
+        text = package.read(path).decode()
+    assert change(text) != text
+    assert not check_of(marker, tmp_path, ".3mf", with_model(files[".3mf"], change(text), path)).passed
+
+
+def test_everything_twice_in_its_place_is_named(marker, files, tmp_path):
+    corners = triangles(files[".stl"])
+    assert kinds(check_of(marker, tmp_path, ".stl", stl(np.concatenate([corners, corners])))) == {"solid"}
+    dots = re.search(r'<g id="dots".*?</g>', files[".svg"].decode(), re.DOTALL)[0]
+    more = files[".svg"].decode().replace("</svg>", re.sub(r'id="[^"]*"', "", dots) + "</svg>")
+    assert kinds(check_of(marker, tmp_path, ".svg", more.encode())) == {"twice"}
+
+
+@pytest.mark.parametrize(
+    "style",
+    [
+        "@media print { #dot-2 { display: none } }",
+        "#dot-2 { r: 3px }",
+        "svg { zoom: 1.1 }",
+        "@keyframes a { to { fill: white } } #dot-2 { animation: a 1s forwards }",
+    ],
+)
+def test_styles_that_programs_draw_differently_are_refused(marker, files, tmp_path, style):
     with pytest.raises(InputError):
-        check_of(marker, tmp_path, ".dxf", drawn(stretched)(files[".dxf"]))
+        check_of(
+            marker, tmp_path, ".svg", files[".svg"].replace(b"<title", f"<style>{style}</style><title".encode(), 1)
+        )
+
+
+def in_black_and_white(levels):
+    return np.where(levels < 128, 0, 255).astype(np.uint8)
+
+
+def test_pixels_pass_by_what_they_show(marker, files, tmp_path):
+    check = check_of(marker, tmp_path, ".png", grey(in_black_and_white, 150)(files[".png"]))
+    assert check.passed, check.findings
+    page = pypdfium2.PdfDocument(files[".pdf"])[0]
+    out = BytesIO()
+    page.render(scale=150 / 72).to_pil().convert("L").save(out, "PDF", resolution=150)
+    check = check_of(marker, tmp_path, ".pdf", out.getvalue())
+    assert check.passed, check.findings
+    # A page of whole pixels is larger than the paper by less than one.
+    assert check.tolerance == pytest.approx(0.6 * 25.4e-3 / 150, rel=0.01)
+    assert check.notes

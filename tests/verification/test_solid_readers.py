@@ -124,7 +124,7 @@ def test_3mf_whose_parts_are_others_in_prusaslicer(marker, data, tmp_path):
         return [finding.sentence for finding in verify(marker, tmp_path / "a.3mf").findings]
 
     assert sentence("no inlay", 3) in said(re.sub(r"<volume.*\n(?=</object>)", "", text))
-    same = "dots and plate are printed by the same extruder"
+    same = "light and dark parts are printed by the same extruder"
     assert same in said(text.replace('"extruder" value="2"', '"extruder" value="1"', 1))
     bad = with_model(data[".3mf"], text.replace("firstid", "first"), VOLUMES)
     assert "numbers" in refused(marker, tmp_path, ".3mf", bad)

@@ -34,11 +34,11 @@ Reply = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 STL_WORDS = {b"solid", b"endsolid", b"facet", b"outer", b"vertex", b"endloop", b"endfacet"}
 
 
-def _reply(meshes: list[MeshObject]) -> Reply:
+def _reply(meshes: list[MeshObject], flaws: Iterable[str] = ()) -> Reply:
     arrays: dict[str, NDArray[Any]] = {f"corners{k}": mesh.corners for k, mesh in enumerate(meshes)}
     arrays |= {f"paints{k}": mesh.paints for k, mesh in enumerate(meshes) if mesh.paints is not None}
     objects = [{"name": mesh.name, "color": mesh.color, "palette": mesh.palette, "tool": mesh.tool} for mesh in meshes]
-    return {"objects": objects}, arrays
+    return {"objects": objects, "flaws": list(dict.fromkeys(flaws))}, arrays
 
 
 def read_stl(data: bytes) -> Reply:
@@ -110,10 +110,31 @@ def read_glb(data: bytes) -> Reply:
         if len(counts) > MOST_OBJECTS:
             raise InputError(f"at most {MOST_OBJECTS} meshes", str(len(counts)), "export the marker alone")
         meshes = [_glb_mesh(document, binary, node, matrix) for node, matrix in nodes if "mesh" in node]
+        flaws = list(_glb_flaws(document))
     # What Python raises for entries of a document that are missing or of another kind.
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
-    return _reply([mesh for mesh in meshes if len(mesh.corners)])
+    return _reply([mesh for mesh in meshes if len(mesh.corners)], flaws)
+
+
+def _glb_flaws(document: dict[str, Any]) -> Iterator[str]:
+    """What programs draw otherwise than triangles in one opaque color."""
+    for key in ("animations", "skins", "textures"):
+        if document.get(key):
+            yield f"it has {key}, which are not read"
+    for primitive in (primitive for mesh in document.get("meshes", []) for primitive in mesh["primitives"]):
+        if "targets" in primitive or primitive.get("mode", TRIANGLES) != TRIANGLES:
+            yield "it has lines, points or shapes that move, which are not read"
+    for material in document.get("materials", []):
+        clear = material.get("alphaMode", "OPAQUE") != "OPAQUE"
+        if clear and (material["alphaMode"] == "MASK" or _opacity(material) < 1):
+            yield f"the material {brief(str(material.get('name', '')))} is transparent"
+        if any(material.get("emissiveFactor", ())):
+            yield f"the material {brief(str(material.get('name', '')))} glows"
+
+
+def _opacity(material: dict[str, Any]) -> float:
+    return float(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))[3])
 
 
 def _parts_of_glb(data: bytes) -> tuple[dict[str, Any], memoryview]:
@@ -309,7 +330,7 @@ def read_3mf(data: bytes) -> Reply:
     # zipfile, zlib and struct raise these for broken packages; RuntimeError is for encrypted ones.
     except (zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError) as error:
         raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
-    return _reply(model.built(ranges.volumes))
+    return _reply(model.built(ranges.volumes), [*model.flaws, *ranges.flaws])
 
 
 def _pieces(package: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[bytes]:
@@ -363,6 +384,7 @@ class _Ranges:
 
     def __init__(self) -> None:
         self.volumes: dict[str, list[_Volume]] = {}
+        self.flaws: list[str] = []
         self._object = ""
 
     def start(self, tag: str, attributes: Attributes) -> None:
@@ -378,6 +400,8 @@ class _Ranges:
                 ranges[-1] = ranges[-1]._replace(name=attributes["value"][:LONGEST])
             elif attributes.get("key") == "extruder":
                 ranges[-1] = ranges[-1]._replace(tool=attributes["value"][:LONGEST])
+            elif attributes.get("key") in ("volume_type", "modifier") and attributes["value"] not in ("ModelPart", "0"):
+                self.flaws.append(f"the part {brief(ranges[-1].name)} is a {brief(attributes['value'])}, not printed")
 
     def end(self, tag: str) -> None:
         """Do nothing."""
@@ -388,6 +412,7 @@ class _Model:
 
     def __init__(self) -> None:
         self.unit = 1.0
+        self.flaws: list[str] = []
         self.palette: list[Color] = []
         self.first: dict[str, int] = {}
         self.objects: dict[str, _Object] = {}
@@ -439,9 +464,13 @@ class _Model:
 
     def _base(self, attributes: Attributes) -> None:
         self.palette.append(_color(attributes["displaycolor"]))
+        if len(attributes["displaycolor"]) == 9 and attributes["displaycolor"][7:].lower() != "ff":
+            self.flaws.append(f"the material {brief(attributes.get('name', ''))} is transparent")
         self._bounded(len(self.palette), "materials")
 
     def _object(self, attributes: Attributes) -> None:
+        if (kind := attributes.get("type", "model")) not in ("model", "solidsupport"):
+            self.flaws.append(f"an object is of the type {brief(kind)}, which is not printed as a model")
         group = attributes.get("pid", "")
         paint = self._paint(group, attributes.get("pindex", "0")) if group else -1
         self._current = self.objects[attributes["id"]] = _Object(attributes.get("name", "")[:LONGEST], paint, group)
@@ -463,6 +492,8 @@ class _Model:
             self._bounded(self._components, "components")
 
     def _item(self, attributes: Attributes) -> None:
+        if any(key.split(" ")[-1] == "printable" and value in ("0", "false") for key, value in attributes.items()):
+            self.flaws.append("an item is not to be printed")
         self.items.append((attributes["objectid"], _matrix_of(attributes.get("transform"))))
         self._bounded(len(self.items), "items to build")
 

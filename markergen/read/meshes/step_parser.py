@@ -31,8 +31,9 @@ SAGITTA = 1e-3
 MOST_FACES = 200_000
 """Maximum number of faces of all solids; a plate with an engraved back has thousands."""
 
-CHORD, TURN = 0.1, 0.8
-"""Distance in mm, and angle in rad between neighbors, of the triangles that show where there is something."""
+CHORD, TURN = 5e-4, 0.8
+"""Distance as a share of a part's size, and angle in rad between neighbors, of the triangles that show where there is
+something."""
 
 SMALLEST_SIDE, MOST_SIDES = 0.02, 60
 """Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
@@ -65,13 +66,20 @@ def _whole(parts: list[Part]) -> Json:
 
 def _triangles(shape: Any) -> list[float]:
     """Coordinates of the corners of triangles within `CHORD` of a shape."""
+    from OCP.Bnd import Bnd_Box
     from OCP.BRep import BRep_Tool
+    from OCP.BRepBndLib import BRepBndLib
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.TopAbs import TopAbs_FACE
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS
 
-    BRepMesh_IncrementalMesh(shape, CHORD, False, TURN, False)
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box)
+    if box.IsVoid():
+        return []
+    # An absolute chord makes millions of triangles of a part in a wrong unit.
+    BRepMesh_IncrementalMesh(shape, max(CHORD * box.SquareExtent() ** 0.5, SAGITTA), False, TURN, False)
     values: list[float] = []
     for face in _within(shape, TopAbs_FACE):
         place = TopLoc_Location()

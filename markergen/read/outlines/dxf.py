@@ -4,10 +4,10 @@ import io
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -87,75 +87,113 @@ def _fits(file: OutlineFile) -> bool:
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all flat entities in the model space."""
-    document = _document(file)
+    document = document_of(file)
     names = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
-    reader = _DxfReader(file, document, layer.casefold() if layer is not None else None)
-    try:
-        reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
+    reader = DxfReader(file, document, layer.casefold() if layer is not None else None)
+    pieces: list[tuple[str, list[Curve], bool]] = []
+    with undamaged(file):
+        for entity in reader.entities():
+            if not reader.chosen(entity):
+                reader.others.append("hidden shapes" if layer is None else ELSEWHERE)
+            elif entity.kind in CURVES:
+                pieces += [(entity.name, *curves) for curves in entity.curves(file)]
+            else:
+                reader.others.append(entity.kind)
         sheets = [layout for layout in document.layouts if layout.is_any_paperspace]
         if any(entity.dxftype() not in IRRELEVANT for sheet in sheets for entity in sheet):
             reader.others.append("shapes in paper space")
-    except InputError:
-        raise
-    except Exception as error:  # ezdxf raises undocumented errors on damaged values.
-        raise file.damaged("an undamaged drawing", _reason(error)) from None
     names |= {name.casefold(): name for name in reader.layers if name.casefold() not in names}
     if layer is not None and layer.casefold() not in names:
         raise file.unknown_layer(layer, sorted(names.values()))
-    points = np.concatenate(
-        [curve.sketch() for _, curves, _ in reader.pieces for curve in curves] or [np.zeros((1, 3))]
-    )
+    points = np.concatenate([curve.sketch() for _, curves, _ in pieces for curve in curves] or [np.zeros((1, 3))])
     # Infinite and nan coordinates are reported later, with the piece's name.
     if np.isfinite(points).all() and np.ptp(points[:, 2]) > 1e-6 * np.ptp(points, axis=0).max():
         low, high = points[:, 2].min(), points[:, 2].max()
         raise file.unreadable(
             "a flat outline", f"heights z from {low:.6g} to {high:.6g}", "draw it in one plane, or choose its --layer"
         )
-    pieces = [
-        OutlinePiece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed)
-        for name, curves, closed in reader.pieces
+    flat = [
+        OutlinePiece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in pieces
     ]
     # ezdxf assumes a unit if there is none.
     unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0
-    others = [kind for kind in reader.others if pieces == [] or kind not in (*IRRELEVANT, ELSEWHERE)]
-    return Drawing(pieces, SCALES.get(unit), others=others)
+    others = [kind for kind in reader.others if flat == [] or kind not in (*IRRELEVANT, ELSEWHERE)]
+    return Drawing(flat, SCALES.get(unit), others=others)
+
+
+@contextmanager
+def undamaged(file: OutlineFile) -> Iterator[None]:
+    """Report the undocumented errors that ezdxf raises on damaged values as one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise file.damaged("an undamaged drawing", _reason(error)) from None
+
+
+class PlacedEntity(NamedTuple):
+    """An entity where blocks put it.
+
+    Attributes
+    ----------
+    frame : array (3, 4)
+        From its coordinates to the drawing's.
+    """
+
+    entity: Any
+    layer: str
+    frame: Array
+
+    @property
+    def kind(self) -> str:
+        """Its type in the file."""
+        return str(self.entity.dxftype())
+
+    @property
+    def name(self) -> str:
+        """Name that the user recognizes."""
+        return f"{self.kind} on layer {brief(self.layer)}"
+
+    def curves(self, file: OutlineFile) -> Parts:
+        """Its curves in the drawing, if it is one of `CURVES`."""
+        for curves, closed in CURVES[self.kind](self.entity, file, self.name):
+            yield [curve.mapped(self.frame) for curve in curves], closed
 
 
 @dataclass
-class _DxfReader:
+class DxfReader:
+    """Reader of a document's entities; with a wanted layer those of hidden blocks, too."""
+
     file: OutlineFile
     document: "Document"
-    wanted: str | None
-    pieces: list[tuple[str, list[Curve], bool]] = field(default_factory=list)
+    wanted: str | None = None
     others: list[str] = field(default_factory=list)
     layers: dict[str, None] = field(default_factory=dict)
     steps: int = 0
 
-    def layout(self, entities: Any, matrix: Array, outer: str, blocks: tuple[str, ...]) -> None:
-        """Read entities of a block whose coordinates `matrix` (3, 4) maps to the model's; `outer` is its layer."""
+    def entities(self) -> Iterator[PlacedEntity]:
+        """Entities of the model space, through blocks."""
+        yield from self._of_block(self.document.modelspace(), np.eye(4)[:3], "0", ())
+
+    def _of_block(
+        self, entities: Iterable[Any], matrix: Array, outer: str, blocks: tuple[str, ...]
+    ) -> Iterator[PlacedEntity]:
+        """Entities of a block whose coordinates `matrix` (3, 4) maps to the model's; `outer` is its layer."""
         for entity in entities:
             self._step()
             # Entities on layer 0 of a block take the layer of its INSERT.
             layer = str(entity.dxf.get("layer", "0"))
             layer = outer if blocks and layer == "0" else layer
             self.layers[layer] = None
-            kind = entity.dxftype()
-            if kind == "INSERT":
-                if self._visible(entity, layer):
-                    self._insert(entity, matrix, layer, blocks)
-                else:
-                    self.others.append("hidden shapes")
-            elif not self._chosen(entity, layer):
-                self.others.append("hidden shapes" if self.wanted is None else ELSEWHERE)
-            elif kind in CURVES:
-                name = f"{kind} on layer {brief(layer)}"
-                frame = _times(matrix, coordinate_system_of(entity))
-                for curves, closed in CURVES[kind](entity, self.file, name):
-                    self.pieces.append((name, [curve.mapped(frame) for curve in curves], closed))
+            if entity.dxftype() != "INSERT":
+                yield PlacedEntity(entity, layer, _times(matrix, coordinate_system_of(entity)))
+            elif self._visible(entity, layer):
+                yield from self._insert(entity, matrix, layer, blocks)
             else:
-                self.others.append(kind)
+                self.others.append("hidden shapes")
 
-    def _insert(self, insert: Any, matrix: Array, layer: str, blocks: tuple[str, ...]) -> None:
+    def _insert(self, insert: Any, matrix: Array, layer: str, blocks: tuple[str, ...]) -> Iterator[PlacedEntity]:
         block = insert.block()
         name = str(insert.dxf.get("name", ""))
         if block is None:
@@ -173,7 +211,7 @@ class _DxfReader:
         for copy in self._copies(insert):
             # ezdxf multiplies rows from the left, so its matrices are transposed.
             placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T[:3]
-            self.layout(block, _times(matrix, placed), layer, (*blocks, name))
+            yield from self._of_block(block, _times(matrix, placed), layer, (*blocks, name))
 
     def _copies(self, insert: Any) -> Iterator[Any]:
         rows, columns = int(insert.dxf.get("row_count", 1)), int(insert.dxf.get("column_count", 1))
@@ -189,10 +227,11 @@ class _DxfReader:
             self._step()
             yield copy
 
-    def _chosen(self, entity: Any, layer: str) -> bool:
+    def chosen(self, placed: PlacedEntity) -> bool:
+        """Tell whether an entity is on the wanted layer or, without one, visible."""
         if self.wanted is not None:
-            return layer.casefold() == self.wanted
-        return self._visible(entity, layer)
+            return placed.layer.casefold() == self.wanted
+        return self._visible(placed.entity, placed.layer)
 
     def _visible(self, entity: Any, layer: str) -> bool:
         """Tell whether an entity is visible; an INSERT on a hidden layer may contain entities of the wanted layer."""
@@ -210,7 +249,7 @@ class _DxfReader:
             raise self.file.too_much(f"at most {MOST_PIECES} lines, arcs and copies of blocks")
 
 
-def _document(file: OutlineFile) -> "Document":
+def document_of(file: OutlineFile) -> "Document":
     """Parse the file after checking that it is complete text."""
     if file.data.startswith(_BINARY):
         raise file.unreadable("DXF as text", "binary DXF", "save it as ASCII DXF")

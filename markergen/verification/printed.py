@@ -1,0 +1,159 @@
+"""Compare what is printed around a marker with our own sheet: rulers, lengths to measure, axes and numbers of dots.
+
+Users rescale prints by these. A page that is not laid out as ours has its own, of which nothing is known.
+"""
+
+# tests: tests/verification/test_printed.py
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from re import match
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.arrays import Array, Mask
+from markergen.drawing.paper import PAPERS, SheetOptions
+from markergen.drawing.scene import Line, Sheet, bounds
+from markergen.drawing.sheet_layout import pages_for
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+from markergen.verification.picture import PagePicture
+from markergen.verification.words import Finding
+
+DPI = 200.0
+"""Resolution of the picture of our own sheet: a line has two pixels."""
+
+MEASURED = r"ruler|check-[xy]|number-|ax[ei]s"
+"""Names of the shapes that users measure or read."""
+
+DARK, LEAST = 0.3, 0.2
+"""Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
+
+COARSE = 0.15
+"""Size of a pixel in mm from which letters are not compared: at 150 dpi, in black and white, they have holes."""
+
+OURS, PLACES = 0.5, 3000
+"""Minimum share of our sheet's ink that shows on a page that is laid out as ours, and number of places looked at."""
+
+Motion = tuple[Array, Array]
+
+
+@lru_cache(maxsize=2)
+def _own(marker: Marker, size: tuple[float, float], compensate: bool) -> tuple[Sheet, NDArray[np.uint8]] | None:
+    """Our sheet of a marker on paper of that size in mm, and its picture; None if it does not fit."""
+    import cv2
+
+    from markergen.exporters.png import write_png
+
+    names = [name for name, paper in PAPERS.items() if np.allclose((paper.width, paper.height), size, atol=0.05)]
+    paper = names[0] if names else f"{size[0]:.6g}x{size[1]:.6g}mm"
+    try:
+        (sheet,) = pages_for([marker], SheetOptions(paper, tile=False, compensate=compensate))
+    except InputError:
+        return None
+    picture = cv2.imdecode(np.frombuffer(write_png(sheet, DPI), np.uint8), cv2.IMREAD_GRAYSCALE)
+    return sheet, np.asarray(picture, dtype=np.uint8)
+
+
+def printed_findings(
+    marker: Marker, compensate: bool, size: tuple[float, float] | None, picture: PagePicture, motion: Motion
+) -> list[Finding]:
+    """Findings about what is measured and read on a page with one marker.
+
+    Parameters
+    ----------
+    compensate : bool
+        True if it is drawn for the printer that it was measured on.
+    size : (width, height) or None
+        Of the page, mm.
+    motion : (rotation (2, 2), shift (2,))
+        From the marker frame to the page, mm.
+    """
+    own = _own(marker, size, compensate) if size is not None else None
+    if own is None:
+        return []
+    sheet, expected = own
+    origin = np.array(sheet.origins_mm[0])
+    wanted = _Page(expected, lambda points: (points - origin) @ motion[0].T + motion[1], picture)
+    if wanted.share(_around(own[0], expected)) < OURS:
+        return []
+    changed = [
+        shape.name
+        for name in ("marks", "text")
+        for shape in sheet.scene[name]
+        if match(MEASURED, shape.name)
+        and (isinstance(shape, Line) or not (picture.bilevel or picture.grain > COARSE))
+        and wanted.differs(np.array(bounds(shape)))
+    ]
+    called = dict.fromkeys(_called(name) for name in changed)
+    return [Finding("marks", f"{name} not as printed by us", "export the sheet again") for name in called]
+
+
+def reads_upright(marker: Marker, box: Sequence[float], picture: PagePicture) -> bool | None:
+    """Tell whether our sheet shows unmirrored on a page (left, bottom, right, top) in mm; None if it does not show."""
+    size = np.array(box[2:]) - box[:2]
+    own = _own(marker, (round(size[0], 1), round(size[1], 1)), False)
+    if own is None:
+        return None
+    sheet, expected = own
+    shown = _around(sheet, expected)
+
+    def share(x: float, y: float) -> float:
+        return _Page(expected, lambda points: (points - size / 2) * [x, y] + size / 2 + box[:2], picture).share(shown)
+
+    plain, mirrored = (max(share(mirror, 1.0), share(-mirror, -1.0)) for mirror in (1.0, -1.0))
+    return plain > mirrored if max(plain, mirrored) > OURS else None
+
+
+def _around(sheet: Sheet, expected: NDArray[np.uint8]) -> Mask:
+    """Pixels of our sheet with ink that is not of the marker itself."""
+    shown = expected < 128
+    for layer in ("dots", "tag", "cut"):
+        for shape in sheet.scene[layer]:
+            left, bottom, right, top = (np.array(bounds(shape)) * DPI / 25.4).astype(int)
+            shown[max(len(shown) - top - 3, 0) : len(shown) - bottom + 3, max(left - 2, 0) : right + 3] = False
+    return shown
+
+
+class _Page:
+    """A page and the picture of ours, with the way from our sheet to the page."""
+
+    def __init__(self, expected: NDArray[np.uint8], to_page: Callable[[Array], Array], picture: PagePicture) -> None:
+        self.expected, self.to_page, self.picture = expected, to_page, picture
+
+    def _darkness(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+        """Share of ink at pixels of our sheet; nan beyond the page."""
+        points = np.column_stack([columns + 0.5, len(self.expected) - rows - 0.5]) * 25.4 / DPI
+        return np.asarray(np.abs(self.picture.sample(self.to_page(points)) - self.picture.paper) / 255)
+
+    def share(self, shown: Mask) -> float:
+        """Share of ink that is there too, at places spread over the page."""
+        rows, columns = np.nonzero(shown)
+        chosen = np.linspace(0, max(len(rows) - 1, 0), PLACES).astype(int)
+        return float((self._darkness(rows[chosen], columns[chosen]) > DARK).mean()) if len(rows) else 0.0
+
+    def differs(self, box: Array) -> bool:
+        """Tell whether ink is missing, or more, in a box (left, bottom, right, top) in mm."""
+        import cv2
+
+        left, bottom, right, top = box * DPI / 25.4
+        height, width = self.expected.shape
+        first, last = max(int(height - top) - 2, 0), min(int(height - bottom) + 3, height)
+        start, end = max(int(left) - 2, 0), min(int(right) + 3, width)
+        window = self.expected[first:last, start:end]
+        rows, columns = np.mgrid[first:last, start:end].reshape(2, -1)
+        dark = self._darkness(rows, columns).reshape(window.shape)
+        seen = (dark > DARK).astype(np.uint8)
+        ink, around = (window < 128).astype(np.uint8), np.ones((3, 3), np.uint8)
+        missing = (ink > 0) & (cv2.dilate(seen, around) == 0) & np.isfinite(dark)
+        extra = (seen > 0) & (cv2.dilate((window < 230).astype(np.uint8), around, iterations=2) == 0)
+        return bool(max(missing.sum(), extra.sum()) > LEAST * (DPI / 25.4) ** 2)
+
+
+def _called(name: str) -> str:
+    if name.startswith("ruler"):
+        return f"the ruler along {'y' if name.startswith('ruler-y') else 'x'} is"
+    if name.startswith("check"):
+        return "the lengths to measure are"
+    return "the axes are" if name.startswith("ax") else f"the number of dot {name.removeprefix('number-')} is"

@@ -1,0 +1,81 @@
+"""What users measure and read on a sheet is compared with our own."""
+
+import re
+
+import pytest
+from damaged_sheets import DPI, grey
+
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
+from markergen.verification import verify
+
+SUFFIXES = (".svg", ".png", ".pdf")
+
+
+@pytest.fixture(scope="module")
+def marker(make_ngon):
+    return make_ngon(5, 0.05, 0.012)
+
+
+@pytest.fixture(scope="module")
+def sheets(marker, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sheets")
+    save(marker, [folder / f"a{suffix}" for suffix in SUFFIXES], ExportOptions(dpi=DPI))
+    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in SUFFIXES}
+
+
+def check_of(marker, folder, suffix, data):
+    (folder / f"b{suffix}").write_bytes(data)
+    return verify(marker, folder / f"b{suffix}")
+
+
+def moved(name, by):
+    return lambda text: re.sub(rf'(id="{name}")', rf'\1 transform="translate({by})"', text)
+
+
+CHANGES = {
+    "a ruler that ends sooner": lambda text: re.sub(r'(id="ruler" points="\S+ )(\d+)', r"\g<1>90", text),
+    "a ruler of another scale": lambda text: re.sub(r'(id="ruler[-\d]*")', r'\1 transform="scale(.98 1)"', text),
+    "ticks elsewhere": moved(r"ruler-y-\d+", "0 .7"),
+    "a number elsewhere": moved("ruler-number-50", "50 0"),
+    "a number missing": lambda text: re.sub(r'<path id="ruler-number-100"[^>]*/>', "", text),
+    "a length missing": lambda text: re.sub(r'<path id="check-x-0"[^>]*/>', "", text),
+    "an axis elsewhere": moved(r"axes-x", "0 5"),
+    "a dot with another number": moved("number-1", "3 3"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_measured_is_looked_at(marker, sheets, tmp_path, name):
+    text = sheets[".svg"].decode()
+    changed = CHANGES[name](text)
+    assert changed != text
+    check = check_of(marker, tmp_path, ".svg", changed.encode())
+    assert [finding.kind for finding in check.findings] == ["marks"], check.findings
+
+
+def test_a_ruler_without_its_line_in_pixels(marker, sheets, tmp_path):
+    def without(levels):
+        # The longest row of ink in the lower part that is not the hairline from margin to margin.
+        ink = (levels < 128).sum(axis=1)
+        ink[: len(ink) * 7 // 10] = 0
+        ink[ink > 0.8 * levels.shape[1]] = 0
+        row = int(ink.argmax())
+        levels[row - 4 : row + 5] = 255
+        return levels
+
+    check = check_of(marker, tmp_path, ".png", grey(without)(sheets[".png"]))
+    assert "marks" in [finding.kind for finding in check.findings], check.findings
+
+
+@pytest.mark.parametrize("change", [lambda levels: levels[:, ::-1].copy(), lambda levels: levels[::-1].copy()])
+def test_a_mirrored_page_of_a_symmetric_layout_is_named(marker, sheets, tmp_path, change):
+    assert check_of(marker, tmp_path, ".png", sheets[".png"]).passed
+    check = check_of(marker, tmp_path, ".png", grey(change)(sheets[".png"]))
+    assert [finding.kind for finding in check.findings] == ["mirrored"], check.findings
+
+
+def test_a_page_of_another_layout_has_its_own_rulers(marker, sheets, tmp_path):
+    text = sheets[".svg"].decode()
+    changed = re.sub(r'<g id="(marks|text)"', r'<g id="\1" display="none"', text)
+    assert check_of(marker, tmp_path, ".svg", changed.encode()).passed
