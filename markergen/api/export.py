@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
 MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance",
-        "material", "general_tolerance")  # fmt: skip
+        "material", "general_tolerance", "datum", "hole")  # fmt: skip
 
 
 def export(

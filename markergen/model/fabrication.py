@@ -1,5 +1,6 @@
 """Fabrication of a marker as a solid: the table of processes, and the user's choices."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, isfinite, pi
@@ -60,6 +61,12 @@ GENERAL_TOLERANCE = "ISO 2768-mK"
 LONGEST_ENTRY = 60
 """Maximum number of characters of an entry of the title block."""
 
+DATUM = re.compile(r"A=face|[BC]=(?:H[1-9]\d{0,3}|edge|rim)")
+"""A datum: B and C are holes by their names on the sheet, a straight edge or the rim."""
+
+HOLE = re.compile(r"H[1-9]\d{0,3}:H(?:6|7|8|13)")
+"""A hole by its name on the sheet, and its tolerance class (ISO 286)."""
+
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
 """Limits for the tolerance of a mesh in m: finer ones take endless triangles, coarser ones show no dots."""
 
@@ -94,6 +101,10 @@ class Fabrication:
         Maximum distance in m of a mesh from the true surface.
     material, general_tolerance : str
         Entries of the fabrication sheet's title block; an empty material leaves a field to fill in.
+    datum : str
+        Datum features of the fabrication sheet, such as ``A=face,B=H1,C=H6``; empty for those that suit the plate.
+    hole : str
+        Tolerance classes of holes by their names there, such as ``H1:H7``.
 
     Raises
     ------
@@ -115,8 +126,27 @@ class Fabrication:
     tolerance: float = 5e-6
     material: str = ""
     general_tolerance: str = GENERAL_TOLERANCE
+    datum: str = ""
+    hole: str = ""
+
+    @property
+    def datums(self) -> dict[str, str]:
+        """Names of the features by the letters of the datums."""
+        return dict(entry.strip().split("=") for entry in self.datum.split(",") if entry)
+
+    @property
+    def fits(self) -> dict[str, str]:
+        """Tolerance classes by the names of the holes."""
+        return dict(entry.strip().split(":") for entry in self.hole.split(",") if entry)
 
     def __post_init__(self) -> None:
+        for name, form, example in (("datum", DATUM, "A=face,B=H1,C=H6"), ("hole", HOLE, "H1:H7")):
+            entries = [entry.strip() for entry in getattr(self, name).split(",") if getattr(self, name)]
+            firsts = [entry[: 1 if name == "datum" else None].split(":")[0] for entry in entries]
+            if not all(map(form.fullmatch, entries)) or len(set(firsts)) < len(firsts):
+                raise InputError(f"{name}s such as {example}", brief(getattr(self, name)), f"use --{name} {example}")
+        if self.datum and sorted(self.datums) not in (["A", "B"], ["A", "B", "C"], ["B"], ["B", "C"]):
+            raise InputError("datum B, and perhaps C", brief(self.datum), "name B first: --datum A=face,B=H1,C=H6")
         # Formats without solids need no process: the default is valid without a look-up.
         if self.process != DEFAULT_PROCESS:
             PROCESSES[self.process]

@@ -321,6 +321,24 @@ class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
     material: Annotated[str, Option(SOLID, "Material in the drawing.", otherwise="to fill in", metavar="TEXT")]
     general_tolerance: Annotated[str, Option(SOLID, "General tolerances.", "ISO 2768-mK", metavar="TEXT")]
+    datum: Annotated[
+        str,
+        Option(
+            SOLID,
+            "Datums in the drawing: holes by their names there, edge or rim, such as A=face,B=H1,C=H6.",
+            otherwise="holes that locate, a bore and a hole, or edges",
+            metavar="TEXT",
+        ),
+    ]
+    hole: Annotated[
+        str,
+        Option(
+            SOLID,
+            "Tolerance classes of holes by their names in the drawing: H1:H7,H6:H7.",
+            otherwise="H7 for dowels and drawn holes that are datums of a milled plate",
+            metavar="TEXT",
+        ),
+    ]
     boundary_unit: Annotated[
         str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]

@@ -24,6 +24,9 @@ from markergen.verification.words import MOST_LISTED, Finding, short_length
 ROOM = 1.2
 """Distance in mm from a line of the marker within which walls are its own: clearance, rounded corners."""
 
+CORE = 0.4
+"""Maximum gap in mm around the core of a ring: the largest of a fit or of --gap, and no more, as it shows."""
+
 ENGRAVED = 0.8
 """Depth in mm of what may be engraved in the back."""
 
@@ -62,8 +65,8 @@ def body_findings(marker: Marker, surface: Surface, motion: Motion, plate: int) 
         role: tuple[object, ...] | None = None
         nearest = int(np.argmin(np.linalg.norm(places - middle[:2], axis=1)))
         off = np.abs(np.concatenate([low[:2], high[:2]]) - np.tile(places[nearest], 2))
-        for size in (radii[nearest], expected.inner[nearest]):
-            if size and np.abs(off - size).max() <= min(ROOM, 0.2 * size):
+        for size, most in ((radii[nearest], ROOM), (expected.inner[nearest], CORE)):
+            if size and np.abs(off - size).max() <= min(most, 0.2 * size):
                 role = ("dot", nearest, size)
         if role is None and square is not None and (low[:2] >= square[0]).all() and (high[:2] <= square[1]).all():
             role = ("tag", *np.round(low, 2).tolist(), *np.round(high, 2).tolist(), round(part.volume, 1))

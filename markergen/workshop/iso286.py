@@ -127,6 +127,15 @@ def drilled(diameter: float) -> SizeLimits:
     return _limits("H13", diameter, H13[_range(diameter)], 0)
 
 
+CLASSES = {"H6": H6, "H7": H7, "H8": H8, "H13": H13}
+"""Tolerance classes of holes that can be asked for."""
+
+
+def hole_class(name: str, diameter: float) -> SizeLimits:
+    """Limits of a hole with one of `CLASSES`; raises as `disc_fit` does."""
+    return _limits(name, diameter, CLASSES[name][_range(diameter)], 0)
+
+
 def _range(diameter: float) -> int:
     if diameter > STEPS[-1]:
         raise InputError(

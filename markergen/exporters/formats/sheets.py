@@ -6,19 +6,27 @@ as outlines. Both have the same bytes every time.
 # tests: tests/contracts/test_exporters.py tests/exporters/test_svg.py tests/exporters/test_pdf.py
 
 from collections.abc import Sequence
+from dataclasses import replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+import numpy as np
+
 from markergen.drawing.colors import rgb, spot_name
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size
+from markergen.model.fabrication import PROCESSES
 
 if TYPE_CHECKING:
     from markergen.model.marker import Marker
     from markergen.model.rig import Rig
+
+
+LEAST_ROUND, EVEN = 16, 1e-6
+"""Minimum number of points of a line that is drawn as a circle, and maximum difference in mm of its radii and sides."""
 
 
 def export_pdf(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
@@ -37,7 +45,8 @@ def export_pdf(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Outp
 def export_svg(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
     """One page as SVG, to print or to edit."""
     sheet = _page(bodies, options, ".svg")
-    return Output(write_svg(sheet), sheet.notes)
+    cut = PROCESSES[options.fabrication.process].engraved
+    return Output(write_svg(sheet, filled=not cut), sheet.notes)
 
 
 def export_png(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
@@ -101,8 +110,10 @@ EXPORTERS.register(".png")(
 )
 
 
-def write_svg(sheet: Sheet) -> bytes:
+def write_svg(sheet: Sheet, filled: bool = True) -> bytes:
     """Write a sheet as SVG 1.1 with one group per layer and an ``id`` per shape (``dot-0``, ...).
+
+    The page is white unless it is not `filled`: a laser would engrave it.
 
     Groups are also layers in Inkscape, with the layer's name; the label of a group with a spot color states it. User
     units are mm; y points down as in SVG, so y_svg = page height - y. Circles are exact: ``circle`` elements, and
@@ -122,13 +133,17 @@ def write_svg(sheet: Sheet) -> bytes:
     )
     SubElement(root, "title").text = sheet.title
     SubElement(root, "desc").text = sheet.description
-    SubElement(root, "rect", {"id": "paper", "width": width, "height": height, "fill": "#ffffff"})
+    if filled:
+        SubElement(root, "rect", {"id": "paper", "width": width, "height": height, "fill": "#ffffff"})
+    used = {"paper": 1, **{layer.name: 1 for layer in sheet.scene.layers}}
     for layer in sheet.scene.layers:
         spots = dict.fromkeys(filter(None, (spot_name(shape.color) for shape in layer.shapes)))
         label = " ".join([layer.name, *(f"({spot})" for spot in spots)])
         group = SubElement(root, "g", {"id": layer.name, "inkscape:groupmode": "layer", "inkscape:label": label})
         for shape in layer.shapes:
-            _add(group, shape, sheet.paper.height)
+            used[shape.name] = used.get(shape.name, 0) + 1
+            number = f"-{used[shape.name]}" if shape.name and used[shape.name] > 1 else ""
+            _add(group, replace(shape, name=shape.name + number), sheet.paper.height)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
@@ -142,6 +157,11 @@ def _add(group: Element, shape: Shape, page: float) -> None:
         case Disk():
             rings = " ".join(_ring(shape.x, page - shape.y, r) for r in (shape.radius, shape.inner_radius))
             SubElement(group, "path", {**name, "d": rings, "fill": rgb(shape.color), "fill-rule": "evenodd"})
+        case Line() if (disk := _round(shape)) is not None:
+            x, y, radius = disk
+            circle = {"cx": _number(x), "cy": _number(page - y), "r": _number(radius), "fill": "none"}
+            stroke = {"stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
+            SubElement(group, "circle", {**name, **circle, **stroke})
         case Line():
             points = shape.points[:-1] if shape.closed else shape.points
             steps = " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
@@ -154,6 +174,19 @@ def _add(group: Element, shape: Shape, page: float) -> None:
                 for command, points in shape.segments
             )
             SubElement(group, "path", {**name, "d": path, "fill": rgb(shape.color)})
+
+
+def _round(line: Line) -> tuple[float, float, float] | None:
+    """Center and radius in mm of a circle drawn as a closed line; None for other lines."""
+    points = np.array(line.points[:-1])
+    if not line.closed or len(points) < LEAST_ROUND:
+        return None
+    center = points.mean(axis=0)
+    radii = np.linalg.norm(points - center, axis=1)
+    steps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
+    if np.ptp(radii) > EVEN or np.ptp(steps) > EVEN:
+        return None
+    return float(center[0]), float(center[1]), float(radii.mean())
 
 
 def _ring(x: float, y: float, radius: float) -> str:

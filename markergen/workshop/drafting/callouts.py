@@ -1,17 +1,20 @@
 """Datums, tolerances and callouts of the fabrication drawing: what is measured from where, and how true it has to be.
 
 Datum A is the plate's face, from which depths and heights are measured. B and C fix the origin and the x axis in it, by
-the first that a marker has of: two dowel holes, a lower and a left edge, a round rim and a hole, two holes. Coordinates
-in the marker frame are theoretically exact; positions have round zones about them (ISO 1101, ISO 5459).
+the first that a marker has of: two dowel holes, a bore and another hole of its own size, a lower and a left edge, a
+round rim and a hole, two holes. Coordinates in the marker frame are theoretically exact; positions have round zones
+about them (ISO 1101, ISO 5459).
 """
 # tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, groupby
 from math import atan2, degrees, dist, hypot
+from types import MappingProxyType
 
 from markergen.drawing.scene import Box, union
+from markergen.errors import InputError
 from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
@@ -54,23 +57,60 @@ APART = 0.25
 """Minimum distance of a hole from a rim's center, as a share of its radius, to fix the direction of the x axis."""
 
 
-LOCATING = 0.04
-"""Maximum diameter in mm of the zones of dowel holes."""
+LOCATING, MILLED = 0.04, 0.1
+"""Maximum diameter in mm of the zones of holes that locate, and of dots' where such holes have a fit by default."""
 
 PROFILE = 0.2
 """Width in mm of the zone of outlines that dimensions alone do not describe."""
 
 
-def datums_of(marker: Marker, made: Made) -> tuple[Datum, ...]:
-    """Datum A, and B and C as far as the plate has features for them; A alone for several plates."""
+def located_holes(marker: Marker, fabrication: Fabrication, made: Made) -> tuple[PlateHole, ...]:
+    """Holes with the fits that were asked for, and H7 for those of a milled plate's drawing that are datums.
+
+    Raises
+    ------
+    InputError
+        If a fit is for a hole that the plate does not have.
+    """
+    fits = fabrication.fits
+    holes = holes_of(marker, fits)
+    if strange := sorted(set(fits) - {hole.label for hole in holes}):
+        raise no_hole(strange[0], holes, "--hole")
+    if 0 < made.accuracy.position <= MILLED:
+        at = {datum.at for datum in datums_of(marker, made, holes, fabrication.datums) if datum.kind == "hole"}
+        fits = {hole.label: "H7" for hole in holes if hole.use == "drawn" and hole.place in at} | fits
+    return holes_of(marker, fits)
+
+
+def no_hole(name: str, holes: Sequence[PlateHole], option: str) -> InputError:
+    """Error about a hole that the plate does not have."""
+    known = f"one of the holes {_labels([hole.label for hole in holes])}" if holes else "a plate with round holes"
+    return InputError(known, name, f"correct {option}: the drawing has the names")
+
+
+def datums_of(
+    marker: Marker, made: Made, holes: Sequence[PlateHole], asked: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Datum, ...]:
+    """Datum A, and B and C as asked for, or as far as the plate has features for them; A alone for several plates.
+
+    Raises
+    ------
+    InputError
+        If the plate does not have what is asked for.
+    """
     face = Datum("A", "face", "face with the dots", f"z = {millimeters(made.face)}")
     plate = plate_of(marker)
     if len(plate.outlines) > 1:
         return (face,)
-    outer, holes = plate.outlines[0][0], holes_of(marker)
-    dowels = [hole for hole in holes if hole.use == "dowel"]
-    if len(dowels) > 1:
-        return (face, *map(_bored, "BC", _farthest(dowels)))
+    outer = plate.outlines[0][0]
+    if asked:
+        return (face, *(_asked(letter, name, outer, holes) for letter, name in asked.items() if letter != "A"))
+    locating = [hole for hole in holes if hole.locates]
+    if len(locating) > 1:
+        first, second = _farthest(locating)
+        return (face, *map(_bored, "BC", sorted((first, second), key=lambda hole: -hole.radius)))
+    if bore := _bore(holes):
+        return (face, *map(_bored, "BC", bore))
     if edges := _edges(outer):
         return (face, *edges)
     if rim := outer.as_circle:
@@ -80,6 +120,36 @@ def datums_of(marker: Marker, made: Made) -> tuple[Datum, ...]:
         axis = Datum("B", "rim", f"rim {DIAMETER}{millimeters(2 * radius)}", _axis(x, y), (x, y))
         return (face, axis, *(_bored("C", hole) for hole in aside[:1]))
     return (face, *map(_bored, "BC", _farthest(holes))) if len(holes) > 1 else (face,)
+
+
+def _asked(letter: str, name: str, outer: Contour, holes: Sequence[PlateHole]) -> Datum:
+    """Datum of a feature by its name."""
+    hole = next((hole for hole in holes if hole.label == name), None)
+    if hole is not None:
+        return _bored(letter, hole)
+    if name == "rim" and (rim := outer.as_circle):
+        x, y, radius = rim
+        return Datum(letter, "rim", f"rim {DIAMETER}{millimeters(2 * radius)}", _axis(x, y), (x, y))
+    edge = next((datum for datum in _edges(outer) if datum.letter == letter), None) if name == "edge" else None
+    if edge is not None:
+        return edge
+    if name.startswith("H"):
+        raise no_hole(name, holes, "--datum")
+    raise InputError(f"a plate with a straight or round {name} for datum {letter}", "none", "name a hole in --datum")
+
+
+def _bore(holes: Sequence[PlateHole]) -> tuple[PlateHole, PlateHole] | None:
+    """A bore, the only one of its size and larger than all other holes, and a hole aside that is the only one of its.
+
+    So are those of flanges that a shaft or spigot and a pin locate; screws come in sets.
+    """
+    sizes = [round(hole.radius, 4) for hole in holes]
+    alone = [hole for hole, size in zip(holes, sizes, strict=True) if sizes.count(size) == 1]
+    bore = max(holes, key=lambda hole: hole.radius, default=None)
+    aside = [hole for hole in alone if hole is not bore and hole.use != "mount"]
+    if bore is None or bore not in alone or bore.use == "mount" or not aside:
+        return None
+    return bore, max(aside, key=lambda hole: (hole.locates, dist(hole.place, bore.place)))
 
 
 def _farthest(holes: Sequence[PlateHole]) -> tuple[PlateHole, PlateHole]:
@@ -156,7 +226,7 @@ def zone_of_dots(made: Made) -> float:
 
 def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[Control, str]:
     """Tolerance of a hole with the letter of the datum that it is, if any."""
-    zone = min(made.accuracy.position or LOCATING, LOCATING) if hole.use == "dowel" else hole.zone
+    zone = min(made.accuracy.position or LOCATING, LOCATING) if hole.locates else hole.zone
     hole_datum = next((datum for datum in datums if datum.kind == "hole" and datum.at == hole.place), None)
     if hole_datum is None:
         return located(zone, datums), ""
@@ -166,12 +236,14 @@ def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[
     return Control("position", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
 
 
-def tolerance_tables(marker: Marker, made: Made, datums: Sequence[Datum], general: str) -> tuple[DrawingTable, ...]:
+def tolerance_tables(
+    made: Made, datums: Sequence[Datum], general: str, holes: Sequence[PlateHole]
+) -> tuple[DrawingTable, ...]:
     """Tables of the datums, if any, of all tolerances, and of fits, if any."""
     return (
         *([_datum_table(datums)] if datums else []),
         _tolerance_table(made, datums, general),
-        *_fit_table(marker, made),
+        *_fit_table(made, holes),
     )
 
 
@@ -218,15 +290,16 @@ def _over(most: float) -> str:
     return f"+{millimeters(most)} / 0"
 
 
-def _fit_table(marker: Marker, made: Made) -> list[DrawingTable]:
+def _fit_table(made: Made, holes: Sequence[PlateHole]) -> list[DrawingTable]:
     """Limits of discs, pockets and holes with a tolerance class; none if there are none."""
     rows: list[tuple[str, SizeLimits]] = []
     for kind, fit in made.fits:
         disc, pocket = ("disc", "pocket of the disc") if kind == "dot" else ("core of the ring", "bore of the ring")
         rows += [(disc, fit.disc), (pocket, fit.pocket)]
-    for hole in holes_of(marker):
+    for hole in holes:
         limits = hole.limits
-        label = "hole for a dowel pin" if hole.use == "dowel" else f"hole for screw {hole.name}"
+        label = f"hole {use_words(hole)}" if hole.use == "mount" else "hole for a dowel pin"
+        label = f"hole {hole.label}" if hole.fit else label
         if limits and (label, limits) not in rows:
             rows.append((label, limits))
     cells = tuple(
@@ -243,11 +316,13 @@ def _fit_table(marker: Marker, made: Made) -> list[DrawingTable]:
     return [DrawingTable("Fits and limits (ISO 286), mm", headings, cells, (0, 1))] if cells else []
 
 
-def callouts_of(marker: Marker, fabrication: Fabrication, made: Made, datums: Sequence[Datum]) -> tuple[Callout, ...]:
+def callouts_of(
+    marker: Marker, fabrication: Fabrication, made: Made, datums: Sequence[Datum], holes: Sequence[PlateHole]
+) -> tuple[Callout, ...]:
     """Callouts of the dots, the holes, outlines that need one, recesses and the tag."""
     return (
         *_dot_callouts(dots_of(marker), fabrication, made, datums),
-        *_hole_callouts(holes_of(marker), made, datums, _box(marker)),
+        *_hole_callouts(holes, made, datums, _box(marker)),
         *_outline_callouts(marker, made, datums),
         *_recess_callouts(made, datums),
         *_tag_callout(marker),
@@ -296,8 +371,8 @@ def _box(marker: Marker) -> Box:
 def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:
     """Callouts of holes of a kind; a hole that is a datum has its own."""
 
-    def kind(hole: PlateHole) -> tuple[str, str, float, float]:
-        return hole.use, hole.name, hole.radius, hole.sink
+    def kind(hole: PlateHole) -> tuple[str, str, float, float, str]:
+        return hole.use, hole.name, hole.radius, hole.sink, hole.fit
 
     def as_datum(hole: PlateHole) -> str:
         return hole_control(hole, made, datums)[1]
@@ -328,7 +403,10 @@ def _hole_callout(
     control, letter = hole_control(first, made, datums)
     limits = f" {first.limits.words}" if first.limits else ""
     names = _labels([hole.label for hole in group])
-    lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
+    lines = [
+        f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}",
+        "through" if first.use == "drawn" else f"through, {use_words(first)}",
+    ]
     if first.sink:
         lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
     if pitch:

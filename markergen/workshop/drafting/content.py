@@ -16,7 +16,7 @@ from markergen.solid.plate import plate_of
 from markergen.solid.primitives import OFF, SAME, Part, Primitive, Revolved, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
-from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, tolerance_tables
+from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, located_holes, tolerance_tables
 from markergen.workshop.drafting.drawing import (
     BackText,
     Callout,
@@ -36,7 +36,6 @@ from markergen.workshop.drafting.features import (
     PlateHole,
     alike,
     centered,
-    holes_of,
     listed_outlines,
     ranges,
     recesses_of,
@@ -59,24 +58,25 @@ MEASURE = (
     "name."
 )
 AFTERWARDS = (
-    "What counts is where the centers of the dots are. Where they were measured on the finished marker, enter them "
-    "with: markergen rescale marker.json --measured-points dots.csv -o measured.json"
+    "What counts is where the centers of the dots are in the datums. If they are measured on the finished marker, "
+    "supply x, y and z of each with the uncertainty of the measurement."
 )
 PATTERN = (
     "CZ: all zones to the same datums together are one pattern (SIM, ISO 5458), which the datums leave free to turn or "
     "to move."
 )
-REAMED = "Ream the holes for dowel pins to H7 after all else, in one setting with the dots where these are milled."
+REAMED = "Ream or bore {} after all else, in one setting with the dots where these are milled: they locate the plate."
 APART = "The plates are separate: each is made by itself, and mounted so that all dots are at their coordinates."
 
 
 def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece:
     """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
-    dots, parts, holes, datums = dots_of(marker), made.parts, holes_of(marker), datums_of(marker, made)
+    dots, parts, holes = dots_of(marker), made.parts, located_holes(marker, fabrication, made)
+    datums = datums_of(marker, made, holes, fabrication.datums)
     plates = [part for part in parts if part.is_plate]
-    sections = sections_of(marker, made, dots)
+    sections = sections_of(marker, made, dots, holes)
     back = _back(made)
-    callouts = callouts_of(marker, fabrication, made, datums)
+    callouts = callouts_of(marker, fabrication, made, datums, holes)
     return Workpiece(
         block=TitleBlock(
             name=marker_name(marker),
@@ -103,11 +103,11 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         heights=_heights(made),
         sections=sections,
         tables=(
-            *tables_of(marker, made),
-            *tolerance_tables(marker, made, datums, fabrication.general_tolerance),
+            *tables_of(marker, made, holes),
+            *tolerance_tables(made, datums, fabrication.general_tolerance, holes),
         ),
         key=_key(made, bool(back), bool(sections)),
-        notes=tuple(_notes(marker, made, callouts, back)),
+        notes=tuple(_notes(marker, made, callouts, back, holes)),
     )
 
 
@@ -181,7 +181,9 @@ def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) ->
     return tuple(replace(face, fine=True) for face in faces)
 
 
-def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace]) -> list[str]:
+def _notes(
+    marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace], holes: Sequence[PlateHole]
+) -> list[str]:
     substrate, accuracy = marker.substrate, made.accuracy
     notes = [FRAME, BOXED, MEASURE]
     if accuracy.position:
@@ -189,15 +191,15 @@ def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequen
         where = f"{millimeters(accuracy.position / 2)} mm for the pocket, {millimeters(play)} mm for the play"
         notes.append(
             f"The center of a finished dot is off by at most {millimeters(off)} mm"
-            f"{f', {where} in it' if accuracy.play else ''}; if errors are even, --print-sigma "
-            f"{millimeters(off / 2)}mm in markergen validate."
+            f"{f', {where} in it' if accuracy.play else ''}."
         )
     if any("CZ" in control.zone for callout in callouts for control in callout.controls):
         notes.append(PATTERN)
     if len(plate_of(marker).outlines) > 1:
         notes.append(APART)
-    if any(hole.use == "dowel" for hole in substrate.holes):
-        notes.append(REAMED)
+    if locating := [hole for hole in holes if hole.locates]:
+        named = ", ".join(f"{hole.label} {hole.limits.name}" for hole in locating if hole.limits)
+        notes.append(REAMED.format(named))
     if substrate.chamfer:
         notes.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
     notes += made.lines
@@ -228,7 +230,7 @@ MOST_CORNERS = 40
 """Maximum number of corners of an outline that are listed; the solid has more."""
 
 
-def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
+def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[DrawingTable, ...]:
     """Tables of control points, any holes, cut-outs, outline, pillars, the tag's corners, and parts."""
     points = DrawingTable(
         "Centers of the dots, mm, theoretically exact",
@@ -244,7 +246,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
         ),
     )
     tables = [points]
-    if holes := holes_of(marker):
+    if holes:
         rows = tuple(
             (
                 hole.label,
@@ -371,9 +373,11 @@ NEAR = 30.0
 """Maximum distance in mm of a recess from an edge to be in its section."""
 
 
-def sections_of(marker: Marker, made: Made, dots: Sequence[SolidDot]) -> tuple[SectionView, ...]:
+def sections_of(
+    marker: Marker, made: Made, dots: Sequence[SolidDot], holes: Sequence[PlateHole]
+) -> tuple[SectionView, ...]:
     """All sections."""
-    return (*_dot_sections(dots, made), *_hole_sections(marker, made.parts), *_edge_section(marker, made))
+    return (*_dot_sections(dots, made), *_hole_sections(holes, made.parts), *_edge_section(marker, made))
 
 
 def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
@@ -454,12 +458,16 @@ def _depth(bottom: float, top: float, low: float, made: Made) -> str:
     return f"{depth} +{millimeters(made.accuracy.depth)} / 0" if made.accuracy.depth else f"{depth} max."
 
 
-def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
+def _hole_sections(holes: Sequence[PlateHole], parts: Sequence[Part]) -> list[SectionView]:
     """One section per kind of hole."""
     sections: dict[tuple[float, float], SectionView] = {}
     low, _ = span_of([part for part in parts if part.is_plate])
-    for hole in holes_of(marker):
-        if hole.use == "drawn" or (hole.radius, hole.sink) in sections or len(sections) == MOST_KINDS:
+    for hole in holes:
+        if (
+            (hole.use == "drawn" and not hole.locates)
+            or (hole.radius, hole.sink) in sections
+            or len(sections) == MOST_KINDS
+        ):
             continue
         widest = max(hole.radius, hole.sink)
         aside = widest + max(2.0, 0.6 * widest)

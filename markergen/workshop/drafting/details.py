@@ -10,6 +10,7 @@ from markergen.geometry.contour import Contour
 from markergen.workshop.drafting.drawing import BackText, Dimension, SectionView, ViewFace, Workpiece, around
 from markergen.workshop.drafting.pen import (
     CLOSE,
+    LETTERS,
     DrawingView,
     Lettering,
     Style,
@@ -27,7 +28,7 @@ from markergen.workshop.drafting.pen import (
 SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
 """Available scales (ISO 5455)."""
 
-LEGIBLE = 1.2
+LEGIBLE = LETTERS
 """Minimum height in mm of capitals on paper; text on the back that would be smaller is drawn larger."""
 
 
@@ -108,14 +109,14 @@ def section_view(section: SectionView, width: float, height: float, style: Style
     return DetailView(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
 
 
-def back_view(work: Workpiece, width: float, height: float, style: Style) -> DetailView:
+def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     """Draw the back at the largest scale that suits a column of the given width and height, mm."""
     left, bottom, _, top = around(work.back)
     scale = _back_scale(work, width, height)
     view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
     shapes = [shape for face in work.back for shape in drawn(face, view)]
-    least = LEGIBLE * style.scale
-    remark = ", letters larger than to scale" if _back_is_small(work, scale, style) else ""
+    least = LEGIBLE
+    remark = ", letters larger than to scale" if _back_is_small(work, scale) else ""
     taken: list[Box] = []
     # The title first: an id that has no room is in the note about the engraving.
     for text in sorted(work.engraved, key=lambda engraving: -len(engraving.lines[0])):
@@ -135,20 +136,20 @@ def _back_scale(work: Workpiece, width: float, height: float) -> float:
     return next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
 
 
-def back_crowded(work: Workpiece, width: float, height: float, style: Style) -> bool:
+def back_crowded(work: Workpiece, width: float, height: float) -> bool:
     """True if letters on the back that are drawn larger than to scale overlap in a view of that size."""
-    view = back_view(work, width, height, style)
+    view = back_view(work, width, height)
     drawn_ = sum(isinstance(shape, Lettering) for shape in view.shapes)
     return drawn_ < sum(len(text.lines) for text in work.engraved)
 
 
-def _back_is_small(work: Workpiece, scale: float, style: Style) -> bool:
-    return any(text.height * scale < LEGIBLE * style.scale - 1e-9 for text in work.engraved)
+def _back_is_small(work: Workpiece, scale: float) -> bool:
+    return any(text.height * scale < LEGIBLE - 1e-9 for text in work.engraved)
 
 
 def key_view(work: Workpiece, width: float, style: Style) -> DetailView:
     """Draw what fills and hatches mean."""
-    wide, high, step = 12 * style.scale, 4 * style.scale, 6.5 * style.scale
+    wide, high, step = 12 * style.scale, 4 * style.scale, max(6.5 * style.scale, 2 * style.small)
     height = step * len(work.key)
     shapes: list[Shape] = []
     for number, (kind, meaning) in enumerate(work.key):

@@ -1,9 +1,10 @@
 """Features of a made plate that its drawing describes: holes, cut-outs, recesses, outlines, and kinds of dots."""
 # tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import floor
+from types import MappingProxyType
 
 from markergen.drawing.scene import union
 from markergen.geometry.contour import Contour, area, box, placed
@@ -13,13 +14,16 @@ from markergen.model.substrate import SCREWS
 from markergen.solid.plate import plate_of
 from markergen.solid.primitives import SAME, Primitive, Prism, Revolved, mm
 from markergen.workshop.dot_geometry import SolidDot
-from markergen.workshop.iso286 import SizeLimits, drilled, reamed
+from markergen.workshop.iso286 import SizeLimits, drilled, hole_class, reamed
 from markergen.workshop.processes import Made
 
 DIAMETER = "\xd8"
 PLUS_MINUS = "\xb1"
 LOOSE = 0.2
 """Diameter in mm of the position's zone of holes whose screws are unknown."""
+LOCATING = ("H6", "H7", "H8")
+"""Tolerance classes of holes that pins or shafts locate."""
+
 LARGEST_FIT = 500.0
 """Maximum diameter in mm of a hole with a tolerance class."""
 
@@ -40,6 +44,8 @@ class PlateHole:
     use : {"dowel", "mount", "drawn"}
     name : str
         Screw or pin.
+    fit : str
+        Tolerance class that was asked for, or that it has because it locates the plate; empty for that of its use.
     """
 
     label: str
@@ -49,6 +55,12 @@ class PlateHole:
     sink: float
     use: str
     name: str
+    fit: str = ""
+
+    @property
+    def locates(self) -> bool:
+        """True for a hole that fixes where the plate is."""
+        return self.use == "dowel" or self.fit in LOCATING
 
     @property
     def place(self) -> tuple[float, float]:
@@ -61,6 +73,8 @@ class PlateHole:
         diameter = 2 * self.radius
         if diameter > LARGEST_FIT:
             return None
+        if self.fit:
+            return hole_class(self.fit, diameter)
         return reamed(diameter) if self.use == "dowel" else drilled(diameter) if self.name in SCREWS else None
 
     @property
@@ -76,21 +90,21 @@ def use_words(hole: PlateHole) -> str:
     """Use of a hole: ``for screw M3``, ``for a 4 mm pin``."""
     name = hole.name[:24]
     if hole.use == "drawn":
-        return "in the outline"
+        return "locates the plate" if hole.locates else "as drawn"
     if hole.use == "dowel":
         return f"for a {name or 'dowel pin'}"
     return f"for screw {name}" if name else "for a screw"
 
 
-def holes_of(marker: Marker) -> tuple[PlateHole, ...]:
-    """Round holes in the order of `markergen.model.openings.openings`, from ``H1`` on."""
+def holes_of(marker: Marker, fits: Mapping[str, str] = MappingProxyType({})) -> tuple[PlateHole, ...]:
+    """Round holes in the order of `markergen.model.openings.openings`, from ``H1`` on; their fits by these labels."""
     rows: list[tuple[float, float, float, float, str, str]] = [
         (mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2, hole.use, hole.name)
         for hole in marker.substrate.holes
     ]
     round_ = (contour.as_circle for contour in _drawn(marker))
     rows += [(x + 0.0, y + 0.0, r, 0.0, "drawn", "") for x, y, r in filter(None, round_)]
-    return tuple(PlateHole(f"H{number}", *row) for number, row in enumerate(rows, 1))
+    return tuple(PlateHole(f"H{number}", *row, fits.get(f"H{number}", "")) for number, row in enumerate(rows, 1))
 
 
 def cutouts_of(marker: Marker) -> tuple[Contour, ...]:

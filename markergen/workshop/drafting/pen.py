@@ -49,21 +49,30 @@ OFF, BEYOND = 0.8, 1.5
 """Gap between an edge and its extension line, and overshoot beyond the dimension line, mm on A4."""
 
 
+LETTERS = 2.5
+"""Minimum cap height in mm of what is written on a drawing (ISO 3098), on any paper."""
+
+
 @dataclass(frozen=True)
 class Style:
-    """Sizes in mm on the sheet's paper; `scale` is 1 on A4."""
+    """Sizes in mm on the sheet's paper; `scale` is 1 on A4, and no letters are smaller than `least`."""
 
     scale: float = 1.0
+    least: float = LETTERS
 
     @property
     def words(self) -> float:
         """Cap height of dimensions."""
-        return 2.1 * self.scale
+        return max(2.1 * self.scale, self.least)
 
     @property
     def small(self) -> float:
         """Cap height of tables and notes."""
-        return 1.75 * self.scale
+        return max(1.75 * self.scale, self.least)
+
+    def smaller(self) -> "Style":
+        """Style for more than there is room for."""
+        return Style(0.9 * self.scale, 0.9 * self.least)
 
     @property
     def head(self) -> float:

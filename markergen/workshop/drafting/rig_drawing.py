@@ -583,7 +583,7 @@ def _place(view: RigView, first: bool) -> tuple[int, int]:
 def _head(view: RigView, style: Style) -> float:
     """Width of the words and the tolerance frames above a view."""
     names_width = max((_named(name, style) for name in view.names if name.controls), default=0.0)
-    return max(names_width, text_width(view.words, 0.8 * style.words))
+    return max(names_width, text_width(view.words, style.words))
 
 
 def _named(name: FaceName, style: Style) -> float:
@@ -689,7 +689,7 @@ def _drawn_view(view: RigView, at: DrawingView, style: Style) -> list[Shape]:
         inside = max(min(foot, right - 1.5 * style.scale), left + 1.5 * style.scale), top - 1.5 * style.scale
         shapes += [Line(((foot, line), inside), THIN), *_spot(inside, style)]
         line += 2.4 * height
-    shapes += [lettering(view.words, (left + right) / 2, line + 0.2 * height, 0.8 * height, "center", color=GRAY)]
+    shapes += [lettering(view.words, (left + right) / 2, line + 0.2 * height, height, "center", color=GRAY)]
     shapes += _on_faces([name for name in view.names if not name.controls], at, style)
     if view.place == "main":
         shapes += _axes(view, at, style)
@@ -700,7 +700,7 @@ def _on_faces(names: Sequence[FaceName], at: DrawingView, style: Style) -> list[
     """Names in the middle of faces that are wide enough for them."""
     shapes: list[Shape] = []
     for name in names:
-        height = 0.8 * style.words
+        height = style.words
         if text_width(name.words, height, "bold") < at.scale * name.width:
             x, y = at.at(name.at)
             shapes += on_white(lettering(name.words, x, y - height / 2, height, "center", face="bold"))
@@ -759,5 +759,5 @@ def _drawn_picture(work: RigWork, style: Style, room: Box) -> list[Shape]:
     shapes = [shape for face in work.picture.faces for shape in drawn(face, view)]
     shapes += _on_faces(work.picture.names, view, style)
     low = view.at((0.0, box[1]))[1]
-    below = lettering(work.picture.words, (left + right) / 2, low - caption, 0.8 * style.words, "center", color=GRAY)
+    below = lettering(work.picture.words, (left + right) / 2, low - caption, style.words, "center", color=GRAY)
     return [*shapes, below]

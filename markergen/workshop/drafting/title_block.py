@@ -12,14 +12,14 @@ from markergen.drawing.paper import AMERICAN, Frame, Paper
 from markergen.drawing.scene import GRAY, Line, Shape
 from markergen.drawing.text import text_width
 from markergen.workshop.drafting.drawing import TitleBlock
-from markergen.workshop.drafting.pen import THICK, THIN, frame_lines, lettering
+from markergen.workshop.drafting.pen import LETTERS, THICK, THIN, frame_lines, lettering
 from markergen.workshop.drafting.symbols import finish_symbol, projection_symbol
-
-ROW = 8.2
-"""Height of a row, mm on A4."""
 
 BLANK = 21.0
 """Minimum width of an empty field, mm on A4."""
+
+OPTIONAL = ("language", "document type", "lengths in", "paper", "approved by", "revision", "process")
+"""Fields that are left out of a row, one after the other, where paper is too narrow for all of it."""
 
 ROWS = 3
 """Rows on the first sheet."""
@@ -27,7 +27,12 @@ ROWS = 3
 
 def block_height(frame: Frame, first: bool) -> float:
     """Height of the title block of the first or a further sheet, mm."""
-    return (ROWS if first else 1) * ROW * frame.scale
+    return (ROWS if first else 1) * _row_height(frame)
+
+
+def _row_height(frame: Frame) -> float:
+    """Height of a row: two lines of letters with room around them."""
+    return 2 * LETTERS + 4.9 * frame.scale
 
 
 def first_angle(paper: Paper) -> bool:
@@ -58,7 +63,7 @@ def drawing_title_block(
              ("edges", block.edges), ("projection", projection)],
         ]  # fmt: skip
     shapes: list[Shape] = [frame_lines((frame.margin, frame.margin, frame.right, frame.top), THICK)]
-    high = ROW * frame.scale
+    high = _row_height(frame)
     for index, cells in enumerate(reversed(rows)):
         low = frame.margin + index * high
         last = index == len(rows) - 1
@@ -69,23 +74,29 @@ def drawing_title_block(
 
 def _row(cells: Sequence[tuple[str, str]], frame: Frame, low: float) -> list[Shape]:
     """Cells of a row that starts at a height, as wide as their words and with the spare room shared out."""
-    scale, high = frame.scale, ROW * frame.scale
-    size, small, pad = 2.0 * scale, 1.3 * scale, 1.6 * scale
-    widths = []
-    for head, value in cells:
+    scale, high = frame.scale, _row_height(frame)
+    size, small, pad = max(2.0 * scale, LETTERS), LETTERS, 1.6 * scale
+
+    def width_of(cell: tuple[str, str]) -> float:
+        head, value = cell
         wide = max(text_width(head, small), text_width(value, size, _face(head)) + _symbol(head, value, size))
-        widths.append(max(wide, 0.0 if value else BLANK * scale) + 2 * pad)
+        return max(wide, 0.0 if value else BLANK * scale) + 2 * pad
+
+    for name in OPTIONAL:
+        if sum(map(width_of, cells)) > frame.width:
+            cells = [cell for cell in cells if cell[0] != name]
+    widths = [width_of(cell) for cell in cells]
     shrink = min(1.0, frame.width / sum(widths))
     spare = (frame.width - shrink * sum(widths)) / len(cells)
     left = frame.margin
     shapes: list[Shape] = []
     for (head, value), width in zip(cells, widths, strict=True):
         at, base = left + shrink * pad, low + 1.7 * scale
-        shapes.append(lettering(head, at, low + high - 2.4 * scale, small * shrink, color=GRAY))
+        shapes.append(lettering(head, at, low + high - small - 1.2 * scale, small * shrink, color=GRAY))
         if head == "projection":
-            shapes += projection_symbol(at + 0.4 * scale, base - 0.4 * size, 1.8 * size * shrink, value.startswith("f"))
+            shapes += projection_symbol(at + 0.4 * scale, base - 0.4 * size, 1.3 * size * shrink, value.startswith("f"))
         elif head == "surface finish" and value.startswith("Ra"):
-            shapes += finish_symbol(at + 0.7 * size * shrink, base, size * shrink)
+            shapes += finish_symbol(at + 0.7 * size * shrink, base, 0.7 * size * shrink)
         if value:
             start = at + shrink * _symbol(head, value, size)
             shapes.append(lettering(value, start, base, size * shrink, face=_face(head)))

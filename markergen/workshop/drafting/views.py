@@ -64,11 +64,11 @@ LEAST_VIEW = 20.0
 NEAR = 0.05
 """Maximum distance in mm from an arc, sufficient to find the face under a number."""
 
-LEAST_NUMBER = 1.2
-"""Minimum height in mm of a dot's number; smaller ones are omitted, and the table lists the dots instead."""
-
 USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
 """Papers tried by default, in this order."""
+
+LOOSE = 0.85
+"""Maximum part of the column that callouts take before larger paper is tried."""
 
 GOOD = 0.5
 """Scale from which no larger paper is tried."""
@@ -138,7 +138,8 @@ def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement
     for paper in papers:
         frame = options.frame(paper)
         roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
-        layout = _placement(work, frame, drawing_area(frame)) if roomy else None
+        forced = best is None and paper == papers[-1]
+        layout = _placement(work, frame, drawing_area(frame), forced) if roomy else None
         if layout and (best is None or layout.scale > best[1].scale):
             best = frame, layout
         if best and best[1].scale >= GOOD:
@@ -184,8 +185,11 @@ def _around(work: Workpiece, style: Style) -> _Around:
     return _Around(left, first + rows[0] * tier, 9 * style.scale, first)
 
 
-def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
-    """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none."""
+def _placement(work: Workpiece, frame: Frame, room: Box, forced: bool) -> ViewPlacement | None:
+    """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none.
+
+    If `forced`, the words of callouts may shrink.
+    """
     style = Style(frame.scale)
     left, bottom, right, top = _reach(work)
     start_, foot, end_, head = around(work.side)
@@ -193,7 +197,11 @@ def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None
     left, right = (start_ if start_ < left - SHORT else left), (end_ if end_ > right + SHORT else right)
     wide = max([callout_width(callout, style) for callout in work.callouts], default=0.0)
     column = wide + 12 * frame.scale
-    tiers = CLOSE * frame.scale
+    tiers = max(CLOSE * frame.scale, 2.4 * style.words)
+    high = sum(callout_height(callout, style) + 1.2 * style.words for callout in work.callouts)
+    # In a full column they can not stand where their leaders are best.
+    if high > LOOSE * (room[3] - room[1]) and not forced:
+        return None
     air, below_first = _around(work, style), first_angle(frame.paper)
     gap = 8 * frame.scale
     for scale in SCALES:
@@ -233,10 +241,13 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     axes, numbers = _axes(work, view, style), _inner_numbers(work, view, style)
     lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(text) for text in numbers[1]], style.scale)
     outside = _outer_numbers(work, view, lines, numbers[0], style)
+    lines = interrupted(lines, [bounds(text) for text in outside], style.scale)
     sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
     shapes += [*lines, *numbers[1], *outside, *sizes]
     marks = [bounds(shape) for shape in shapes if shape.name]
-    avoided = [shape for shape in sizes if isinstance(shape, Line)]
+    left, bottom, right, top = layout.side.box(around(work.side))
+    edges = Line(((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)), THIN)
+    avoided = [edges, *(shape for shape in sizes if isinstance(shape, Line))]
     return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks, avoided)
 
 
@@ -286,7 +297,7 @@ def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[se
         width = text_width(label.words, 1.0)
         # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
-        if height >= LEAST_NUMBER * style.scale:
+        if height >= style.least:
             names.add(label.words)
             number = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
             shapes.append(number)
@@ -304,17 +315,32 @@ def _outer_numbers(
         return []
     names = [label.words for label, _ in rest]
     dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
-    height = 1.5 * style.scale
+    height = style.least
     outline = view.box(around(work.front))
     ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
     inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.words in inner]
     boxes = [bounds(disk) for disk in inside_]
     places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
-    return [
-        lettering(name, place[0], place[1] - height / 2, height, "center", name=f"number-{name}")
-        for name, place in zip(names, places, strict=True)
-        if place
-    ]
+    shapes: list[Shape] = []
+    spots = np.array([(*view.at((spot.x, spot.y)), view.scale * spot.radius) for spot in (*work.labels, *work.holes)])
+    edges = _edge_points(work, view)
+    spots = np.concatenate([spots.reshape(-1, 3), np.column_stack([edges, np.zeros(len(edges))])])
+    for (label, _), place in zip(rest, places, strict=True):
+        x, y = place or _clear(view.at((label.x, label.y)), label.words, height, spots, list(map(bounds, shapes)))
+        shapes.append(lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}"))
+    return shapes
+
+
+def _clear(at: Point, words: str, height: float, spots: Array, taken: Sequence[Box]) -> Point:
+    """Place for words near a point, clear of features (m, 3), x, y and radius, and of other words, if not of lines."""
+    half = np.array([text_width(words, height) / 2, height / 2])
+    for reach, angle in product(np.arange(1.0, 6.0, 0.5) * height, np.radians([90, 270, 180, 0, 135, 45, 225, 315])):
+        x, y = at[0] + reach * np.cos(angle), at[1] + reach * np.sin(angle)
+        gaps = np.linalg.norm(np.maximum(np.abs(spots[:, :2] - [x, y]) - half, 0), axis=1) - spots[:, 2]
+        left, bottom, right, top = x - half[0], y - half[1], x + half[0], y + half[1]
+        if gaps.min() > 0.3 and not any(a < right and left < c and b < top and bottom < d for a, b, c, d in taken):
+            return float(x), float(y)
+    return at
 
 
 def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -365,7 +391,7 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     end = side.box(around(work.side))[2]
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)
-    label = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
+    label = lettering("seen from -y", left, upper + 1.5 * style.scale, style.words, color=GRAY, name="side-words")
     return [*shapes, label]
 
 
@@ -404,7 +430,7 @@ HIT, CROSSED, BEND = 100.0, 300.0, 2.0
 """Costs of a leader, as mm of length: crossing a feature or running along the axis, crossing a leader, and a bend."""
 
 
-TRIES = 3
+TRIES = 24
 """Number of orders in which callouts choose their places; the one with the least cost is taken."""
 
 LINES_APART = 1.75
@@ -468,7 +494,7 @@ def place_callouts(
         # One below the other, in the order of what they point at, and smaller if there are too many.
         total = sum(callout_height(callout, style) for callout in callouts) + room.gap * (len(callouts) - 1)
         if total > column[3] - column[1]:
-            style = Style(0.9 * style.scale)
+            style = style.smaller()
         room = replace(room, gap=1.2 * style.words, style=style)
         placed = _stacked(callouts, room)
     shapes: list[Shape] = []
@@ -480,17 +506,19 @@ def place_callouts(
 
 def _placed(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts where their leaders are best; None if there is no room for one of them."""
-    orders = [sorted(callouts, key=lambda callout: len(callout.places))]
+    order = sorted(callouts, key=lambda callout: len(callout.places))
     attempts: list[list[tuple[Callout, _Leader]]] = []
-    while len(attempts) < TRIES:
-        placed = _in_order(orders[-1], room)
-        if placed is None:
-            break
-        attempts.append(placed)
-        if max((best.cost for _, best in placed), default=0.0) < HIT:
-            break
-        # What got the worst place chooses first the next time.
-        orders.append([callout for callout, _ in sorted(placed, key=lambda pair: -pair[1].cost)])
+    rng = np.random.default_rng(0)
+    for number in range(TRIES):
+        placed = _in_order(order, room)
+        if placed is not None:
+            attempts.append(placed)
+            if max((best.cost for _, best in placed), default=0.0) < HIT:
+                break
+            # What got the worst place chooses first the next time.
+            order = [callout for callout, _ in sorted(placed, key=lambda pair: -pair[1].cost)]
+        if placed is None or number > TRIES / 4:
+            order = [callouts[k] for k in rng.permutation(len(callouts))]
     if attempts and max((best.cost for _, best in attempts[-1]), default=0.0) >= HIT:
         column_order = _stacked(callouts, room)
         attempts += [column_order] if column_order else []

@@ -42,6 +42,9 @@ PLATE = {
 }
 """Meaning of each layer for a plate made by laser."""
 
+NOTE = 2.0
+"""Distance of the note from the outline, in heights of its letters."""
+
 NUMBER = 0.4
 """Height of a dot's number relative to the dot's radius: it stands inside the dot."""
 
@@ -135,12 +138,28 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
         for layer, path in drawing.paths:
             _draw(space, layer, path)
         _inform(space, marker, drawing)
+        low, high = _shown(drawing)
+        space.reset_extents((*low, 0.0), (*high, 0.0))
+        space.reset_limits(low, high)
+        document.set_modelspace_vport(1.1 * float(high[1] - low[1]), tuple((low + high) / 2))
         # ezdxf would add these in the order of a set, which differs between processes.
         for kind in sorted(document.entitydb.dxf_types_in_use()):
             document.classes.add_class(kind)
         stream = StringIO()
         document.write(stream)
         return document.encode(stream.getvalue())
+
+
+def _shown(drawing: CutDrawing) -> tuple[Array, Array]:
+    """Corners of the box of all paths, and of the note below them."""
+    points = np.array([point for _, path in drawing.paths for point in _extent(path)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.minimum(low, drawing.box[0] - [0.0, NOTE * _size(drawing)]), high
+
+
+def _size(drawing: CutDrawing) -> float:
+    """Height of letters, mm."""
+    return max(float(drawing.box[1][0] - drawing.box[0][0]), 1.0) / 50
 
 
 def _draw(space: Any, layer: str, path: Contour) -> None:
@@ -160,8 +179,8 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     def write(content: str, x: float, y: float, height: float, align: Any) -> None:
         space.add_text(content, height=height, dxfattribs={"layer": INFO}).set_placement((x, y), align=align)
 
-    (left, bottom), (right, _) = drawing.box.tolist()
-    size = max(right - left, 1.0) / 50
+    left, bottom = drawing.box[0].tolist()
+    size = _size(drawing)
     arm = 4 * size
     for name, tip, at in (("x", (arm, 0.0), (1.2 * arm, 0.0)), ("y", (0.0, arm), (0.0, 1.2 * arm))):
         space.add_line((0, 0), tip, dxfattribs={"layer": INFO})
@@ -170,7 +189,7 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
         height = NUMBER * dot.radius * min(1.0, 5 / len(number))
         write(number, dot.x, dot.y, height, TextEntityAlignment.MIDDLE_CENTER)
     note = f"{marker_name(marker)}, {len(marker)} dots, millimeters, made with markergen {markergen.__version__}"
-    write(note, left, bottom - 2 * size, size * min(1.0, 60 / len(note)), TextEntityAlignment.LEFT)
+    write(note, left, bottom - NOTE * size, size * min(1.0, 60 / len(note)), TextEntityAlignment.LEFT)
 
 
 def _told(marker: Marker) -> list[tuple[str, Contour]]:

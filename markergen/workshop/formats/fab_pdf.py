@@ -13,6 +13,7 @@ from typing import Any
 from markergen.drawing.paper import Frame, SheetOptions
 from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
 from markergen.drawing.text import FACES, font_size, text_width, written
+from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
 from markergen.model.body_json import rig_name
@@ -28,7 +29,7 @@ from markergen.workshop.drafting.title_block import drawing_title_block
 from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
 from markergen.workshop.formats.solids import solid_notes
 
-COLUMN = 105.0
+COLUMN = 125.0
 """Minimum column width in mm on A4: that of a table with six columns of numbers."""
 
 GAP = 7.0
@@ -37,11 +38,11 @@ GAP = 7.0
 SPACE = 5.0
 """Space between blocks in a column, mm on A4."""
 
-DENSITIES = (1.0, 0.93, 0.86, 0.8)
+DENSITIES = (1.4, 1.2, 1.1, 1.0, 0.93, 0.86, 0.8)
 """Sizes of text and sections to try, relative to the usual one, so that no page is nearly empty."""
 
-FULL = 0.4
-"""Minimum part of the last page that is used."""
+LEVELS = (0.6, 0.7, 0.8, 0.9)
+"""Parts of a page to fill, so that what is left for the last one is not much less than on others."""
 
 
 def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -51,6 +52,8 @@ def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Ou
     """
     body = designed(only(bodies, ".fab.pdf"))
     made = made_of(body, options.fabrication)
+    if isinstance(body, Rig) and (options.fabrication.datum or options.fabrication.hole):
+        raise InputError("the drawing of a marker for --datum and --hole", "a rig", "draw its markers one by one")
     if isinstance(body, Marker):
         data, notes = write_fabrication_sheet(workpiece(body, options.fabrication, made.made[0]), options.sheet)
     else:
@@ -172,25 +175,19 @@ Blocks = Callable[[float, float, Style, int, float], list[_Item]]
 
 
 def _best_pages(blocks: Blocks, frame: Frame) -> list[_Page]:
-    """Pages at the largest size of text and sections at which the last one is not nearly empty."""
-    best: tuple[float, list[_Page]] | None = None
-    for density in DENSITIES:
-        pages, used = _pages(blocks, frame, density)
-        if used >= FULL or len(pages) == 1:
-            return pages
-        # An emptier last page is worse than more pages; fewer pages are better than a fuller one.
-        cost = len(pages) - used
-        if best is None or cost < best[0]:
-            best = cost, pages
-    assert best is not None
-    return best[1]
+    """As few pages as possible, at the largest size of text and sections for these, each about as full as others."""
+    trials = [_pages(blocks, frame, density) for density in DENSITIES]
+    fewest = min(map(len, trials))
+    number = next(k for k, pages in enumerate(trials) if len(pages) == fewest)
+    even = (_pages(blocks, frame, DENSITIES[number], level) for level in LEVELS)
+    return next((pages for pages in even if len(pages) == fewest), trials[number]) if fewest > 1 else trials[number]
 
 
-def _pages(blocks: Blocks, frame: Frame, density: float) -> tuple[list[_Page], float]:
-    """Pages with everything but the front page, and which part of the last one is used."""
+def _pages(blocks: Blocks, frame: Frame, density: float, level: float = 1.0) -> list[_Page]:
+    """Pages with everything but the front page, each filled to a level."""
     left, bottom, right, top = drawing_area(frame, first=False)
     style = Style(frame.scale * density)
-    count = max(int((right - left) / (COLUMN * style.scale)), 1)
+    count = max(int((right - left) / (COLUMN * frame.scale * min(density, 1.0))), 1)
     gap, space = GAP * style.scale, SPACE * style.scale
     width = (right - left - (count - 1) * gap) / count
     full = top - bottom
@@ -199,17 +196,18 @@ def _pages(blocks: Blocks, frame: Frame, density: float) -> tuple[list[_Page], f
     for block in blocks(width, full, style, count, gap):
         need, wide = block.height, block.span
         # The first column, or columns side by side, with room for it.
+        need += (1 - level) * full if need < level * full else 0.0
         starts = (k for k in range(len(free)) if k % count + wide <= count)
         place = next((k for k in starts if min(free[k : k + wide]) >= need), None)
         if place is None:
             place = len(free)
             pages.append([])
             free += [full] * count
+        need = block.height
         least = min(free[place : place + wide])
         pages[place // count].append((block, left + place % count * (width + gap), top - full + least))
         free[place : place + wide] = [least - need - space] * wide
-    last = free[-count:]
-    return pages, 1 - sum(max(room, 0.0) for room in last) / (count * full)
+    return pages
 
 
 def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
@@ -219,9 +217,9 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style, columns:
     sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
     back = []
     if work.back:
-        span = 2 if columns > 1 and back_crowded(work, width, height, style) else 1
+        span = 2 if columns > 1 and back_crowded(work, width, height) else 1
         wide = span * width + (span - 1) * gap
-        back.append(replace(_detail(back_view(work, wide, height, style), wide, style), span=span))
+        back.append(replace(_detail(back_view(work, wide, height), wide, style), span=span))
     key = _detail(key_view(work, width, style), width, style)
     notes = _notes(work.notes, width, height, style)
     return [*dots, *sections, *(table for group in tables for table in group), *notes, key, *back]
@@ -377,7 +375,7 @@ def _paragraph_style(kind: str, style: Style) -> Any:
 
 
 def _heading_size(style: Style) -> float:
-    return 2.3 * style.scale
+    return max(2.3 * style.scale, 1.2 * style.small)
 
 
 def _font(face: str) -> str:

@@ -188,7 +188,7 @@ class Simulated:
 
 def _record(body: Body, fabrication: Fabrication) -> str:
     """Comment with the options that are not the defaults; empty for none."""
-    usual, entries = Fabrication(), ("material", "general_tolerance")
+    usual, entries = Fabrication(), ("material", "general_tolerance", "datum", "hole")
     asked = {
         field.name: getattr(fabrication, field.name)
         for field in fields(fabrication)

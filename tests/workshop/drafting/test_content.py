@@ -111,7 +111,7 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     (table,) = [table for table in work.tables if table.title.startswith("Holes")]
     own = len(marker.substrate.holes)
     assert [row[3:] for row in table.rows[own:]] == [
-        ("\xd820", "-", "in the outline"), *[("\xd89", "-", "in the outline")] * 4
+        ("\xd820", "-", "as drawn"), *[("\xd89", "-", "as drawn")] * 4
     ]  # fmt: skip
     (corners,) = [table for table in work.tables if table.title == "Cut-out S1, 16 x 6 mm"]
     assert {row[2] for row in corners.rows} == {"line", "arc R3 to the right"}
@@ -210,7 +210,7 @@ def test_the_position_of_a_dot_agrees_with_its_fit():
         off = pocket / 2 + play
         assert zones == ({"pockets": "\xd80.04", "dots": "\xd80.114"} if play else {"": "\xd80.04"})
         assert made.accuracy.center == pytest.approx(off)
-        (note,) = [note for note in work.notes if "--print-sigma" in note]
+        (note,) = [note for note in work.notes if "finished dot" in note and "at most" in note]
         assert f"at most {np.ceil(off * 1e3 - 1e-6) / 1e3:g} mm" in note
 
 
@@ -333,3 +333,60 @@ def test_the_back_of_a_relief_is_its_plate_with_holes_and_letters():
     assert set(after) == {"", "engraved"}
     assert after.count("") == len(make().substrate.holes)
     assert [text.lines for text in work.engraved if text.lines == ("3",)]
+
+
+def flange(make=make):
+    """A plate with a bore, a hole for a pin and four for screws, as a drawing has them."""
+    holes = [circle(15), circle(3, 88), *(circle(2.75, x, y) for x in (-92, 92) for y in (-82, 82))]
+    corners = Contour(((-100, -90), (100, -90), (100, 90), (-100, 90)))
+    outline = polygon_from([placed(each, 1e-3) for each in (corners, *holes)])
+    return replace(make(tag=False), substrate=Substrate(outline=outline, thickness=0.006))
+
+
+def datums(work):
+    return {datum.letter: datum.words for datum in work.datums}
+
+
+def callout(work, label):
+    return next(each for each in work.callouts if any(label in line.split() for line in each.lines))
+
+
+def test_a_bore_and_a_hole_of_its_own_size_are_datums_before_edges():
+    work = described(flange(), process="cnc")[0]
+    assert datums(work) == {"A": "face with the dots", "B": "hole H1", "C": "hole H2"}
+    for label, letter in (("H1", "B"), ("H2", "C")):
+        hole = callout(work, label)
+        assert hole.datum == letter
+        assert "H7" in hole.lines[0]
+        # As true as the dots, which relate to what they locate by both.
+        assert hole.controls[0].zone == "\xd80.04"
+    # A printer makes no fits.
+    assert "H7" not in callout(described(flange())[0], "H1").lines[0]
+
+
+def test_datums_and_fits_are_those_asked_for():
+    work = described(flange(), process="cnc", datum="A=face,B=H2,C=H6", hole="H6:H8,H3:H13")[0]
+    assert datums(work) == {"A": "face with the dots", "B": "hole H2", "C": "hole H6"}
+    assert "H8" in callout(work, "H6").lines[0]
+    assert "H13" in callout(work, "H3").lines[0]
+    assert callout(work, "H3").controls[0].zone == "\xd80.2"
+    edges = described(flange(), process="cnc", datum="B=edge,C=edge")[0]
+    assert datums(edges) == {"A": "face with the dots", "B": "lower edge", "C": "left edge"}
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"datum": "B=H9"},
+        {"hole": "H9:H7"},
+        {"datum": "C=H1"},
+        {"datum": "B=rim"},
+        {"datum": "H1"},
+        {"hole": "H1"},
+        {"hole": "H1:K7"},
+        {"hole": "H1:H7,H1:H8"},
+    ],
+)
+def test_datums_and_fits_that_the_plate_does_not_have_are_refused(choices):
+    with pytest.raises(InputError):
+        described(flange(), process="cnc", **choices)

@@ -90,7 +90,8 @@ def test_no_title_stands_without_what_it_is_of(sheet):
     for page in document:
         found = plain(page.get_textpage().get_text_range())
         for table in work.tables:
-            head = re.escape(plain(table.title)) + r"(\(\dof\d\))?" + re.escape(plain("".join(table.headings)))
+            # PDFium reads a row of the next column between the two if it is as high on the page.
+            head = re.escape(plain(table.title)) + r"(\(\dof\d\))?.{0,60}?" + re.escape(plain("".join(table.headings)))
             assert found.count(plain(table.title)) == len(re.findall(head, found))
             rows = [plain(row[0]) for row in table.rows]
             for begin in (match.end() for match in re.finditer(head, found)):
@@ -129,7 +130,7 @@ SAID = [
     (RECT, FLAT, PINS, {"process": "cnc"},
      ("\xd84 H7 (+0.012 / 0)", "\xd80.04AB", "\xd80.04A", "h7 (0 / -0.015)", "F8 (+0.035 / +0.013)", "Ra 1.6",
       "position \xd80.04", "finished dots to A, B, C", "1 +0.03 / 0", "thickness of inlays", "\xd810 h7", "f7", "9.985",
-      "--print-sigma", "Ream the holes")),
+      "off by at most", "Ream or bore")),
     (Circle(0.06), HIGH, SCREWS, {"process": "cnc", "draft": 0.05, "foot": 0.002},
      ("\xd8124", "rim \xd8124", "20 \xb10.03", "tops of pillars above A", "Pillars, mm", "2.865\xb0", "R2", "hole H1")),
     (Circle(0.06), FLAT, (), {"process": "cnc", "fit": "press"},
