@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.geometry.contour import flattened
+from markergen.geometry.region import Region
 from markergen.model.marker import Marker
 from markergen.solid.plate import plate_of
 from markergen.verification.lines import CutLine, seek_among
@@ -168,7 +169,7 @@ def surface_findings(
     high = z > face + tol + FLUSH
     low = z < back - tol - FLUSH
     inside = ~high & ~low & (z < face - tol - FLUSH) & (z > back + ENGRAVED)
-    extra = (high & ~_over_dots(marker, xy, z, face, tol)) | low
+    extra = (high & ~_over_dots(marker, xy, z, face, tol, surface.round_dots)) | low
     index = np.flatnonzero(inside & ~_near_dots(marker, xy))
     if len(index):
         index = index[~_near_lines(marker, wanted, xy[index])]
@@ -188,7 +189,45 @@ def surface_findings(
     return groups
 
 
-def _over_dots(marker: Marker, xy: Array, z: Array, face: float, tol: float) -> NDArray[np.bool_]:
+def several_findings(
+    plates: Sequence[tuple[Marker, Array, Array]], corners: Array, balls: bool, tol: float
+) -> list[Finding]:
+    """Corners of triangles (m, 3, 3) of a solid that belong to none of several plates; mm, file frame.
+
+    Parameters
+    ----------
+    plates : sequence of (marker, rotation (3, 3), translation (3,))
+        Pose of each plate in the file.
+    balls : bool
+        True if dots may be balls.
+    """
+    from scipy.spatial import cKDTree
+
+    points = np.unique(corners.reshape(-1, 3), axis=0)
+    claimed = np.zeros(len(points), dtype=bool)
+    for marker, rotation, translation in plates:
+        local = (points - translation) @ rotation
+        xy, z = local[:, :2], local[:, 2]
+        outlines = [np.array(flattened(outline[0], 0.01)) for outline in plate_of(marker).outlines]
+        # The faces of a block are the boundaries; plates by themselves are wider.
+        edge = np.column_stack([np.concatenate(outlines), np.zeros(sum(map(len, outlines)))]) @ rotation.T + translation
+        if np.median(cKDTree(points).query(edge)[0]) > ROOM / 2:
+            outlines = [1e3 * ring for ring in marker.boundary.outlines()]
+        here = Region.union([Region.polygon(ring) for ring in outlines]).offset(ROOM).contains(xy)
+        for hole in marker.substrate.holes:
+            # In a block its hole is as deep as the block.
+            wide = 500 * max(hole.diameter, hole.sink or 0.0) + ROOM
+            claimed |= (np.linalg.norm(xy - [1e3 * hole.x, 1e3 * hole.y], axis=1) < wide) & (z <= tol + FLUSH)
+        deep = 1e3 * marker.substrate.thickness + ROOM
+        claimed |= here & (((z <= tol + FLUSH) & (z >= -deep)) | _over_dots(marker, xy, z, 0.0, tol, balls))
+    if claimed.all():
+        return []
+    low, high = points[~claimed].min(axis=0), points[~claimed].max(axis=0)
+    place = ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
+    return [Finding("extra", f"there is something that belongs to no plate: {place} mm", REMOVE)]
+
+
+def _over_dots(marker: Marker, xy: Array, z: Array, face: float, tol: float, balls: bool) -> NDArray[np.bool_]:
     """Tell which points above the face are of the pillar or ball of a dot."""
     claimed = np.zeros(len(xy), dtype=bool)
     index = np.flatnonzero(z > face + tol)
@@ -197,9 +236,10 @@ def _over_dots(marker: Marker, xy: Array, z: Array, face: float, tol: float) -> 
         away = np.linalg.norm(xy[index] - [1e3 * point.x, 1e3 * point.y], axis=1)
         relief = top > face + FLUSH
         wide = radius + ROOM + (FOOT if relief else 0.0)
-        # A ball rises by its radius above its center.
         claimed[index] |= (away <= wide) & (z[index] <= top + tol + FLUSH)
-        claimed[index] |= np.hypot(away, z[index] - top) <= radius + max(tol, 0.02)
+        # A ball rises by its radius above its center.
+        if balls:
+            claimed[index] |= np.hypot(away, z[index] - top) <= radius + max(tol, 0.02)
     return claimed
 
 

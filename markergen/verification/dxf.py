@@ -11,7 +11,7 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
 from markergen.read.outlines.curves import Arc, Curve
-from markergen.read.outlines.dxf import CURVES, SCALES, DxfReader, PlacedEntity, document_of, undamaged
+from markergen.read.outlines.dxf import CURVES, SCALES, DxfReader, PlacedEntity
 from markergen.read.outlines.formats import OutlineFile
 from markergen.verification.reading import FLATTEST, READERS, Page, Reading, Settings, circles_of, round_shape
 from markergen.verification.words import MOST_LISTED
@@ -41,12 +41,11 @@ MOST_LINES = 500_000
 def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read the circles in the model space, with their layers, and the lines of what is made."""
     file = OutlineFile(name, data)
-    document = document_of(file)
-    unit = _unit(document, data, name, settings.unit)
-    reader, shapes = DxfReader(file, document), _Shapes(unit)
-    with undamaged(file):
-        for placed in reader.entities():
-            shapes.add(placed, document, file)
+    reader = DxfReader(file)
+    document = reader.document
+    shapes = _Shapes(_unit(document, data, name, settings.unit))
+    for placed in reader.entities():
+        shapes.add(placed, document, file)
     hidden = [*shapes.hidden, *(["a block is hidden"] if "hidden shapes" in reader.others else [])]
     corners = np.concatenate([np.zeros((0, 2)), *shapes.corners])
     used = {CUT} & {*reader.layers, *(str(layer.dxf.name) for layer in document.layers)}

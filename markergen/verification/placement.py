@@ -18,6 +18,7 @@ from markergen.geometry.contour import box
 from markergen.maths.rotation import rigid_motion
 from markergen.model.body import Body, Plate
 from markergen.model.marker import Marker
+from markergen.verification.claims import several_findings
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, extras, judge_copies
 from markergen.verification.made import faces_of, is_light_alone
 from markergen.verification.matching import DotSet, expected_dots
@@ -362,6 +363,11 @@ def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface
         off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
             largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
+    if not findings and views[0].triangles is not None:
+        placed_plates = [(plate.marker, *motion.of(plate)) for plate in plates]
+        findings += several_findings(
+            placed_plates, views[0].triangles @ views[0].rotation, views[0].round_dots, 1e3 * tolerance
+        )
     verdicts = tuple(placed.verdict for placed in chosen if placed)
     scales = np.array([verdict.scale for verdict in verdicts])
     check = Check(

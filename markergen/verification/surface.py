@@ -192,6 +192,11 @@ class Surface:
     rotation: Array = field(default_factory=lambda: np.eye(3))
     triangles: Array | None = None
 
+    @property
+    def round_dots(self) -> bool:
+        """True if there are balls."""
+        return any(part.balls for part in self.parts)
+
     def scaled(self, factor: float) -> "Surface":
         """Scale by a factor."""
         if self.mapped is not None:

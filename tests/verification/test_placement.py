@@ -180,3 +180,18 @@ def test_every_marker_is_found_on_its_page(tmp_path):
     [path] = [tmp_path / "all.json"]
     assert mg.verify(CUBE, tmp_path / "all.pdf", json=path).written
     assert re.fullmatch(r"plate \d/\d", json.loads(path.read_text())[0]["worst_dot"])
+
+
+@pytest.mark.parametrize("rig", [CUBE, WALL], ids=["block", "plates"])
+@pytest.mark.parametrize(("name", "offset"), [("on the face", 1.0), ("inside", -20.0)])
+def test_what_belongs_to_no_plate_is_extra(rig, tmp_path, name, offset):
+    (path,) = written(rig, tmp_path, ".stl")
+    mesh = trimesh.load(path)
+    face = rig.markers[0]
+    # In a corner of the first marker's face, above it or below.
+    corner = np.array([*(face.marker.boundary.outlines()[0].max(axis=0) - 0.004), offset * 1e-3])
+    block = trimesh.creation.box(np.full(3, 1.5))
+    block.apply_translation(1e3 * face.to_body(corner[None])[0])
+    trimesh.util.concatenate([mesh, block]).export(path)
+    [check] = mg.verify(rig, path)
+    assert [finding.kind for finding in check.findings] == ["extra"], (name, check.findings)

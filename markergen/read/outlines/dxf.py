@@ -87,11 +87,11 @@ def _fits(file: OutlineFile) -> bool:
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all flat entities in the model space."""
-    document = document_of(file)
+    reader = DxfReader(file, layer.casefold() if layer is not None else None)
+    document = reader.document
     names = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
-    reader = DxfReader(file, document, layer.casefold() if layer is not None else None)
     pieces: list[tuple[str, list[Curve], bool]] = []
-    with undamaged(file):
+    with _undamaged(file):
         for entity in reader.entities():
             if not reader.chosen(entity):
                 reader.others.append("hidden shapes" if layer is None else ELSEWHERE)
@@ -122,7 +122,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
 
 
 @contextmanager
-def undamaged(file: OutlineFile) -> Iterator[None]:
+def _undamaged(file: OutlineFile) -> Iterator[None]:
     """Report the undocumented errors that ezdxf raises on damaged values as one line."""
     try:
         yield
@@ -157,8 +157,9 @@ class PlacedEntity(NamedTuple):
 
     def curves(self, file: OutlineFile) -> Parts:
         """Its curves in the drawing, if it is one of `CURVES`."""
-        for curves, closed in CURVES[self.kind](self.entity, file, self.name):
-            yield [curve.mapped(self.frame) for curve in curves], closed
+        with _undamaged(file):
+            for curves, closed in CURVES[self.kind](self.entity, file, self.name):
+                yield [curve.mapped(self.frame) for curve in curves], closed
 
 
 @dataclass
@@ -166,15 +167,18 @@ class DxfReader:
     """Reader of a document's entities; with a wanted layer those of hidden blocks, too."""
 
     file: OutlineFile
-    document: "Document"
     wanted: str | None = None
     others: list[str] = field(default_factory=list)
     layers: dict[str, None] = field(default_factory=dict)
     steps: int = 0
 
+    def __post_init__(self) -> None:
+        self.document = _document(self.file)
+
     def entities(self) -> Iterator[PlacedEntity]:
         """Entities of the model space, through blocks."""
-        yield from self._of_block(self.document.modelspace(), np.eye(4)[:3], "0", ())
+        with _undamaged(self.file):
+            yield from self._of_block(self.document.modelspace(), np.eye(4)[:3], "0", ())
 
     def _of_block(
         self, entities: Iterable[Any], matrix: Array, outer: str, blocks: tuple[str, ...]
@@ -249,7 +253,7 @@ class DxfReader:
             raise self.file.too_much(f"at most {MOST_PIECES} lines, arcs and copies of blocks")
 
 
-def document_of(file: OutlineFile) -> "Document":
+def _document(file: OutlineFile) -> "Document":
     """Parse the file after checking that it is complete text."""
     if file.data.startswith(_BINARY):
         raise file.unreadable("DXF as text", "binary DXF", "save it as ASCII DXF")
