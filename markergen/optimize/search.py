@@ -98,8 +98,8 @@ FINE_EDGE = 1200
 
 
 GROW, SHRINK = 1.2, 0.5
-"""Factors of the step size. The paper's growth of 1.05 takes three times as many steps to the same optimum; 1.2 is as
-reliable here."""
+"""Factors of the step size. A growth of 1.05 takes three times as many steps to the same optimum; 1.2 is as reliable
+here."""
 
 LONGEST = 0.15
 """Maximum step of a coordinate, in radii, so that no step jumps across the marker."""
@@ -521,13 +521,14 @@ def descend(
     progress: Callable[[int, int], None] | None = None,
     record: Record | None = None,
 ) -> Descent:
-    """Run SuperSAB from all starts (B, n, 2) at once, retiring restarts that no longer improve.
+    """Descend from all starts (B, n, 2) at once with a step size for each coordinate, retiring those that end.
 
         X(t+1) = P(X(t) - a(t) grad log f(X(t)))
 
     with a step size a for each coordinate, which grows while the sign of that coordinate's gradient is constant and
-    shrinks when it changes, and P the projection onto the feasible region (Tollenaere 1990; Acuna & Willert 2018,
-    Eq. 12). The logarithm makes steps independent of the objective's unit.
+    shrinks when it changes, and P the projection onto the feasible region. It follows the paper's descent (Acuna &
+    Willert 2018, Eq. 12) and SuperSAB (Tollenaere 1990), but the logarithm makes steps independent of the objective's
+    unit, and no step is undone; as published, both are in the study of the paper.
 
     A restart is retired when its best value has fallen by less than `tolerance`, relatively, over `patience` steps.
     `record` is called with the layouts before and after each step.

@@ -114,7 +114,7 @@ def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, 
 
 
 def test_html_is_escaped_and_text_as_it_is(found, hostile):
-    assert found._repr_html_().count("<table>") == 5
+    assert found._repr_html_().count("<table>") == 7
     assert "<script>" not in hostile._repr_html_()
     assert "&lt;script&gt;[red]x[/red]" in hostile._repr_html_()
     assert "<script>[red]x[/red]" in str(hostile)

@@ -141,7 +141,7 @@ def test_a_print_error_displaces_its_ink(name, contestant):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_nothing_is_found_in_nothing(name, contestant):
-    nothing = np.full((240, 320), 225, dtype=np.uint8)
+    nothing = np.full((480, 640), 225, dtype=np.uint8)
     found = contestant.sight(nothing, PAPER_CAMERA, {}, 0.0)
     assert found.rotation is None
     assert found.reason

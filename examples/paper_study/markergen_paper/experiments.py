@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.optimize.problem import fewer
 from markergen.optimize.relief import ReliefRoom, search_relief
-from markergen.optimize.search import descend, search
+from markergen.optimize.search import Descent, descend, search
 from markergen.optimize.trace import Recorder
 from markergen.studies.cells import Cell, Result
 from markergen_paper.measurements import (
@@ -27,11 +28,12 @@ from markergen_paper.measurements import (
 )
 from markergen_paper.methods import Decomposition, FromTruth, Harker, OpenCv, PlainDlt
 from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, RECTANGLE, REGION, objective_for, poses_of
+from markergen_paper.supersab import supersab
 
 Array = NDArray[np.float64]
 
 CONDITIONED, DESCENT, EARLY, JOINT = "conditioned", "descent", "early", "joint"
-METHODS, LIMITS = "methods", "limits"
+METHODS, LIMITS, SETTLING = "methods", "limits", "settling"
 """Kinds of cells."""
 
 BOUNDED = 10
@@ -195,6 +197,26 @@ def limits(cell: Cell) -> Result:
     return {key: np.stack(rows) for key, rows in result.items()}
 
 
+def settling(cell: Cell) -> Result:
+    """Ends of descents by SuperSAB as published, after few and many steps, and by ours with its own stopping rule.
+
+    Settings: ``n``, ``poses`` (indices), ``starts``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays (P, B)
+        c(A) in metric coordinates, by the names in `ROUTINES`.
+    """
+    settings = cell.settings
+    rows: dict[str, list[Array]] = defaultdict(list)
+    for i, index in enumerate(settings["poses"]):
+        objective = objective_for("metric", poses_of(settings["poses"]).taken(np.array([i]), 0))
+        starts = REGION.sample(settings["starts"], settings["n"], _rng(cell, index))
+        for name, routine in ROUTINES.items():
+            rows[name].append(routine(objective, starts=starts).values)
+    return {name: np.stack(ends).astype(np.float32) for name, ends in rows.items()}
+
+
 def descent(cell: Cell) -> Result:
     """Fronto-parallel descent of four points, with noisy runs at each of its steps.
 
@@ -319,6 +341,12 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator) 
     return search_relief(objective_for("pose", poses), room, flat, rng, RELIEF_STARTS, rough=rough).points[None]
 
 
+ROUTINES: dict[str, Callable[..., Descent]] = {
+    **{f"as published, {steps} steps": partial(supersab, region=REGION, steps=steps) for steps in (150, 700)},
+    "ours, until it gains nothing": partial(descend, region=REGION),
+}
+"""Descents and their stopping rules."""
+
 _WORK: dict[str, Callable[[Cell], Result]] = {
     CONDITIONED: conditioned,
     DESCENT: descent,
@@ -326,4 +354,5 @@ _WORK: dict[str, Callable[[Cell], Result]] = {
     JOINT: joint,
     METHODS: methods,
     LIMITS: limits,
+    SETTLING: settling,
 }

@@ -159,6 +159,11 @@ def settled(study: PaperResults) -> Iterator[ClaimTest]:
                 is_near = c <= np.min(c, axis=1, keepdims=True) * (1 + SETTLED)
             label = f"share of descents that end within {SETTLED:.0%} of the best of their pose, n = {n}"
             yield ClaimTest(name, None, label, above(is_near.mean(axis=1), 0.5))
+    for n, ends in study.settling.items():
+        least = np.min(np.stack(list(ends.values())), axis=(0, 2))
+        for routine, c in ends.items():
+            label = f"share of descents that end within {SETTLED:.0%} of the best of their pose, n = {n}, {routine}"
+            yield ClaimTest(COORDINATES[0], None, label, above((c <= least[:, None] * (1 + SETTLED)).mean(axis=1), 0.5))
 
 
 def rectangle(study: PaperResults) -> Iterator[ClaimTest]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.studies.cells import Cell, Result
-from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, LIMITS, METHODS
+from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, LIMITS, METHODS, SETTLING
 from markergen_paper.options import COORDINATES, NOISE_PX, OBJECTIVE_OF, QUIET_PX, PaperOptions, poses_of
 
 Array = NDArray[np.float64]
@@ -98,6 +98,8 @@ class PaperResults:
         By noise in px and n, the errors of further estimators, of all poses.
     limits : mapping
         By n, the results of `limits`.
+    settling : mapping
+        By n, the results of `settling`.
     """
 
     options: PaperOptions
@@ -108,6 +110,7 @@ class PaperResults:
     joint: Mapping[tuple[str, int], Result]
     methods: Mapping[tuple[float, int], PoseLayouts]
     limits: Mapping[int, Result]
+    settling: Mapping[int, Result]
 
     def table(self, name: str, noise_px: float, n: int) -> PoseLayouts:
         """Largest table with layouts optimized under that name."""
@@ -135,7 +138,7 @@ def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResult
             blocks[extent, settings["noise_px"], settings["n"]].append((settings["poses"], result))
         elif cell.kind == METHODS:
             blocks[METHODS, settings["noise_px"], settings["n"]].append((settings["poses"], result))
-        elif cell.kind == LIMITS:
+        elif cell.kind in (LIMITS, SETTLING):
             others[cell.kind][settings["n"]] = result
         elif cell.kind == DESCENT:
             others[cell.kind][settings["camera"]] = result
@@ -157,6 +160,7 @@ def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResult
         others[JOINT],
         of(METHODS),
         others[LIMITS],
+        others[SETTLING],
     )
 
 

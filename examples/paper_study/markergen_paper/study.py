@@ -23,6 +23,8 @@ from markergen_paper.experiments import (
     METHODS,
     RANDOM,
     RELIEFS,
+    ROUTINES,
+    SETTLING,
     work,
 )
 from markergen_paper.figures import figures_of
@@ -55,7 +57,10 @@ CELL_S = 25.0
 FURTHER_S = 2.6e-4
 """Seconds on one core for a trial with all estimators of `methods`."""
 
-EARLY_NUMBERS, EARLY_STARTS, METHODS_STARTS = (4, 6, 8), 10, 5
+STEP_S = 2e-5
+"""Seconds on one core for a step of a descent."""
+
+EARLY_NUMBERS, EARLY_STARTS, METHODS_STARTS, SETTLING_STARTS = (4, 6, 8), 10, 5, 10
 JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
 """Numbers of points of layouts for all poses, and numbers of noisy runs per pose of a layout, and of a random one."""
 
@@ -154,6 +159,10 @@ def cells_of(options: PaperOptions) -> list[Cell]:
         *_joint(options),
         *_methods(options),
         *(
+            _cell(SETTLING, options, n=n, poses=options.poses[::2], starts=min(SETTLING_STARTS, options.starts))
+            for n in NUMBERS
+        ),
+        *(
             _cell(LIMITS, options, n=n, poses=options.fewer_poses, starts=options.fewer) for n in EARLY_NUMBERS
         ),
     ]  # fmt: skip
@@ -213,6 +222,8 @@ def seconds_of(cell: Cell) -> float:
     if cell.kind == METHODS:
         trials = 3 * settings["starts"] * settings["runs"]
         return len(settings["poses"]) * (trials * FURTHER_S + DESCENTS_S + settings["starts"] * DESCENT_S)
+    if cell.kind == SETTLING:
+        return len(settings["poses"]) * settings["starts"] * len(ROUTINES) * 300 * STEP_S
     if cell.kind == LIMITS:
         return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1

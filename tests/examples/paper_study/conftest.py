@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from markergen_paper.experiments import BOUNDED, GAINED
+from markergen_paper.experiments import BOUNDED, GAINED, ROUTINES
 from markergen_paper.measurements import ESTIMATORS_FLAT, ESTIMATORS_RELIEF
 from markergen_paper.options import BOUNDARY, COORDINATES, REGION, PaperOptions
 from markergen_paper.results import gather
@@ -65,6 +65,9 @@ def made_up(cell):
         return _conditioned(settings, rng)
     if cell.kind == "methods":
         return _methods(settings, rng)
+    if cell.kind == "settling":
+        shape = len(settings["poses"]), settings["starts"]
+        return {name: rng.lognormal(0, 0.01, shape).astype(np.float32) for name in ROUTINES}
     if cell.kind == "limits":
         shape = len(settings["poses"]), settings["starts"]
         regions = {"disk": (0.02, 2.0), "rectangle": (0.4, 1.0)}
