@@ -12,6 +12,7 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
+from markergen.bounds.crowding import crowded, crowding, separating_gap
 from markergen.bounds.reliability import DotReliability, reliability, reliability_json, reliability_table
 from markergen.errors import InputError
 from markergen.files import Written
@@ -37,11 +38,8 @@ from markergen.optimize.dot_size import (
     MEASURABLE,
     DotSize,
     choose_dots,
-    crowded,
-    crowding,
     needs_scales,
     pixels_across,
-    separating_gap,
     size_given,
 )
 from markergen.optimize.ending import Ended, current_limit, limited

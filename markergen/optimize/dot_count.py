@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import MANY, layout_safety
+from markergen.bounds.crowding import separating_gap
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.defaults import MEASURED_SIGMA, PRINT_SIGMA
 from markergen.errors import InputError
@@ -36,7 +37,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import either
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
-from markergen.optimize.dot_size import clearance_of, separating_gap
+from markergen.optimize.dot_size import clearance_of
 from markergen.optimize.ending import Ended, limited
 from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
 from markergen.optimize.layouts import lattice

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from sentences import sentence
 
+from markergen.bounds.crowding import BLOT_PX, crowded, separating_gap
 from markergen.detect.detector import Detector
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
@@ -21,12 +22,9 @@ from markergen.objectives.observation import DotNoise
 from markergen.optimize import design as designing
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import (
-    BLOT_PX,
     choose_dots,
-    crowded,
     largest_that_leaves_room,
     pixels_across,
-    separating_gap,
     smallest_detectable,
     wanted_pixels,
 )
