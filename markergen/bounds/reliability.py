@@ -12,8 +12,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.maths.information import covariance
+from markergen.maths.reliability import POWER, RISK, detectability, noncentrality
 from markergen.objectives import Setting
-from markergen.objectives.blunder import POWER, RISK, detectability, noncentrality
 from markergen.objectives.pose import PoseObjective
 from markergen.presentation.tables import Table, number
 

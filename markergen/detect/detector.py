@@ -149,7 +149,7 @@ class Detector:
             raise InputError("a diameter of 0 px or more", f"smallest={brief(smallest)}", "give a number of px")
         if not (hasattr(copies, "__index__") and operator.index(copies) >= 1):
             raise InputError("one copy or more of each marker", f"copies={brief(copies)}", "give a whole number from 1")
-        self._symmetric = symmetric == "any"
+        self._symmetric, self._print_sigma = symmetric == "any", errors.print_sigma
         for target in self._markers:
             _check(target, self._camera is not None)
         self._engine = engine.Detector(
@@ -228,7 +228,7 @@ class Detector:
         findings = self._engine(grey, near=() if whole else before, deadline=deadline)
         if self._symmetric:
             findings = [_turned_as_before(finding, before, self._markers[finding.body]) for finding in findings]
-        return [Found(finding, self._markers, self._names, self._camera) for finding in findings]
+        return [Found(finding, self._markers, self._names, self._camera, self._print_sigma) for finding in findings]
 
     def dots(self, frame: FrameLike) -> Array:
         """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.

@@ -10,13 +10,19 @@ from markergen_detect import Finding, Second, Verdict
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.bounds.dot_covariances import image_jacobian
 from markergen.detect.presentation import draw, transform_as_dict
 from markergen.estimators.budget import PoseBudget
 from markergen.estimators.weighted_pose import PoseEstimate
+from markergen.maths.reliability import RISK
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
+from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Target
 from markergen.presentation.tables import Table
+
+MOST_UNCHECKED = 5
+"""Number of dots from which on residuals show which one is wrong: of four, all have the same statistic."""
 
 _WITHOUT_LABELS = ("ambiguous", "claimed", "hidden tag")
 """States in which the dots are those of the marker, and only which is which is open."""
@@ -61,6 +67,8 @@ class Found:
     names : tuple of str
         Names of the markers: their files, where they came from one.
     camera : Camera or None
+    print_sigma : float
+        Standard deviation in m of a dot's printed place along each axis.
 
     Examples
     --------
@@ -84,6 +92,7 @@ class Found:
     markers: tuple[Target, ...]
     names: tuple[str, ...]
     camera: Camera | None
+    print_sigma: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -236,6 +245,36 @@ class Found:
         """Whether image, print and camera agree, with likely causes if they do not; None without a pose."""
         return self.finding.verdict if self.ok else None
 
+    @cached_property
+    def blunder_statistics(self) -> Array | None:
+        """Test statistics (k,) of the dots for `ids`; None without a pose (Baarda 1968).
+
+        v' Q^-1 v, with v the residual of a dot and Q its covariance from image and print: of a dot that is right, it
+        has a chi-square distribution with two degrees of freedom.
+        """
+        if self.pose is None or self.camera is None or len(self.ids) < MOST_UNCHECKED:
+            return None
+        poses = PoseDistribution("found", self.pose.rotation[None], self.pose.translation[None])
+        jacobian = image_jacobian(self.xyz, self.camera, poses)[0]
+        # A print is off in its plane, in the body's frame any.
+        slopes = jacobian[..., 3:] @ self.pose.rotation[:, : 2 if self.marker.frame == "marker" else 3]
+        spread = self.pixel_covariance + self.print_sigma**2 * slopes @ slopes.swapaxes(-1, -2)
+        normal = np.sum(jacobian.swapaxes(-1, -2) @ np.linalg.solve(spread, jacobian), axis=0)
+        residual = self.pixels - self.camera.project(self.xyz, poses.rotation, poses.translation)[0]
+        cofactor = spread - jacobian @ np.linalg.inv(normal) @ jacobian.swapaxes(-1, -2)
+        return np.asarray(np.einsum("ki,kij,kj->k", residual, np.linalg.pinv(cofactor), residual))
+
+    @property
+    def suspect(self) -> int | None:
+        """Id of the dot that is most likely wrong: one right dot in a thousand has such a statistic; None if none has.
+
+        A wrong dot raises the statistics of others, too, but less.
+        """
+        statistics = self.blunder_statistics
+        if statistics is None or statistics.max() <= -2 * np.log(RISK):
+            return None
+        return int(self.ids[statistics.argmax()])
+
     @property
     def turns(self) -> Array:
         """Angles (k,), 0 to 2 pi, by which other labelings that are about as likely turn about the marker's normal."""
@@ -280,6 +319,7 @@ class Found:
             "tag_state": self.finding.tag_state,
             "verdict": verdict and {**verdict._asdict(), "causes": [cause._asdict() for cause in verdict.causes]},
             "turns_deg": np.rad2deg(self.turns).tolist(),
+            "suspect": self.suspect,
         }
 
     def __str__(self) -> str:
@@ -302,6 +342,7 @@ class Found:
         line += f"; 1 sigma: {_sigma(pose)}"
         if pose.alternative is not None:
             line += f"; the mirrored pose fits as well, likelihood ratio {pose.likelihood_ratio:.2g}"
+        line += "" if self.suspect is None else f"; dot {self.suspect} is suspect"
         return line if verdict is None or verdict.consistent else f"{line}; {verdict}"
 
     def __repr__(self) -> str:

@@ -8,9 +8,9 @@ from scipy.stats import chi2, ncx2
 
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes
 from markergen.bounds.reliability import reliability, reliability_table
+from markergen.maths.reliability import POWER, RISK, noncentrality
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.blunder import POWER, RISK, noncentrality
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.design import design
