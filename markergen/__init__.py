@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from markergen.api.verify import verify
     from markergen.calibration.calibration import Calibration
     from markergen.comparison.result import Comparison
-    from markergen.detect.detector import Detector, Found
+    from markergen.detect.detector import Detector
+    from markergen.detect.results import Found
     from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
     from markergen.model.body import Plate
     from markergen.model.camera import Camera
@@ -77,7 +78,8 @@ _HOMES = {
     "model.rig": ("Rig",),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),
-    "detect.detector": ("Detector", "Found"),
+    "detect.detector": ("Detector",),
+    "detect.results": ("Found",),
     "validation.result": ("Validation",),
     "comparison.result": ("Comparison",),
     "verification.result": ("Verification",),
