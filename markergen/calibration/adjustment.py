@@ -401,7 +401,9 @@ class _Adjusting(LeastSquares):
         return tuple(block[None] for block in (rotation, translation, places, moved + of_camera, *plates))
 
     def converged(self, attempt: Attempt) -> Mask:
-        """See `LeastSquares.converged`."""
+        """See `LeastSquares.converged`; from a start that sees nothing there is no way."""
+        if not np.isfinite(attempt.before).all():
+            return ~np.isfinite(attempt.after)
         return attempt.good & (attempt.before - attempt.after <= self.tolerance * attempt.before)
 
     def take(self, chosen: Mask) -> "_Adjusting":

@@ -23,6 +23,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.noise import noise_of
 from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots
+from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
 from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
@@ -219,7 +220,7 @@ class Calibration(SavableResult):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the results as plain JSON values."""
-        from markergen.calibration.sentences import verdict
+        from markergen.calibration.sentences import unused, verdict
 
         adjustment, sightings = self.adjustment, self.sightings
         spread = np.sqrt(np.maximum(np.diag(adjustment.covariance), 0)).reshape(-1, 3) if self.measured else None
@@ -266,7 +267,7 @@ class Calibration(SavableResult):
                 }
                 for row, view in enumerate(views.tolist())
             ],
-            "unused": {sightings.photos[k]: reason for k, reason in sightings.unused.items()},
+            "unused": dict(unused(self)),
             "left_out": self._left_out(),
             "halves": {"verdict": self.halves.verdict, "rms_um": self.halves.rms_um, "chance": self.halves.chance}
             if isinstance(self.halves, Halves)
@@ -542,7 +543,10 @@ def _result(
 ) -> Calibration:
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
     names = () if knowledge.camera else choice.names if isinstance(choice, CameraChoice) else BASE
-    cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
+    # What is from one place is left out together.
+    first_of = stations(adjustment.views, photo)
+    station = np.array([first_of.get(number, number) for number in photo.tolist()], dtype=np.intp)
+    cross, halves, flex = cross_validate(adjustment, station), compare_halves(adjustment, station), flexing(adjustment)
     cause = likely_cause(adjustment, flex)
     names_of = _names(designs)
     poses = _working_poses(designs, knowledge, adjustment)

@@ -21,6 +21,7 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
 from markergen.calibration.outliers import adjust_robustly
+from markergen.calibration.pictures import contradicted_diameters, copies
 from markergen.detect import Detector, Found
 from markergen.detect.batch import detect_files
 from markergen.errors import InputError
@@ -39,6 +40,9 @@ SEARCH_SIGMA = 5e-4
 
 FOCALS = np.geomspace(0.35, 5, 25)
 """Focal lengths tried for an unknown camera, in image widths."""
+
+FISHEYE_FOCALS = np.geomspace(0.2, 1.2, 12)
+"""Likewise with a fisheye, of which a circle of 180 degrees as wide as the image has 0.32."""
 
 SCOUTS, ENOUGH = 8, 4
 """Number of photographs that are searched for an unknown camera, which takes much longer than with one, and number of
@@ -70,7 +74,7 @@ class PhotographedDots:
     unused : mapping of photograph to reason
         Photographs without a view, by index.
     doubts : tuple of str
-        What is uncertain about labels, as sentences.
+        What is uncertain about labels, or contradicted by the widths of dots, as sentences.
     notes : tuple of str
         Remarks on the files, as sentences: what is not read, or not as it is stored.
     """
@@ -144,22 +148,31 @@ def find_dots(
         if len({dots.photo for dots in seen}) < ENOUGH and len(chosen) < len(sources):
             results, reasons = _searched(markers, sources, None, None, progress, workers, notes)
             seen = _labeled(markers, results, {})
-        camera = _rough_camera(markers, seen, size)
-        if seen:
-            camera = _adjusted(markers, seen, camera)
+        camera = _started(markers, seen, size)
+        joined, shown = -1, len(sources) if not seen else 0
+        while joined < shown < len(sources):
+            joined = shown
             results, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
+            seen = _labeled(markers, results, {})
+            shown = len({dots.photo for dots in seen})
+            camera = _adjusted(markers, seen, camera)[0]
     seen = _labeled(markers, results, reasons)
     if not is_given and seen:
-        camera = _adjusted(markers, seen, camera)
+        camera = _adjusted(markers, seen, camera)[0]
     seen, doubts = _told_apart(markers, seen, camera, sources)
     if not is_given and seen:
-        camera = _adjusted(markers, seen, camera)
+        camera = _adjusted(markers, seen, camera)[0]
     views, kept = _views(markers, seen, camera)
     for lost in sorted({dots.photo for dots in seen} - {seen[k].photo for k in kept}):
         reasons[lost] = "no pose sees the dots from the front"
     photo = np.array([fitting[seen[k].photo] for k in kept], dtype=np.intp)
     marker = np.array([seen[k].marker for k in kept], dtype=np.intp)
     unused = odd | {fitting[k]: reason for k, reason in reasons.items()}
+    copied = copies(views, photo, lambda number: _grey(every[number]))
+    unused |= {number: f"a copy of {names[first]}, which counts once" for number, first in copied.items()}
+    single = ~np.isin(photo, list(copied))
+    views, photo, marker = views.take(single), photo[single], marker[single]
+    doubts += contradicted_diameters(markers, views, photo, camera, lambda number: _grey(every[number]))
     return PhotographedDots(tuple(names), size, views, photo, marker, unused, doubts, tuple(notes)), camera
 
 
@@ -336,13 +349,21 @@ def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array
     return None if fitted is None else (fitted.rotation, fitted.translation, fitted.chi2)
 
 
-def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int]) -> Camera:
-    """Camera of the focal length that agrees best with the perspective of the views, without distortion."""
+def _started(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int]) -> Camera:
+    """Camera that agrees with the views: with a fisheye's lens where that fits them clearly better."""
+    camera, misfit = _adjusted(markers, seen, _rough_camera(markers, seen, size, UNKNOWN_LENS))
+    if not seen:
+        return camera
+    fisheye, other = _adjusted(markers, seen, _rough_camera(markers, seen, size, FISHEYE))
+    return fisheye if other < CLEARLY_BETTER * misfit else camera
+
+
+def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int], lens: Distortion) -> Camera:
+    """Camera with a lens, of the focal length that agrees best with the perspective of the views."""
     width, height = size
     chosen = [seen[k] for k in np.unique(np.linspace(0, len(seen) - 1, min(SCANNED, len(seen))).astype(int))]
-    cameras = [
-        Camera(width, height, f * width, f * width, (width - 1) / 2, (height - 1) / 2, UNKNOWN_LENS) for f in FOCALS
-    ]
+    focals = FOCALS if lens == UNKNOWN_LENS else FISHEYE_FOCALS
+    cameras = [Camera(width, height, f * width, f * width, (width - 1) / 2, (height - 1) / 2, lens) for f in focals]
     costs = []
     for camera in cameras:
         poses = [_pose(markers, dots, camera) for dots in chosen]
@@ -351,8 +372,11 @@ def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[
     return cameras[int(np.argmin(costs))]
 
 
-def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> Camera:
-    """Camera adjusted to all views with the dots as designed; as it was if the views do not determine it."""
+def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> tuple[Camera, float]:
+    """Camera adjusted to all views with the dots as designed, and the mean over the dots of the squares that it leaves.
+
+    As it was, and inf, if the views do not determine it. Dots that do not fit count `OUTLIER`.
+    """
     views, _ = _views(markers, seen, camera)
     network = Network(
         np.concatenate([marker.xyz for marker in markers]),
@@ -365,13 +389,18 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
     # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
     spread = views.covariance + _printed(views, camera)
     try:
-        cleaned = adjust_robustly(network, Views(views.pixels, spread, views.seen, views.rotation, views.translation))
+        cleaned = adjust_robustly(network, replace(views, covariance=spread))
         sigma = np.sqrt(np.diag(cleaned.adjustment.camera_covariance))
-    except UndeterminedError:
-        return camera
-    better = cleaned.adjustment.camera
+    except (UndeterminedError, np.linalg.LinAlgError):
+        return camera, np.inf
+    better, lost = (
+        cleaned.adjustment.camera,
+        sum(len(dots.index) for dots in seen) - int(cleaned.adjustment.weights.sum()),
+    )
     # Better a rough camera than one that the views hardly determine.
-    return better if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5 else camera
+    if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5:
+        return better, (cleaned.adjustment.chi2 + OUTLIER * lost) / max(sum(len(dots.index) for dots in seen), 1)
+    return camera, np.inf
 
 
 def _printed(views: Views, camera: Camera) -> Array:
@@ -433,7 +462,9 @@ CAMERA_SIGMA = {"fx": 0.1, "cx": 0.03, "cy": 0.03, "k1": 0.1, "k2": 0.1}
 """Standard deviations within which the camera may move while labels are compared: of f as a share of it, of the
 principal point as a share of the image's width."""
 
-UNKNOWN_LENS = Distortion("radtan", (0.0,) * 5)
+UNKNOWN_LENS, FISHEYE = Distortion("radtan", (0.0,) * 5), Distortion("equidistant", (0.0,) * 4)
+CLEARLY_BETTER, OUTLIER = 0.5, 25.0
+"""Ratio of mean squares below which a camera fits clearly better, and the square of a dot that does not fit."""
 
 SIZE_SIGMA, SIZE_LIMIT = 0.04, 16.0
 """Least standard deviation of the logarithm of a dot's area, and the most, in squares of it, that one dot counts."""

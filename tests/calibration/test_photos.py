@@ -13,8 +13,10 @@ from simulated_photos import hand_held, layout
 
 from markergen.calibration.network import CameraFreedom, Network
 from markergen.calibration.outliers import adjust_robustly
-from markergen.calibration.photos import find_dots
+from markergen.calibration.photos import _Seen, _started, find_dots
 from markergen.errors import InputError
+from markergen.maths.conics import outlines
+from markergen.maths.rotation import exponential
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
 from markergen.model.marker import Marker, build_marker
@@ -227,3 +229,25 @@ def test_real_photographs_of_a_square_grid_are_labeled_by_its_larger_dot(known):
     for pixels, seen, each in zip(found.views.pixels, found.views.seen, labels, strict=True):
         assert seen.all()
         assert np.linalg.norm(pixels - np.array(each["centres_px_row_major"])[place], axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("lens", "focal"),
+    [(("radtan", (-0.45, 0.2, 0.0, 0.0, 0.0)), 400.0), (("equidistant", (0.02, -0.01, 0.0, 0.0)), 220.0)],
+)
+def test_a_start_has_the_lens_that_fits(lens, focal):
+    """From the centers of dots alone, in 12 views up to the corners."""
+    rng, marker = np.random.default_rng(8), grid_marker()
+    camera = replace(CAMERA, fx=focal, fy=focal, cx=315.0, cy=245.0, distortion=Distortion(*lens))
+    seen = []
+    while len(seen) < 12:
+        middle = np.append(camera.from_pixels(rng.uniform(0.2, 0.8, 2) * [camera.width, camera.height]), 1.0)
+        lean = exponential(rng.uniform(-0.7, 0.7, 3) * [1, 1, 3]) @ np.diag([1.0, -1.0, -1.0])
+        drawn = outlines(marker.xyz, marker.radii, lean[None], 0.12 * middle[None] / np.linalg.norm(middle))
+        centers = camera.dot_centers(drawn.center, drawn.shape)[0]
+        if drawn.seen.all() and camera.sees(centers).all():
+            spread = np.broadcast_to(1e-4 * np.eye(2), (len(marker), 2, 2))
+            seen.append(_Seen(len(seen), 0, np.arange(len(marker)), centers, spread))
+    found = _started([marker], seen, (camera.width, camera.height))
+    assert found.distortion.model == lens[0]
+    assert found.fx == pytest.approx(focal, rel=0.02)
