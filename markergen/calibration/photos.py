@@ -149,13 +149,13 @@ def find_dots(
             results, reasons = _searched(markers, sources, None, None, progress, workers, notes)
             seen = _labeled(markers, results, {})
         camera = _started(markers, seen, size)
-        joined, shown = -1, len(sources) if not seen else 0
-        while joined < shown < len(sources):
-            joined = shown
+        before, joined = -1, 0
+        while seen and before < joined < len(sources):
+            if joined:
+                camera = _adjusted(markers, seen, camera)[0]
             results, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
             seen = _labeled(markers, results, {})
-            shown = len({dots.photo for dots in seen})
-            camera = _adjusted(markers, seen, camera)[0]
+            before, joined = joined, len({dots.photo for dots in seen})
     seen = _labeled(markers, results, reasons)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
@@ -393,13 +393,11 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
         sigma = np.sqrt(np.diag(cleaned.adjustment.camera_covariance))
     except (UndeterminedError, np.linalg.LinAlgError):
         return camera, np.inf
-    better, lost = (
-        cleaned.adjustment.camera,
-        sum(len(dots.index) for dots in seen) - int(cleaned.adjustment.weights.sum()),
-    )
+    better, count = cleaned.adjustment.camera, sum(len(dots.index) for dots in seen)
     # Better a rough camera than one that the views hardly determine.
     if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5:
-        return better, (cleaned.adjustment.chi2 + OUTLIER * lost) / max(sum(len(dots.index) for dots in seen), 1)
+        lost = count - float(cleaned.adjustment.weights.sum())
+        return better, (cleaned.adjustment.chi2 + OUTLIER * lost) / count
     return camera, np.inf
 
 

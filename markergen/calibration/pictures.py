@@ -91,7 +91,7 @@ def contradicted_diameters(
         ratios = np.array(
             [_widths(views, view, points, radii, camera, grey(int(photo[view])), marker) for view in shown]
         )
-        if len(ratios) < ALL:
+        if len(ratios) < ALL or not np.isfinite(ratios).any(axis=1).all():
             continue
         ratios = ratios[:, owner == number] / np.nanmedian(ratios[:, owner == number], axis=1, keepdims=True)
         off: Mask = (np.abs(np.log(ratios)) > np.log(1 + WIDER)).all(axis=0)
@@ -112,11 +112,11 @@ def _widths(
     views: Views, view: int, points: Array, radii: Array, camera: Camera, grey: NDArray[Any], marker: Marker
 ) -> Array:
     """Diameters (n,) of the dots in a view over those that marker and pose predict; nan where a dot is not found."""
-    blobs, ratio = markergen_detect.find_dots(grey, marker.light), np.full(len(points), np.nan)
-    drawn = outlines(points, radii, views.rotation[view : view + 1], views.translation[view : view + 1])
+    blobs, dots, ratio = markergen_detect.find_dots(grey, marker.light), views.seen[view], np.full(len(points), np.nan)
+    drawn = outlines(points[dots], radii[dots], views.rotation[view : view + 1], views.translation[view : view + 1])
     if len(blobs.center):
-        apart, nearest = cKDTree(blobs.center).query(views.pixels[view])
+        apart, nearest = cKDTree(blobs.center).query(views.pixels[view, dots])
         stretched = np.linalg.det(camera.pixel_jacobian(drawn.center[0])) * np.sqrt(np.linalg.det(drawn.shape[0]))
         area = blobs.semi[nearest].prod(axis=1)
-        ratio = np.where(views.seen[view] & (apart < 1), np.sqrt(area / np.abs(stretched)), np.nan)
-    return np.asarray(ratio)
+        ratio[dots] = np.where(apart < 1, np.sqrt(area / np.abs(stretched)), np.nan)
+    return ratio
