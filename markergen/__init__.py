@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from markergen.model.body import Plate
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
+    from markergen.model.poses import Poses
     from markergen.model.rig import Rig
     from markergen.optimize.design import Design
     from markergen.validation.result import Validation
@@ -54,6 +55,7 @@ __all__ = [
     "MissingLibraryError",
     "OutputError",
     "Plate",
+    "Poses",
     "Rescaled",
     "Rig",
     "Study",
@@ -75,6 +77,7 @@ _HOMES = {
     "model.marker": ("Marker",),
     "model.camera": ("Camera",),
     "model.body": ("Plate",),
+    "model.poses": ("Poses",),
     "model.rig": ("Rig",),
     "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
     "optimize.design": ("Design",),

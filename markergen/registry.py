@@ -103,6 +103,20 @@ class Registry(Generic[T]):
 
         return add
 
+    def take(self, name: str, entry: T) -> None:
+        """Add an entry that a caller made, or replace the one of before.
+
+        Raises
+        ------
+        InputError
+            If markergen has one of that name, or the entry is of another type.
+        """
+        taken = name in self and name not in self._outside
+        if wrong := "has the name of one of markergen's" if taken else self._wrong(name, entry):
+            raise InputError(f"an entry of its own name for the {self.kind} {name!r}", wrong, "rename or correct it")
+        self._entries[name] = entry
+        self._outside[name] = getattr(entry, "__module__", "")
+
     def names(self) -> list[str]:
         """Return all names, sorted, without those of plug-ins that do not work."""
         self._load()

@@ -163,3 +163,14 @@ def make_ngon() -> Callable[..., Marker]:
 def pentagon() -> Marker:
     """What `design` makes of its defaults."""
     return build_ngon(5, 0.15, 0.036)
+
+
+@pytest.fixture
+def only_our_objectives():
+    """Forget objectives that a test has passed to `markergen.design`."""
+    from markergen.objectives import OBJECTIVES
+
+    before = set(OBJECTIVES._outside)
+    yield
+    for name in set(OBJECTIVES._outside) - before:
+        del OBJECTIVES._entries[name], OBJECTIVES._outside[name]

@@ -37,6 +37,12 @@ DOORS = {
     ("model/marker.py", "Marker.load"): "model.body_json.load_marker",
     ("model/rig.py", "Rig.load"): "model.body_json.load_rig",
     ("model/rig.py", "Rig.save"): "api.export.export",
+    ("model/poses.py", "Poses.load"): "read.poses.poses_from",
+    # Boards are markers that nobody searches for.
+    ("model/marker.py", "Marker.grid"): "model.boards.grid",
+    ("model/marker.py", "Marker.hexagonal"): "model.boards.hexagonal",
+    ("model/marker.py", "Marker.circles"): "model.boards.circles",
+    ("model/marker.py", "Marker.from_points"): "model.boards.from_points",
     # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",
     # A body is a solid to build on, in CAD.

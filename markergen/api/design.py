@@ -29,6 +29,7 @@ from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids, parse_tag
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.animation import MOVIES, Movie
+from markergen.objectives.callers import objective_name
 from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
@@ -42,6 +43,7 @@ from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
+from markergen.read.outlines.boundary import PAGE
 from markergen.read.poses import poses_from
 from markergen.read.poses.conventions import READING
 from markergen.read.rig_plates import SUFFIXES, read_plates
@@ -55,9 +57,6 @@ log = logging.getLogger(__name__)
 
 Make = Callable[..., Spec]
 """Spec of a marker by the radius of its room, or the width and height, in mm."""
-
-PAGE = "page"
-"""Boundary that is the largest rectangle which a page holds."""
 
 ROOMS = ("radius", "boundary", "boundary_unit", "layer", "ignore_open", "template", "points", "target")
 """Options that say how large a marker is, or belong to others that do."""
@@ -202,7 +201,9 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
     limit.at = min(limit.at, monotonic() + request.seconds)
     with limited(limit):
         result = request.find(progress, watch)
-        if paths or results:
+        if (
+            paths or results or request.spec.points
+        ):  # Dots that were placed have the same record with and without files.
             result = result.certified(progress)
     for warning in result.warnings:
         log.warning("%s", warning)
@@ -312,6 +313,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
     if asked.get("restarts") == 0:  # In a spec, 0 stands for the objective's default.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
     template, seconds, output, traces, coverages = (asked.pop(name, None) for name in OUTSIDE_SPEC)
+    if "objective" in asked:
+        asked["objective"] = objective_name(asked["objective"])
     values = read_template(str(template)) if template else {}
     if "shape" in values:
         raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
@@ -320,7 +323,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
         if option in asked:
             values.pop(alternative, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
-    fit, page = values.get("radius") == "fit", values.get("boundary") == PAGE
+    fit, page = values.get("radius") == "fit", str(values.get("boundary")) == PAGE
     if fit and values.get("target"):
         raise InputError("a length for the radius", "--radius fit with --target", "give --radius 90mm, for example")
     if fit or page:
@@ -370,6 +373,8 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
     if not isinstance(shape, str):
         raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
     asked = given(options, RigKeywords)
+    if "objective" in asked:
+        asked["objective"] = objective_name(asked["objective"])
     template = asked.pop("template", None)
     if template:
         values = read_template(str(template))

@@ -96,7 +96,11 @@ SHOWN = 20
 UNNAMED = "="
 """Prefix of path steps that do not exist in the file itself."""
 
-_WORDS = {"missing": "missing", "extra_forbidden": "unknown key"}
+_WORDS = {
+    "missing": "missing",
+    "extra_forbidden": "unknown key",
+    **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "should be a table of values"),
+}
 
 
 def findings_of(error: "ValidationError", keys_at: Callable[[Location], Iterable[str]] = lambda _: ()) -> list[str]:

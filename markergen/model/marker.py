@@ -220,6 +220,71 @@ class Marker(Body):
         """
         return door("model.body_json.load_marker")(source)
 
+    @classmethod
+    def grid(
+        cls, size: str, pitch: float | str, dot: float | str | None = None, origin_dot: float | str | None = None
+    ) -> "Marker":
+        """Make a grid of dots, as of OpenCV, Kalibr and ROS-Industrial; ids count rows from the top left.
+
+        Parameters
+        ----------
+        size : str
+            Columns x rows, such as ``7x5``; ``4x11 asymmetric``: every other row is moved right by a pitch, and dots of
+            a row are two pitches apart, OpenCV's ``squareSize`` and Kalibr's ``spacingMeters``.
+        pitch : length
+            Distance between rows.
+        dot : length, optional
+            Diameter; half of the pitch by default.
+        origin_dot : length, optional
+            Diameter of the dot in the lower left, which then is the origin: ROS-Industrial's modified circle grid.
+            Without it, the origin is in the middle.
+
+        Raises
+        ------
+        InputError
+            If an argument is invalid.
+
+        Examples
+        --------
+        >>> Marker.grid("4x11 asymmetric", pitch="20mm")
+        Marker(44 control points in a rectangle of 152 mm x 212 mm, dots of 10 mm)
+        """
+        return door("model.boards.grid")(size, pitch, dot, origin_dot)
+
+    @classmethod
+    def hexagonal(cls, size: str, pitch: float | str, dot: float | str | None = None) -> "Marker":
+        """Make a hexagonal lattice of columns x rows, neighbors a pitch apart; otherwise as `grid`."""
+        return door("model.boards.hexagonal")(size, pitch, dot)
+
+    @classmethod
+    def circles(cls, rings: Sequence[tuple[int, float | str]], dot: float | str) -> "Marker":
+        """Make dots evenly on circles about the origin, the first of each straight up.
+
+        Parameters
+        ----------
+        rings : sequence of (int, length)
+            Number of dots of each circle, and its radius.
+        dot : length
+            Diameter.
+
+        Raises
+        ------
+        InputError
+            If an argument is invalid.
+        """
+        return door("model.boards.circles")(rings, dot)
+
+    @classmethod
+    def from_points(cls, points: Any, dot: float | str) -> "Marker":
+        """Make dots at given points (n, 2 or 3) in m, in a rectangle around them; ids count from 0.
+
+        Raises
+        ------
+        InputError
+            If an argument is invalid.
+        """
+        return door("model.boards.from_points")(points, dot)
+
     def __repr__(self) -> str:
         count, size = len(self), self.dot_words if self else ""
         parts = [f"{count} control point{'s' * (count != 1)} in a {self.boundary}"]

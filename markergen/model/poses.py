@@ -22,7 +22,7 @@ from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.pose_doubts import other_conventions, plausibility
-from markergen.registry import Registry
+from markergen.registry import Registry, door
 
 Codes = NDArray[np.int8]
 
@@ -60,9 +60,16 @@ class Placing(Protocol):
         """The poses from one distance in m."""
 
 
-@dataclass(frozen=True, eq=False)
-class PoseDistribution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Poses:
     """P poses T_camera_marker: X_camera = R X_marker + t.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> poses = mg.Poses.load("cone:tilt=0..60,distance=0.4..1m,count=50")
+    >>> len(poses), poses.rotation.shape, poses.translation.shape
+    (50, (50, 3, 3), (50, 3))
 
     Attributes
     ----------
@@ -88,8 +95,30 @@ class PoseDistribution:
     weight: Array | None = None
     placing: "Placing | None" = None
 
+    @classmethod
+    def load(cls, source: Any) -> "Poses":
+        """Make poses from all that the option ``poses`` takes.
+
+        Parameters
+        ----------
+        source : str, path, array, sequence, DataFrame, callable or Poses
+            A text such as ``cone:tilt=0..60``; a file; matrices (k, 4, 4) of T_camera_marker; k pairs of rotation
+            vector and translation in m, as ``zip(rvecs, tvecs)`` of OpenCV; a table with the columns of a file; or a
+            function that makes one of these from a `numpy.random.Generator`, which is always seeded the same.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or a pose is invalid.
+        """
+        return door("read.poses.poses_from")(source)
+
     def __len__(self) -> int:
         return len(self.rotation)
+
+    def __repr__(self) -> str:
+        near, far = (self.distance.min(), self.distance.max()) if len(self) else (0.0, 0.0)
+        return f"<Poses: {len(self)} of {self.name}, {near:.3g} to {far:.3g} m away>"
 
     @property
     def cos_tilt(self) -> Array:
@@ -182,6 +211,10 @@ class PoseDistribution:
         """Return a possible mistake in poses of which only `share` see all points (m, 2 or 3), or an empty string."""
         del points, camera, share
         return ""
+
+
+PoseDistribution = Poses
+"""The name inside markergen."""
 
 
 @dataclass(frozen=True)
@@ -356,7 +389,7 @@ _LOOKED_AT = 5000
 """Number of poses that are tested with other conventions."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class RecordedPoses(PoseDistribution):
     """Poses of a file; files with the same content give equal poses, whatever their names.
 
@@ -395,12 +428,17 @@ class RecordedPoses(PoseDistribution):
         )
 
     @staticmethod
+    def from_numbers(numbers: Array, name: str = "poses", dropped: int = 0) -> "RecordedPoses":
+        """Record poses, as numbers (P, 7), that do not come from a file, under a name."""
+        return RecordedPoses.of(numbers, name, hashlib.sha256(numbers.tobytes()).hexdigest(), dropped)
+
+    @staticmethod
     def from_distribution(poses: PoseDistribution, name: str = "poses") -> "RecordedPoses":
         """Record poses that do not come from a file, under a name."""
         from scipy.spatial.transform import Rotation
 
         numbers = np.hstack([poses.translation, Rotation.from_matrix(poses.rotation).as_quat()])
-        return RecordedPoses.of(numbers, name, hashlib.sha256(numbers.tobytes()).hexdigest(), poses.dropped)
+        return RecordedPoses.from_numbers(numbers, name, poses.dropped)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RecordedPoses) and self.sha256 == other.sha256

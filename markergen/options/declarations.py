@@ -19,6 +19,7 @@ from markergen.options.kinds import (
     Length,
     LengthOrAuto,
     LengthOrFit,
+    ObjectiveLike,
     Poses,
     Settings,
     Shape,
@@ -246,7 +247,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     objective: Annotated[
-        str,
+        ObjectiveLike,
         Option(
             SEARCH,
             "What to minimize: pose, rotation, translation, homography or condition; or a weighted sum, each relative "

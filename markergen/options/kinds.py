@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
+from types import FunctionType, MethodType
 from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from markergen.errors import InputError
@@ -192,11 +193,11 @@ def _settings(value: Any, _: str) -> Any:
     raise _wrong("named numbers: a text such as 'blur_px=1.5,noise_grey=4', or a dictionary")
 
 
-def _thing(expected: str) -> Reader:
-    """Pass on an object of a markergen class that this layer cannot import; builtins are refused."""
+def _thing(expected: str, others: tuple[type, ...] = ()) -> Reader:
+    """Pass on an object of a markergen class that this layer cannot import; builtins but for `others` are refused."""
 
     def read(value: Any, _: str) -> Any:
-        if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":
+        if isinstance(value, (str, os.PathLike, Mapping, *others)) or type(value).__module__ != "builtins":
             return value
         raise _wrong(expected)
 
@@ -216,7 +217,6 @@ if TYPE_CHECKING:
     from markergen.model.boundary import Boundary
     from markergen.model.camera import Camera
     from markergen.model.marker import Marker
-    from markergen.model.poses import PoseDistribution
     from markergen.model.rig import Rig
 
     Length = float | str
@@ -232,7 +232,8 @@ if TYPE_CHECKING:
     MarkerLike: TypeAlias = str | PathLike[str] | IO[str] | IO[bytes] | Marker | Mapping[str, Any]
     TargetLike: TypeAlias = MarkerLike | Rig
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
-    Poses = str | PathLike[str] | PoseDistribution
+    Poses = Any
+    ObjectiveLike = str | Callable[..., Any]
     Covariance = str | PathLike[str] | Sequence[Sequence[float]] | NDArray[Any]
     Settings = str | Mapping[str, float]
     Layout = str | PathLike[str] | Sequence[Sequence[float | str]] | NDArray[Any]
@@ -271,8 +272,18 @@ else:
     )
     Poses = _kind(
         "poses",
-        "str | Path | PoseDistribution",
-        _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
+        "str | Path | Poses | array | pairs | DataFrame | callable",
+        _thing(
+            "poses: a text such as 'paper' or 'cone:tilt=0..60', a path, matrices (k, 4, 4), pairs of rvec and tvec, a "
+            "DataFrame, or a function of a generator",
+            (list, tuple, zip, FunctionType, MethodType),
+        ),
+        schema=_TEXT,
+    )
+    ObjectiveLike = _kind(
+        "objective",
+        "str | callable | Objective subclass",
+        _thing("an objective: a name, a function of points and view, or a subclass of Objective", (FunctionType, type)),
         schema=_TEXT,
     )
     Covariance = _kind("covariance", "str | Path | array", _covariance, Path, schema=_rows_of({"type": "number"}))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.options import DOTS, FILES, LAYOUT, SEARCH, VIEW, Option
-from markergen.options.kinds import File, Files, Length, LengthOrAuto, Poses, Texts
+from markergen.options.kinds import File, Files, Length, LengthOrAuto, ObjectiveLike, Poses, Texts
 from markergen.options.shared import (
     Aggregate,
     Camera,
@@ -93,7 +93,7 @@ class RigKeywords(SheetKeywords, total=False):
         Length, Option(DOTS, "Side of a tag's black square, without its white edge.", otherwise="a third of the radius")
     ]
     objective: Annotated[
-        str,
+        ObjectiveLike,
         Option(SEARCH, "What to minimize of the joint pose: pose, rotation or translation.", "pose", metavar="NAME"),
     ]
     aggregate: Aggregate

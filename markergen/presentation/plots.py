@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -239,7 +240,7 @@ def new_figure(size: tuple[float, float] = (6.4, 4.8)) -> "Figure":
 
 
 def axes_of(ax: object, size: tuple[float, float] = (6.4, 4.8)) -> "Axes":
-    """Return the given axes, or for None those of a new figure of `size` in inches.
+    """Return the given axes, or for None those of a new figure of `size` in inches, which notebooks show.
 
     Raises
     ------
@@ -249,7 +250,11 @@ def axes_of(ax: object, size: tuple[float, float] = (6.4, 4.8)) -> "Axes":
     from matplotlib.axes import Axes
 
     if ax is None:
-        return new_figure(size).add_subplot()
+        figure = new_figure(size)
+        ax = figure.add_subplot()
+        # As for pyplot's figures, a cell's last line is its picture.
+        ax._repr_png_ = partial(_saved, figure, format="png", dpi=110)  # type: ignore[attr-defined]
+        return ax
     if not isinstance(ax, Axes):
         raise InputError("axes of matplotlib", f"ax={brief(ax)}", "give axes from plt.subplots, or None")
     return ax

@@ -25,7 +25,7 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.json_text import findings_of, in_one_line
 from markergen.model.marker import Marker
-from markergen.model.poses import MOST_KEPT, PoseDistribution, RecordedPoses
+from markergen.model.poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, built
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
@@ -37,7 +37,7 @@ from markergen.read.cameras import load_camera, sized
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.dot_tables import is_table, parsed_layout, read_layout
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
-from markergen.read.poses import poses_as_stated, settled_poses
+from markergen.read.poses import poses_as_stated, poses_from, settled_poses
 from markergen.read.poses.conventions import READING
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import SMALLEST_LENGTH, parse_length, parse_settings
@@ -206,10 +206,9 @@ def stated_poses(value: object) -> str | RecordedPoses:
         return value
     if isinstance(value, PathLike):
         return str(value)
-    if isinstance(value, PoseDistribution):
-        return RecordedPoses.from_distribution(value)
     if not isinstance(value, Mapping):
-        raise ValueError("Input should be a valid string")
+        poses = poses_from(value)
+        return poses if isinstance(poses, RecordedPoses) else RecordedPoses.from_distribution(poses)
     try:
         table = _Poses.model_validate(dict(value))
         numbers = numbers_of_rows(table.rows)
@@ -239,6 +238,7 @@ _FILED: dict[str, Any] = {
     "int or auto": Whole,
     "float": Finite,
     "str": str,
+    "objective": str,
     "file": str,
     "bool": bool,
     "length": Length,

@@ -204,7 +204,7 @@ def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
         (("control_points", 3, "measured"), {}, "control_points[3].measured.diameter: missing"),
         (("control_points", 3, "feature", "polarity"), "grey", ".polarity: Input should be 'dark' or 'light'"),
         (("rulers", "x"), 0, "rulers.x: Input should be greater than 0"),
-        (("extensions",), [], "extensions: Input should be a valid dictionary"),
+        (("extensions",), [], "extensions: should be a table of values"),
         (("plates", 0, "name"), "right", "plates[1].name: 'right' is used twice"),
         (("plates", 0, "pose", "rotation", 0, 0), -1.0, "plates[0]: expected a pose with a rotation"),
         (("plates", 0, "pose", "rotation", 0, 0), 1.00001, "plates[0]: expected a pose with a rotation"),

@@ -86,7 +86,7 @@ def test_values_are_converted(name, given, settled):
         ("boundary", 0.15, "an outline"),
         ("keep_out", ["circle:3mm", 3], "an outline"),
         ("camera", 5, "a camera"),
-        ("poses", [1, 2], "poses: a text"),
+        ("poses", 3, "poses: a text"),
     ],
 )
 def test_a_wrong_type_is_told(name, given, expected):

@@ -270,14 +270,14 @@ def test_a_plate_with_units_and_holes_as_on_the_command_line():
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        (3, "substrate: Input should be a valid dictionary"),
+        (3, "substrate: should be a table of values"),
         ({"thickness": "thin"}, "substrate.thickness: Input should be a valid number (got 'thin')"),
         ({"thickness": "4"}, "substrate.thickness: Input should be less than or equal to 1 (got 4.0)"),
         ({"mount": "4xM7@0.1"}, "substrate: mount: expected a metric screw or a diameter, found 'M7'"),
         ({"mount": 4}, "substrate: mount: expected mounting holes, found '4'"),
         ({"dowel": [["2x4mm@0.1"]]}, "substrate: dowel: expected dowel holes"),
         ({"holes": 4}, "substrate.holes: Input should be a valid list"),
-        ({"holes": [4], "mount": "4xM3@0.1"}, "substrate.holes[0]: Input should be a valid dictionary"),
+        ({"holes": [4], "mount": "4xM3@0.1"}, "substrate.holes[0]: should be a table of values"),
         ({"outline": "plate.dxf"}, "expected a readable outline at plate.dxf, found No such file or directory"),
         ({"color": "white"}, "substrate.color: unknown key"),
     ],

@@ -13,6 +13,7 @@ from markergen.comparison.contestants.printed import Grey, Printed, disk_outline
 from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
+from markergen.model.boards import unit_grid
 from markergen.model.camera import Camera
 
 SHARE = 0.5
@@ -99,17 +100,6 @@ class CircleGrid(Printed):
             homography = plane_homography(rotation[None], translation[None], camera.matrix)
             corrected = pixels - center_offset(self.plane_points, self.diameter / 2, homography)
         return corrected
-
-
-def unit_grid(columns: int, rows: int, asymmetric: bool) -> Array:
-    """Centers (columns rows, 2) about the origin with y up; neighbors along a row are 1 apart, asymmetric ones 2.
-
-    As in OpenCV, every other row of an asymmetric grid is displaced by half of that distance, to the right.
-    """
-    row, column = np.divmod(np.arange(columns * rows), columns)
-    x = 2 * column + row % 2 if asymmetric else column
-    place = np.stack([x, -row], axis=-1).astype(float)
-    return place - (place.min(axis=0) + place.max(axis=0)) / 2
 
 
 @lru_cache(maxsize=16)

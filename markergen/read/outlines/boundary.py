@@ -281,13 +281,17 @@ def parse_boundary(
     return polygon_from([corners + center], "file")
 
 
+PAGE = "page"
+"""Boundary that is the largest rectangle which a page holds."""
+
+
 def is_drawing(text: str | Path) -> bool:
     """Tell whether a boundary is given as a file rather than a radius or a shape; raises InputError if it is empty."""
     text_lines = str(text)
     if not text_lines.strip():
         raise InputError("a boundary", "none", _FORMS)
     is_number = _NUMBER.fullmatch(text_lines) and not text_lines.lower().endswith(_SUFFIXES)
-    return isinstance(text, Path) or not (is_number or _SHAPE.fullmatch(text_lines.strip()))
+    return isinstance(text, Path) or not (is_number or text == PAGE or _SHAPE.fullmatch(text_lines.strip()))
 
 
 def read_room(

@@ -23,7 +23,7 @@ from markergen.read.poses.conventions import (
     settled_frame,
 )
 from markergen.read.poses.images_bin import is_images
-from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile
+from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile, numbers_of
 from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
 
@@ -64,25 +64,51 @@ POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markerge
 """Formats by name."""
 
 
-def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution:
-    """Make poses from a text (``paper``, ``cone:tilt=40..70``; see `named_poses`) or a file (see `read_poses`).
+def poses_from(source: Any) -> PoseDistribution:
+    """Make poses from a text (``paper``, ``cone:tilt=40..70``; see `named_poses`), a file (see `read_poses`) or values.
 
     A distribution is returned unchanged, and a path object is always a file. In a text, a file with the name of a
-    preset needs its folder: ``./paper``.
+    preset needs its folder: ``./paper``. Values are those of `Poses.load`.
 
     Raises
     ------
     InputError
         If it is none of these, or as the readers raise.
     """
-    if isinstance(wish, PoseDistribution):
-        return wish
-    if isinstance(wish, PathLike):
-        return read_poses(Path(wish))
-    if not isinstance(wish, str):
-        raise InputError("poses", brief(wish), "give a text such as cone:tilt=0..60, a path, or a PoseDistribution")
-    poses = settled_poses(wish)
-    return named_poses(poses) if isinstance(poses, str) else poses
+    if isinstance(source, PoseDistribution):
+        return source
+    if isinstance(source, PathLike):
+        return read_poses(Path(source))
+    if isinstance(source, str):
+        poses = settled_poses(source)
+        return named_poses(poses) if isinstance(poses, str) else poses
+    if callable(source):
+        return poses_from(source(np.random.default_rng(0)))
+    if hasattr(source, "to_csv"):
+        return _reading_of("the DataFrame", source.to_csv(index=False).encode(), AS_WRITTEN).poses
+    return RecordedPoses.from_numbers(_numbers_of_arrays(source))
+
+
+FORMS = "matrices (k, 4, 4) of T_camera_marker, or pairs of rotation vector and translation"
+
+
+def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
+    """Numbers (P, 7) of matrices (k, 4, 4), or of pairs of vectors (k, 2, 3)."""
+    try:
+        values = np.array(source if hasattr(source, "__len__") else list(source), dtype=float)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape[-2:] == (4, 4) and (values[..., 3, :] == [0, 0, 0, 1]).all():
+        matrices = values.reshape(-1, 4, 4)
+        translation, rotation = matrices[:, :3, 3], matrices[:, :3, :3].reshape(-1, 9)
+    elif values.ndim > 2 and values.shape[1:3] == (2, 3) and values.size == 6 * len(values):
+        rotation, translation = values.reshape(-1, 2, 3).swapaxes(0, 1)
+    else:
+        remedy = f"give a text such as cone:tilt=0..60, a path, {FORMS}, a DataFrame, or a function of a generator"
+        raise InputError("poses", brief(source), remedy)
+    if not len(translation):
+        raise InputError("at least one pose", "none", f"give {FORMS}")
+    return numbers_of(translation, rotation, lambda index: f"poses[{index}]")
 
 
 def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
@@ -157,27 +183,32 @@ def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> Rec
 def pose_reading(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> PoseReading:
     """Read poses as `read_poses` does, with what their file says of them."""
     path = Path(path)
-    place, data = read(path, "poses")
+    _, data = read(path, "poses")
+    return _reading_of(path.name if path.name.isprintable() else brief(path.name), data, convention)
+
+
+def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReading:
+    """Read the poses of a file's content."""
     if data.count(b"\n") > MOST_LINES:
         raise InputError(
-            f"at most {MOST_ROWS} poses at {place}", f"more than {MOST_LINES} lines", "take every tenth pose"
+            f"at most {MOST_ROWS} poses in {name}", f"more than {MOST_LINES} lines", "take every tenth pose"
         )
     text = data.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
-    file = RowsFile(path.name if path.name.isprintable() else brief(path.name), text, convention)
+    file = RowsFile(name, text, convention)
     refuse_unreadable(file.name, text, "poses")
     if b"\0" in data and not is_images(data):
-        raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
-    for name in POSE_FORMATS:
-        if POSE_FORMATS[name].fits(file):
-            reading = POSE_FORMATS[name].read(file)
+        raise InputError(f"text in {name}", "bytes that are not text", "write the poses as text")
+    for kind in POSE_FORMATS:
+        if POSE_FORMATS[kind].fits(file):
+            reading = POSE_FORMATS[kind].read(file)
             raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
             frame, axes = settled_frame(convention, raw, file.stated, file.name)
             numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
             poses = RecordedPoses.of(numbers, file.name, _digest(data, convention))
-            return PoseReading(poses, name, frame, axes)
-    signs = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
+            return PoseReading(poses, kind, frame, axes)
+    signs = "; ".join(f"{kind}: {POSE_FORMATS[kind].signs}" for kind in POSE_FORMATS)
     raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {signs}")
 
 
