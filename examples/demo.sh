@@ -7,10 +7,11 @@ mkdir -p "$folder"
 cd "$folder"
 say() { printf '\n\033[1m%s\033[0m\n' "$*"; }
 
-say "1. Design a marker with 5 control points in a disk of 0.15 m, and draw it at true size"
-markergen design --n 5 --radius 0.15 -o marker.pdf
+say "1. Design a marker that fills the page in the printer"
+markergen design -o marker.pdf -o marker.png
+python "$examples/show_sheet.py" marker.png
 
-say "2. Validate it: 400 poses x 1000 noisy runs x 5 estimators, and 100 synthetic views, about a minute"
+say "2. Validate it: 400 poses x 200 noisy runs x 5 estimators, and 100 synthetic views, 20 s"
 markergen validate marker.json --report report.html --json validation.json
 
 say "3. Make it as solids and as drawings, and check every file against marker.json"
@@ -27,7 +28,7 @@ python "$examples/measure_print.py" marker.json print
 
 say "Results, in $(pwd)"
 cat <<'END'
-  marker.pdf       the marker at true size: print at 100 % on A2 and check the rulers
+  marker.pdf       the marker at true size: print at 100 % and check the rulers; marker.png, to look at
   marker.json      the marker itself: every point, its design spec, and its accuracy
   report.html      its expected accuracy and what limits it: open it in a browser
   validation.json  the same for programs: the errors of each estimator, and the bounds

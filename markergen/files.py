@@ -25,12 +25,12 @@ class Written(NamedTuple):
         return f"wrote {self.path}{': ' * bool(self.notes)}{' '.join(self.notes[:2])}"
 
 
-_IN_CHECKOUT = {"templates": "templates", "schemas": "docs"}
+_IN_CHECKOUT = {"templates": "templates", "schemas": "docs", "examples": "examples"}
 """Folders of a checkout by their name in the wheel."""
 
 
 def shipped_folder(name: str) -> Path:
-    """Return a folder of files shipped with markergen, ``templates`` or ``schemas``, from a wheel or a checkout."""
+    """Return a folder of files shipped with markergen, such as ``templates``, from a wheel or a checkout."""
     package = Path(__file__).parent
     folder = package / name
     return folder if folder.is_dir() else package.parent / _IN_CHECKOUT[name]

@@ -82,7 +82,7 @@ def here(made, tmp_path, monkeypatch):
 
 
 def test_every_command_with_results_is_listed():
-    assert set(typer.main.get_command(app).commands) - set(COMMANDS) == {"studio"}
+    assert set(typer.main.get_command(app).commands) - set(COMMANDS) == {"studio", "example"}
     assert set(KEYS) == set(COMMANDS)
 
 

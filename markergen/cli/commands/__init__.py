@@ -22,6 +22,7 @@ FIRST = [
     "study",
     "inspect",
     "templates",
+    "example",
 ]
 """Commands that help lists first, in the order of a user's work; the others follow by name."""
 
