@@ -4,13 +4,17 @@
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.arguments import as_camera, files_among, marker_of
 from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
+from markergen.calibration.live import photographs_of
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
+from markergen.detect.detector import Detector
 from markergen.errors import InputError
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.marker import Marker
@@ -21,6 +25,7 @@ from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras import sized
 from markergen.read.cameras.covariance import camera_covariance
+from markergen.read.videos import is_video
 from markergen.units import format_length, parse_length
 
 _log = logging.getLogger(__name__)
@@ -37,6 +42,7 @@ def calibrate(
     json: File | None = None,
     report: File | None = None,
     progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
     **options: Unpack[CalibrateKeywords],
 ) -> Calibration:
     """Measure a printed marker, and the camera if it is unknown, by photographs of it.
@@ -50,7 +56,8 @@ def calibrate(
         The marker as designed, rescaled, or with dots measured by hand, which then count as prior knowledge; or a rig,
         whose markers' relation is then measured, too.
     photos : path, folder, pattern, image, or several of these
-        Photographs of one size. An image is an array (h, w) or (h, w, 3) in BGR, as `cv2.imread` returns it.
+        Photographs of one size. An image is an array (h, w) or (h, w, 3) in BGR, as `cv2.imread` returns it. Or one
+        video, number of a camera or stream, of which still views are taken until more hardly help.
     camera : Camera, path, dict or None
         None: it is estimated from the photographs, too.
     save : path or list of paths
@@ -60,6 +67,8 @@ def calibrate(
         Files for the results as JSON, and for the report.
     progress : callable or None
         Called with the stage, the amount done, and the total.
+    tell : callable or None
+        Takes a line for each photograph taken from a video.
     **options
         As on the command line, ``markergen calibrate --help``, with underscores.
 
@@ -126,6 +135,10 @@ def calibrate(
     moved = knowledge.camera is None or knowledge.covariance is not None
     Calibration.check_targets(targets, len(bodies), knowledge.free or has_relation, moved)
     targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
+    if isinstance(source := (as_list(photos) or [""])[0], str | Path) and is_video(source):
+        detector = Detector(bodies if has_relation else designs, taken)
+        judge = partial(calibrate_bodies, bodies, knowledge=knowledge, workers=1)
+        photos = photographs_of(str(source), detector, judge, tell or (lambda _: None))
     calibration = calibrate_bodies(bodies, photos, knowledge, settled["workers"], progress)
     _log.info("calibrated by %d views", len(calibration.adjustment.views))
     return calibration.saved(targets)

@@ -18,7 +18,12 @@ def calibrate(
         Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
     ],
     photos: Annotated[
-        list[str], typer.Argument(metavar="PHOTO...", help="Image files, folders of them, or patterns such as '*.jpg'.")
+        list[str],
+        typer.Argument(
+            metavar="PHOTO...",
+            help="Image files, folders of them, or patterns such as '*.jpg'; or one video, camera number such as 0, or "
+            "stream: still views are taken by themselves until more hardly help.",
+        ),
     ],
     camera: Annotated[
         Path | None,
@@ -50,6 +55,7 @@ def calibrate(
     \b
     Example:
       markergen calibrate marker.json photos/ --camera camera.yaml -o measured.json --report calibration.html
+      markergen calibrate marker.json 0 --camera camera.yaml -o measured.json
       markergen calibrate marker.json photos/ --measured 0-2=244.1mm -o measured.json -o camera.yaml
       markergen calibrate marker.json photos/ --geometry nominal -o camera.yaml
       markergen calibrate cube.json photos/ --camera camera.yaml -o measured-cube.json
@@ -59,7 +65,7 @@ def calibrate(
     with console.progress_bar() as progress:
         result = measure(
             marker, photos, camera, save=output or (), report=report, json=console.file_of(json),
-            progress=progress, **options,
+            progress=progress, tell=console.note, **options,
         )  # fmt: skip
     console.print_result(result, json)
     if closing := result.closing(console.is_stdout(json)):
