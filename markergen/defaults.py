@@ -24,8 +24,9 @@ DARK, LIGHT = 30, 225
 NOISE_PX = 0.2
 """Standard deviation in px of the noise on image coordinates in trials."""
 
-RUNS = 1000
-"""Noisy trials of a pose."""
+RUNS = 200
+"""Noisy trials of a pose: over 400 poses they give RMS errors to 0.3 %, over the 80 of a tilt to 0.6 % (1 / sqrt(2 N)
+of Gaussian ones); 1000, as in the paper, take 110 s of a processor instead of 30."""
 
 VIEWS = 100
 """Synthetic views of a validation."""
