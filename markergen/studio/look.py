@@ -14,7 +14,6 @@ from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
-from markergen.model.planned_error import amount
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -28,7 +27,7 @@ from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
 from markergen.studio.state import KEPT, Options, design_of, plain_options, points_as_text, spec_of_options
 from markergen.validation.bounds import budget_of
-from markergen.validation.error_to_plan_with import cells_of, plan_for, source_of
+from markergen.validation.error_to_plan_with import cells_of, plan_for
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
 from markergen.validation.sentences import limit_sentences, marker_plan
@@ -252,14 +251,7 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
-    turned, moved = rms(rotation), rms(translation)
-    source = source_of(1e3 * layout.sources.print_sigma, layout.sources.camera_covariance is not None)
-    sentence = (
-        f"{amount(turned)} deg and {amount(moved)} mm RMS over {len(poses)} poses, to first order, "
-        f"with {source}; where it is hardest, at a tilt of {tilt} deg and {distance} m, "
-        f"{amount(rms(rotation[mask]))} deg."
-    )
-    return {"rotation_deg": turned, "translation_mm": moved, "hardest": hardest, "sentence": sentence}
+    return {"rotation_deg": rms(rotation), "translation_mm": rms(translation), "hardest": hardest}
 
 
 def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:

@@ -3,6 +3,7 @@
 # tests: tests/studio/test_regions.py tests/studio/test_server.py
 
 import json
+import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +15,7 @@ import numpy as np
 from markergen import __version__
 from markergen.api.design import design, request_of
 from markergen.api.names import names_of, takes_names
-from markergen.drawing.paper import find_paper
+from markergen.drawing.paper import find_paper, paper_of_locale
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
 from markergen.exporters.png import pixels_per_meter
@@ -58,6 +59,8 @@ def declared_options() -> dict[str, Any]:
         "version": __version__,
         "forms": {"marker": _form(DesignKeywords), "rig": _form(RigKeywords)},
         "units": names_of("boundary_unit"),
+        "papers": [name for name in names_of("paper") if not name.endswith("-landscape")],
+        "paper": paper_of_locale(os.environ),
         "formats": [
             *({"suffix": suffix, "words": title} for suffixes, title in catalog() for suffix in suffixes),
             {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},

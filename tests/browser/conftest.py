@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from tests.support.studio import Studio, free_port, serving
+from tests.support.studio import Studio, free_port, link_of, serving
 
 ARGUMENTS = ("--no-sandbox", "--disable-background-networking", "--disable-component-update")
 
@@ -70,7 +70,9 @@ def address():
 
 @pytest.fixture
 def studio(address, opened):
-    with opened(address, lambda url: url.startswith((address, "blob:" + address[: address.index("/", 8)]))) as page:
+    with opened(
+        link_of({}, address), lambda url: url.startswith((address, "blob:" + address[: address.index("/", 8)]))
+    ) as page:
         found = Studio(page)
         found.settle()
         yield found
@@ -82,7 +84,7 @@ def refusing(address, chromium):
     context = chromium.new_context()
     page, wrong = context.new_page(), []
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.goto(address)
+    page.goto(link_of({}, address))
     found = Studio(page)
     found.settle()
     yield found

@@ -24,14 +24,14 @@ def test_it_begins_with_a_polygon_and_its_error(studio):
 
 
 def test_an_option_changes_the_design(studio):
-    studio.page.get_by_label("n", exact=True).fill("8")
+    studio.page.locator("#option-n").fill("8")
     studio.page.keyboard.press("Tab")
     assert studio.dots() == 8
     assert studio.state() == {"n": "8"}
 
 
 def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_path, monkeypatch):
-    studio.page.get_by_label("n", exact=True).fill("6")
+    studio.page.locator("#option-n").fill("6")
     studio.page.keyboard.press("Tab")
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#optimize:text-is('Stop')")
@@ -48,6 +48,7 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
     with studio.page.expect_download() as loading:
         studio.page.click("#download")
     loading.value.save_as("loaded.json")
+    studio.page.click("#copy")
     studio.page.click("#command")
     studio.until("() => document.getElementById('said').textContent.includes('markergen design')")
     typed = shlex.split(studio.said().partition(": ")[2].replace("marker.pdf", "typed.json"))
@@ -56,7 +57,7 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
 
 
 def test_a_search_can_be_stopped(studio):
-    studio.page.get_by_label("n", exact=True).fill("30")
+    studio.page.locator("#option-n").fill("30")
     studio.page.keyboard.press("Tab")
     before = studio.state()
     studio.page.click("#optimize")
@@ -68,7 +69,7 @@ def test_a_search_can_be_stopped(studio):
 
 
 def test_a_search_ends_when_the_design_is_changed(studio):
-    number = studio.page.get_by_label("n", exact=True)
+    number = studio.page.locator("#option-n")
     number.fill("20")
     studio.page.keyboard.press("Tab")
     studio.page.click("#optimize")
@@ -81,7 +82,7 @@ def test_a_search_ends_when_the_design_is_changed(studio):
 
 
 def test_sixty_dots_are_searched(studio):
-    studio.page.get_by_label("n", exact=True).fill("60")
+    studio.page.locator("#option-n").fill("60")
     studio.page.keyboard.press("Enter")
     assert studio.dots() == 60
     polygon = studio.degrees()
@@ -134,7 +135,7 @@ def test_what_takes_long_is_said_meanwhile(studio):
     assert studio.page.evaluate(shown) == "hidden"
     held = []
     studio.page.route("**/look", lambda route: held.append(route))
-    studio.page.get_by_label("n", exact=True).fill("7")
+    studio.page.locator("#option-n").fill("7")
     studio.page.keyboard.press("Tab")
     studio.until(f"() => ({shown})() === 'visible'")
     held.pop().continue_()
@@ -160,7 +161,7 @@ def test_a_refused_state_is_neither_downloaded_nor_copied(refusing):
 
 def test_what_is_typed_last_is_what_is_downloaded(studio):
     studio.page.select_option("#suffix", ".json")
-    studio.page.get_by_label("n", exact=True).fill("9")
+    studio.page.locator("#option-n").fill("9")
     with studio.page.expect_download() as loading:
         studio.page.click("#download")
     assert len(json.loads(loading.value.path().read_text())["control_points"]) == 9

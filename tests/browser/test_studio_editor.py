@@ -125,8 +125,8 @@ def test_a_finger_moves_dots_and_scrolls_the_page(address, opened):
 
 def test_numbers_follow_a_dragged_dot_at_once(studio, record_property):
     for count, ratio in LIVE.items():
-        studio.page.get_by_label("n", exact=True).fill(str(count))
-        studio.page.get_by_label("dot", exact=True).fill("10mm")
+        studio.page.locator("#option-n").fill(str(count))
+        studio.page.locator("#option-dot").fill("10mm")
         studio.page.keyboard.press("Tab")
         studio.settle()
         took = studio.page.evaluate(
@@ -179,7 +179,7 @@ def test_the_focus_and_what_is_typed_stay_in_the_table_of_dots(studio):
 
 
 def test_the_dots_of_a_relief_have_heights_to_type(studio):
-    studio.page.get_by_label("relief", exact=True).fill("20mm")
+    studio.page.locator("#option-relief").fill("20mm")
     studio.page.keyboard.press("Tab")
     studio.settle()
     studio.page.click("#table summary")
@@ -212,7 +212,7 @@ def test_the_keyboard_alone_is_enough(studio):
         if name == "optimize":
             break
     assert reached[-1] == "optimize"
-    number = studio.page.get_by_label("n", exact=True)
+    number = studio.page.locator("#option-n")
     number.focus()
     studio.page.keyboard.type("6")
     studio.page.keyboard.press("Enter")

@@ -132,7 +132,7 @@ def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing,
         refusing.give(tmp_path / name)
         refusing.page.wait_for_selector(f"#said.fault:has-text('{said}')")
         assert refusing.state() == before
-    refusing.page.get_by_label("radius", exact=True).fill("wide")
+    refusing.page.locator("#option-radius").fill("wide")
     refusing.page.keyboard.press("Tab")
     refusing.page.wait_for_selector("#option-radius[aria-invalid]")
     refusing.page.click("#undo")

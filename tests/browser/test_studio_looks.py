@@ -84,7 +84,7 @@ def test_it_prints_on_white_with_the_options_of_the_design(studio, theme):
     from pypdfium2 import PdfDocument
 
     page = studio.page
-    page.get_by_label("radius", exact=True).fill("123mm")
+    page.locator("#option-radius").fill("123mm")
     page.keyboard.press("Tab")
     page.wait_for_selector("body[data-rested]", timeout=60_000)
     studio.settle()

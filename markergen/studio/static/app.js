@@ -8,7 +8,9 @@ import { files } from "./files.js";
 import { form } from "./options.js";
 
 const AFTER = 500, RETRY = 2000, KEPT = 200;
-const COPIES = ["command", "python", "spec", "share"];
+const COPIES = { command: "Command", python: "Python", spec: "Spec", share: "Link" };
+/* Nearest over farthest distance of the poses that are the default, and their largest tilt. */
+const NEAREST = 0.4, TILT = 70;
 
 let known = null, options = {}, look = null, body = null;
 /* Rigs of this page by their states, and the latest state that is none of a rig. */
@@ -33,7 +35,7 @@ function told(error) {
   if (error instanceof Gone) return lost();
   if (!(error instanceof Refused)) throw error;
   said(error.message, true);
-  fields.refuse(error.found);
+  fields.refuse(error.found, error.message);
 }
 
 /* --- the address and the past ------------------------------------------------------------------------------- */
@@ -106,7 +108,7 @@ function buttons() {
   by("undo").disabled = !past.length || Boolean(search);
   by("redo").disabled = !future.length || Boolean(search);
   by("clear").hidden = ![options.boundary, ...keepOuts()].some(isDrawn);
-  for (const id of COPIES) by(id).disabled = Boolean(body) && !body.designed;
+  by("copy").disabled = Boolean(body) && !body.designed;
   by("optimize").textContent = search ? "Stop" : "Optimize";
   // It would search for a marker that is not shown.
   by("optimize").disabled = Boolean(body) && !search;
@@ -174,6 +176,9 @@ function show(number) {
 }
 
 const fill = () => {
+  by("first-paper").value = options.paper || look?.options.paper || "";
+  by("first-camera").value = typeof options.camera === "object" ? "file" : options.camera === "phone" ? "phone" : "";
+  if (document.activeElement !== by("first-far")) by("first-far").value = /\.\.([\d.]+)m?,/.exec(options.poses)?.[1] ?? "";
   fields.show(options, look ? { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` } : {});
   fields.refuse();
 };
@@ -194,6 +199,7 @@ function refused(error) {
 async function rest() {
   if (search || !look || body) return;
   see();
+  page();
   if (look.problems.length) return facts.failed("After the problems above are mended.");
   facts.later(null);
   slow = new AbortController();
@@ -203,6 +209,20 @@ async function rest() {
   } catch (error) {
     if (error instanceof Refused) facts.failed(error.message);
     else told(error);
+  }
+}
+
+/* The sheet as it is printed, while it is looked at. */
+async function page() {
+  if (!by("sheet").open || !look || look.problems.length) return;
+  try {
+    const answer = await ask("export", { options: look.options, suffix: ".png" });
+    if (answer.headers.get("Content-Type") !== "image/png") return;
+    URL.revokeObjectURL(by("page").src);
+    by("page").src = URL.createObjectURL(await answer.blob());
+    by("page").alt = `Sheet of ${look.options.paper || "the smallest paper that holds it"}, with its rulers`;
+  } catch (error) {
+    told(error);
   }
 }
 
@@ -478,7 +498,20 @@ function listen() {
     by("files").value = "";
   });
   by("download").addEventListener("click", download);
-  for (const id of COPIES) by(id).addEventListener("click", () => copy(id));
+  by("copies").append(...Object.entries(COPIES).map(([id, name]) => make("button", { id, type: "button", popovertarget: "copies", popovertargetaction: "hide", click: () => copy(id) }, name)));
+  by("sheet").addEventListener("toggle", page);
+  by("first-paper").addEventListener("change", () => {
+    const { radius, drawing_center, points, ...others } = options;
+    become({ ...others, paper: by("first-paper").value, boundary: "page" }).then((taken) => taken && optimize());
+  });
+  by("first-camera").addEventListener("change", () => {
+    const { value } = by("first-camera");
+    value === "file" ? by("files").click() : changed("camera", value || null);
+  });
+  by("first-far").addEventListener("change", () => {
+    const far = by("first-far").valueAsNumber;
+    changed("poses", far > 0 ? `cone:distance=${Number((NEAREST * far).toPrecision(4))}..${far}m,tilt=0..${TILT}` : null);
+  });
   by("theme").addEventListener("change", () => {
     if (by("theme").value) document.documentElement.dataset.theme = by("theme").value;
     else delete document.documentElement.dataset.theme;
@@ -578,16 +611,19 @@ async function begin() {
   });
   numbers = facts.numbers(by("table").querySelector(".scroll"), (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
   take = files({ options: () => options, become, stand, about, said, told }, known.units);
+  by("first-paper").append(...known.papers.map((name) => make("option", {}, name)));
   by("suffix").append(...known.formats.map((each) => make("option", { value: each.suffix, title: each.words }, each.suffix)));
   by("template").append(make("option", { value: "" }, "a template …"), ...known.templates.map((each) => make("option", { value: each.name }, `${each.name}: ${each.title}`)));
   listen();
   pick("move");
   const linked = location.hash.length > 1, state = read(location.hash);
   if (state?.shape) await refresh();
-  await become(state || {}, false);
+  // Who has nothing yet begins with the page in the printer.
+  await become(state || (known.file === null ? { boundary: "page", paper: known.paper } : {}), false);
   if (linked && !state) said("The address holds no design; this is a new one.", true);
   // As if it were opened here.
-  if (known.file !== null && !linked) await take([new File([await (await ask("file")).blob()], known.file)]);
+  if (known.file === null && !linked) optimize();
+  else if (!linked) await take([new File([await (await ask("file")).blob()], known.file)]);
   begun = true;
   by("main").setAttribute("aria-busy", String(Boolean(running)));
 }

@@ -21,8 +21,16 @@ export function said(text, fault = false) {
   by("said").classList.toggle("fault", fault);
 }
 
+const LABELS = {
+  "--n": "number of dots", "--points": "places of dots", "--target": "error to reach", "--radius": "radius of the room", "--boundary": "shape of the room",
+  "--keep-out": "regions without dots", "--relief": "height of pillars", "--poses": "camera poses", "--noise-model": "noise of dots", "--image-noise": "image quality",
+  "--print-sigma": "print error", "--scale-sigma": "scale error", "--dot": "dot diameter", "--clearance": "gap around dots", "--gap": "gap between dots",
+  "--asymmetric": "labels by the layout, px", "--ids": "ids of a family", "--tile": "several pages", "--edge": "edge of the plate", "--survive": "dots that may be lost",
+  "--restarts": "starts of the search",
+};
+
 /* The label of the field of an option such as --print-sigma. */
-export const label = (flag) => flag.replace(/^--/, "").replaceAll("-", " ");
+export const label = (flag) => LABELS[flag] || flag.replace(/^--/, "").replaceAll("-", " ");
 
 /* Text about options of the command in the words of the page, which has fields. */
 export const worded = (text) => text.replace(/--[a-z][a-z-]*/g, (flag) => `\u201c${label(flag)}\u201d`);

@@ -49,10 +49,11 @@ export function editor(element, hooks) {
       make("path", { class: "room", d: d(seen.room.outlines), "fill-rule": "evenodd", "stroke-width": width }),
       ...(seen.room.holes || []).map((rings) => make("path", { class: "out", d: d(rings), "stroke-width": width })));
     axes.replaceChildren(
-      make("line", { class: "axis", x1: -extent / 14, x2: extent / 7, y1: 0, y2: 0, "stroke-width": width }),
-      make("line", { class: "axis", y1: extent / 14, y2: -extent / 7, x1: 0, x2: 0, "stroke-width": width }),
-      make("text", { class: "axis-text", x: extent / 6.5, y: extent / 60, "font-size": extent / 22 }, "x"),
-      make("text", { class: "axis-text", x: -extent / 90, y: -extent / 6.5, "font-size": extent / 22 }, "y"));
+      // Their names stand beyond all dots.
+      make("line", { class: "axis", x1: -extent / 14, x2: 0.94 * extent, y1: 0, y2: 0, "stroke-width": width }),
+      make("line", { class: "axis", y1: extent / 14, y2: -0.94 * extent, x1: 0, x2: 0, "stroke-width": width }),
+      make("text", { class: "axis-text", x: 0.95 * extent, y: extent / 60, "font-size": extent / 22 }, "x"),
+      make("text", { class: "axis-text", x: -extent / 90, y: -0.95 * extent, "font-size": extent / 22 }, "y"));
     const tag = seen.room.tag;
     if (tag) {
       const [x, y] = tag.center, half = tag.side / 2;

@@ -10,10 +10,9 @@ export function now(look) {
   const { expected, objective, poses } = look, hardest = expected.hardest;
   by("expect").replaceChildren(
     make("p", { class: "big" },
-      make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation, RMS of all poses")),
-      make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position, RMS of all poses"))),
-    make("p", {}, make("strong", {}, `Hardest: ${digits(hardest.rotation_deg)} deg`), ` at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to ")),
-    make("div", { class: "note", id: "plan" }, expected.sentence));
+      make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation to plan with, RMS of all poses")),
+      make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position to plan with, RMS of all poses"))),
+    make("div", { class: "note", id: "plan" }, make("p", {}, `Hardest: ${digits(hardest.rotation_deg)} deg at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to "))));
   by("brief").textContent = `${digits(expected.rotation_deg)} deg, ${digits(expected.translation_mm)} mm`;
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
@@ -41,13 +40,14 @@ export function problems(found) {
 
 /* What takes longer; null while it is not known. */
 export function later(more) {
-  const wait = () => [make("p", { class: "note" }, "…")];
+  const wait = () => [make("p", { class: "note" }, "Waits until nothing changes; then it takes some seconds …")];
   if (!more) {
     for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(...wait());
     by("patterns")?.replaceChildren();
     return;
   }
-  by("plan").replaceChildren(...more.plan.map((line) => make("p", {}, line)));
+  // The first is what stands above.
+  by("plan").replaceChildren(...more.plan.slice(1).map((line) => make("p", {}, line)));
   by("counts").replaceChildren(more.more_dots.length
     ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
       more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))

@@ -2,7 +2,15 @@
 
 import { label, make, worded } from "./dom.js";
 
-const OPEN = ["Layout", "Camera and poses", "Dots and labels"];
+/* On a phone the marker is next to the questions that come first. */
+const OPEN = matchMedia("(max-width: 48rem)").matches ? [] : ["Layout", "Camera and poses", "Dots and labels"];
+const FILES = ["camera", "poses", "covariance"];
+/* Options that take nothing but one of their choices, and examples of those without a default. */
+const CLOSED = ["orientation", "noise_model", "coordinates", "process"];
+const EXAMPLES = {
+  "ERROR@LENGTH": "0.1deg@1.5m", "X,Y;...|FILE.csv": "0mm,50mm; -40mm,-30mm; …", "SHAPE|FILE": "rect:200mmx100mm", "SHAPE|FILE[#LAYER]": "circle:5mm@30mm,0mm",
+  WxH: "640x480", LIST: "0-9", HOLES: "4xM4@100mm", FACE: "-z",
+};
 
 /* Fill a form with groups of options; change(name, value) is called with text, a boolean, a list, or null for the default. */
 export function form(element, groups, change) {
@@ -22,10 +30,10 @@ export function form(element, groups, change) {
       for (const [name, field] of Object.entries(fields)) field.show(options[name], shown[name]);
     },
     /* Mark the fields that an error names or whose text it quotes; those that its remedy names if there are none. */
-    refuse({ expected = "", found = "", remedy = "" } = {}) {
+    refuse({ expected = "", found = "", remedy = "" } = {}, message = "") {
       const every = Object.values(fields), wrong = every.filter((field) => field.named(`${expected} ${found}`) || field.quoted(found));
       const marked = wrong.length ? wrong : every.filter((field) => field.named(remedy));
-      for (const field of every) field.refuse(marked.includes(field));
+      for (const field of every) field.refuse(marked.includes(field), message);
     },
     /* Labels and values of a state, for paper. */
     told: (options) => Object.entries(fields).filter(([name]) => options[name] !== undefined).map(([name, field]) => field.told(options[name])),
@@ -44,25 +52,29 @@ export function form(element, groups, change) {
 const typed = (value) => typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
 
 function control(option, change) {
-  const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || option.metavar || ""), meant = worded(option.help);
+  const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || EXAMPLES[option.metavar] || option.metavar || ""), meant = worded(option.help);
   const common = { id, "aria-describedby": help };
   const { choices } = option, list = choices.length ? `${id}-list` : undefined;
   let input, own = "";
   if (option.kind === "bool") {
     input = make("input", { ...common, type: "checkbox", change: () => change(input.checked === Boolean(option.default) ? null : input.checked) });
+  } else if (CLOSED.includes(option.name)) {
+    input = make("select", { ...common, change: () => change(input.value || null) }, ["", ...choices].map((value) => make("option", { value }, value || usual)));
   } else {
     input = make("input", {
-      ...common, list, autocomplete: "off", spellcheck: "false", placeholder: usual,
+      ...common, list, autocomplete: "off", spellcheck: "false", placeholder: usual, inputmode: { int: "numeric", float: "decimal" }[option.kind],
       change: () => {
-        const text = input.value.trim();
-        own = input.value;
+        // In the studio a bare number is in mm.
+        const text = input.value.trim().replace(/^\+?(\d+\.?\d*|\.\d+)$/, option.kind.startsWith("length") ? "$1mm" : "$1");
+        own = input.value = text;
         change(!text ? null : option.repeatable ? text.split(/\s*\|\s*/) : text);
       },
     });
   }
-  const note = make("span", {});
+  const note = make("span", {}), fault = make("p", { class: "fault", role: "alert", hidden: true });
   const row = make("div", { class: "option", title: meant },
-    make("label", { for: id }, label(option.flag), note), input,
+    make("label", { for: id }, label(option.flag), note), input, fault,
+    FILES.includes(option.kind) ? make("button", { type: "button", click: () => document.getElementById("files").click() }, "File…") : null,
     list && make("datalist", { id: list }, choices.map((value) => make("option", { value }))),
     make("p", { class: "note", id: help }, meant, option.repeatable ? " Several are separated by |." : ""));
   // In errors it is --print-sigma, print_sigma=, or print_sigma: where several are listed.
@@ -71,7 +83,7 @@ function control(option, change) {
     named: (text) => names.test(text),
     quoted: (text) => input.value.split("|").some((each) => each.trim() && text.includes(`'${each.trim()}'`)),
     told: (value) => [label(option.flag), typed(value) ? [value].flat().join(" | ") : JSON.stringify(value).replaceAll('"', "").replaceAll(/[:,]/g, "$& ")],
-    row, words: `${option.name} ${option.flag} ${option.help}`.toLowerCase(),
+    row, words: `${label(option.flag)} ${option.name} ${option.flag} ${option.help}`.toLowerCase(),
     show(value, placeholder) {
       const given = value !== undefined && value !== null;
       row.classList.toggle("set", given);
@@ -86,7 +98,9 @@ function control(option, change) {
       // What is being typed is not overwritten.
       if (input !== document.activeElement || input.value === own) input.value = own = words.join(" | ");
     },
-    refuse(wrong) {
+    refuse(wrong, message) {
+      fault.hidden = !wrong;
+      fault.textContent = message;
       if (wrong) {
         input.setAttribute("aria-invalid", "true");
         row.closest("details").open = true;

@@ -5,7 +5,7 @@ import { Gone, Refused, ask, by, digits, make, said } from "./dom.js";
 /* Detect in one photograph after the other; `subject()` is a promise of what to look for. */
 export async function photographs(element, files, subject) {
   by("photos-away").hidden = false;
-  for (const file of files) {
+  for (const file of files.sort((one, other) => one.name.localeCompare(other.name, undefined, { numeric: true }))) {
     const caption = make("figcaption"), into = () => figure.scrollIntoView({ block: "nearest" });
     const picture = make("img", { alt: `${file.name}, with what was found drawn in`, hidden: true, load: into });
     const figure = make("figure", {}, caption, picture);
@@ -13,7 +13,7 @@ export async function photographs(element, files, subject) {
       caption.textContent = `${file.name}: ${text}`;
       said(caption.textContent, fault);
     };
-    element.prepend(figure);
+    element.append(figure);
     tell("looking …");
     into();
     try {
