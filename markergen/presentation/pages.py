@@ -71,7 +71,13 @@ class Section:
 
 
 def page(
-    heading: str, title: str, sections: Sequence[tuple[str, str, Section | None]], subject: str, note: str
+    heading: str,
+    title: str,
+    sections: Sequence[tuple[str, str, Section | None]],
+    subject: str,
+    note: str,
+    aside: Plot | None = None,
+    open_sections: int | None = None,
 ) -> bytes:
     """Make a page in UTF-8 that loads nothing; equal content gives equal bytes.
 
@@ -85,6 +91,10 @@ def page(
         What the page is about: for the window, below the heading, and at the end.
     sections : sequence of (str, str, Section or None)
         Id, heading and content of each; None leaves it out. The first sentence of the first is the largest.
+    aside : Plot or None
+        Picture beside the heading.
+    open_sections : int or None
+        Number of sections that are shown; the others are to be unfolded, but on paper. None shows all.
 
     Examples
     --------
@@ -103,6 +113,8 @@ def page(
         subject=subject,
         note=note,
         sections=present,
+        aside=aside,
+        open_sections=len(present) if open_sections is None else open_sections,
         version=__version__,
         book=BOOK,
         dark=dark,
@@ -113,9 +125,15 @@ def page(
     return html.strip().encode("utf-8", "replace") + b"\n"
 
 
-def picture(title: str, caption: str, png: bytes) -> Plot:
-    """Return a photograph or rendered view as part of a page."""
+def picture(title: str, caption: str, png: bytes, box: tuple[int, int, int, int] | None = None) -> Plot:
+    """Return a photograph or rendered view, or the part of it in a box, as part of a page."""
+    import cv2
     from markupsafe import escape
+
+    if box:
+        left, upper, right, lower = box
+        image = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)[upper:lower, left:right]
+        png = bytes(cv2.imencode(".png", image)[1])
 
     return Plot(f'<img src="{data_uri(png)}" alt="{escape(f"{title}. {caption}")}">', caption, "view", title)
 

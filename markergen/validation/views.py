@@ -34,6 +34,9 @@ MOST_VIEWS = 1_000_000
 FAILURES, WORST, TYPICAL = 6, 3, 3
 """Maximum number of pictures of each kind."""
 
+LABELS_PX = 60
+"""Room in px for the numbers and axes that are drawn beside the dots of a picture."""
+
 AT_ONCE = 10
 """Number of views per chunk of work."""
 WORTH_A_WORKER = 60
@@ -209,12 +212,15 @@ class Picture:
     ----------
     name : str
         Usable as a file name.
+    box : tuple of int
+        Left, upper, right and lower limit of the part around the marker, in px.
     """
 
     name: str
     title: str
     caption: str
     png: bytes
+    box: tuple[int, int, int, int]
 
 
 def captions(sample: Mapping[str, Any]) -> tuple[str, str]:
@@ -256,7 +262,21 @@ def pictures(series: SyntheticViews[Any], views: Mapping[str, Any]) -> Iterator[
                 f"{kind.capitalize()}: {where}",
                 f"View {sample['view']}, {where}: {caption}.",
                 overlay(view.image, marks),
+                _around(view.truth, *view.image.shape[1::-1]),
             )
+
+
+def _around(dots: Array, width: int, height: int) -> tuple[int, int, int, int]:
+    """The part of an image, of its own proportions, that dots (n, 2) fill to two thirds; all of it where they do."""
+    inside = dots[np.isfinite(dots).all(axis=1)]
+    if not len(inside):
+        return 0, 0, width, height
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    share = min(1.0, 1.5 * float(((high - low) / [width, height]).max()) + LABELS_PX / width)
+    size = np.ceil(share * np.array([width, height])).astype(int)
+    corner = np.clip(np.rint((low + high - size) / 2).astype(int), 0, [width, height] - size)
+    left, upper, right, lower = (*corner.tolist(), *(corner + size).tolist())
+    return left, upper, right, lower
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:

@@ -20,7 +20,7 @@ from markergen.optimize.comparisons import LAYOUTS
 from markergen.optimize.design import IMAGES
 from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.presentation.pages import Section, page, picture
-from markergen.presentation.plots import plot
+from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table, percent
 from markergen.render import DEFAULT_OPTICS
 from markergen.units import format_length
@@ -96,8 +96,8 @@ def html_report(
             ("answer", "What to expect", answer(subject)),
             ("limits", "What limits it", limits(subject)),
             ("marker", "The marker", the_marker(subject)),
-            ("labels", "Telling the dots apart", labels(subject)),
             ("pictures", "Sample views", sample_views(pictures)),
+            ("labels", "Telling the dots apart", labels(subject)),
             ("errors", "Errors", errors),
             ("ellipses", "Error ellipses", measured.ellipses(subject)),
             ("beside", "Beside other layouts", comparison(subject)),
@@ -114,6 +114,8 @@ def html_report(
         ],
         f"{title(marker)}. {camera_words(setting.camera)}. {len(poses)} poses ({poses.name}{left_out}).",
         "The same marker, options, and seed give the same page.",
+        drawing_of(marker),
+        4,
     )
 
 
@@ -201,7 +203,7 @@ def camera_words(camera: Camera) -> str:
 
 def sample_views(pictures: Sequence[Picture]) -> Section:
     """Rendered views in their order."""
-    plots = [picture(image.title, image.caption, image.png) for image in pictures]
+    plots = [picture(image.title, image.caption, image.png, image.box) for image in pictures]
     missing = "" if plots else "No pictures were made; markergen validate makes them with --views 100."
     return Section(plots=plots, missing=missing, book=("how views are made", "validate.md#views"))
 
@@ -303,10 +305,9 @@ def limits(subject: Subject) -> Section:
     return section
 
 
-def the_marker(subject: Subject) -> Section:
-    """Scale drawing of the marker, and a table of its dots."""
-    marker = subject.marker
-    drawing = plot(
+def drawing_of(marker: Marker) -> Plot:
+    """Scale drawing of the marker."""
+    return plot(
         partial(draw_marker, marker),
         "drawing",
         f"The marker: {title(marker)}.",
@@ -317,8 +318,13 @@ def the_marker(subject: Subject) -> Section:
             else "; the origin of the marker frame is outside of the picture."
         ),
         _SQUARE,
-        "paper",
+        "paper aside",
     )
+
+
+def the_marker(subject: Subject) -> Section:
+    """Table of the marker's dots, and where it came from."""
+    marker = subject.marker
     rows = [
         [
             str(point.id),
@@ -330,7 +336,6 @@ def the_marker(subject: Subject) -> Section:
     ]
     table = Table("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows)
     return Section(
-        plots=[drawing],
         tables=[table],
         parts=[("Where it came from", Section(terms=origin(marker)))],
         folded=[("Provenance, as its file tells it", Section(text=provenance(marker)))],
