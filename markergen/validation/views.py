@@ -213,14 +213,14 @@ class Picture:
     name : str
         Usable as a file name.
     box : tuple of int
-        Left, upper, right and lower limit of the part around the marker, in px.
+        Left, upper, right and lower limit of the part around the marker, in px; None is all.
     """
 
     name: str
     title: str
     caption: str
     png: bytes
-    box: tuple[int, int, int, int]
+    box: tuple[int, int, int, int] | None = None
 
 
 def captions(sample: Mapping[str, Any]) -> tuple[str, str]:

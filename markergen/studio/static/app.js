@@ -86,6 +86,7 @@ function fit() {
   const kind = options.shape ? "rig" : "marker";
   if (kind === fitted) return;
   fitted = kind;
+  by("first").hidden = kind === "rig";
   by("find").value = "";
   fields = form(by("form"), known.forms[kind], changed);
 }
@@ -500,17 +501,14 @@ function listen() {
   by("download").addEventListener("click", download);
   by("copies").append(...Object.entries(COPIES).map(([id, name]) => make("button", { id, type: "button", popovertarget: "copies", popovertargetaction: "hide", click: () => copy(id) }, name)));
   by("sheet").addEventListener("toggle", page);
-  by("first-paper").addEventListener("change", () => {
-    const { radius, drawing_center, points, ...others } = options;
-    become({ ...others, paper: by("first-paper").value, boundary: "page" }).then((taken) => taken && optimize());
+  // Each answer makes another marker.
+  const anew = async (change) => (await become({ ...options, points: undefined, ...change })) && optimize();
+  by("first-paper").addEventListener("change", () => anew({ paper: by("first-paper").value, boundary: "page", radius: undefined, drawing_center: undefined }));
+  by("first-camera").addEventListener("change", ({ target: { value } }) => {
+    value === "file" ? by("files").click() : anew({ camera: value || undefined, camera_covariance: undefined });
   });
-  by("first-camera").addEventListener("change", () => {
-    const { value } = by("first-camera");
-    value === "file" ? by("files").click() : changed("camera", value || null);
-  });
-  by("first-far").addEventListener("change", () => {
-    const far = by("first-far").valueAsNumber;
-    changed("poses", far > 0 ? `cone:distance=${Number((NEAREST * far).toPrecision(4))}..${far}m,tilt=0..${TILT}` : null);
+  by("first-far").addEventListener("change", ({ target: { valueAsNumber: far } }) => {
+    anew({ poses: far > 0 ? `cone:distance=${Number((NEAREST * far).toPrecision(4))}..${far}m,tilt=0..${TILT}` : undefined });
   });
   by("theme").addEventListener("change", () => {
     if (by("theme").value) document.documentElement.dataset.theme = by("theme").value;

@@ -1,0 +1,67 @@
+"""The studio's first screen: what is in the printer, the camera, the distance; and answers at the field."""
+
+import pytest
+
+from tests.support.studio import Studio, type_in
+
+pytestmark = pytest.mark.browser
+
+TARGETS = """() => [...document.querySelectorAll("button, select, summary, input:not([type=checkbox], [type=file])")]
+  .filter((each) => each.checkVisibility() && each.getBoundingClientRect().height < 44)
+  .map((each) => each.id || each.textContent)"""
+
+
+def allowed(address):
+    return lambda url: url.startswith((address, "blob:"))
+
+
+def test_it_begins_with_the_best_layout_for_the_page_in_the_printer(address, opened):
+    with opened(address, allowed(address)) as page:
+        studio = Studio(page)
+        page.wait_for_selector("#undo:enabled", timeout=120_000)
+        state = studio.state()
+        assert state["boundary"] == "page"
+        assert state["paper"] == page.input_value("#first-paper")
+        assert state["points"]
+        page.select_option("#first-camera", "phone")
+        assert studio.state()["camera"] == "phone"
+        page.fill("#first-far", "3")
+        page.keyboard.press("Tab")
+        assert studio.state()["poses"] == "cone:distance=1.2..3m,tilt=0..70"
+        page.click("#sheet summary")
+        page.wait_for_selector("#page[src]", timeout=60_000)
+        studio.until(
+            "() => document.getElementById('page').naturalHeight > document.getElementById('page').naturalWidth"
+        )
+
+
+def test_it_answers_at_the_field(refusing):
+    type_in(refusing, "n", "abc")
+    fault = refusing.page.locator(".option:has(#option-n) .fault")
+    fault.wait_for()
+    assert "whole number" in fault.inner_text()
+    type_in(refusing, "n", "6")
+    fault.wait_for(state="hidden")
+
+
+def test_a_bare_length_is_in_mm(studio):
+    type_in(studio, "radius", "80")
+    assert studio.state()["radius"] == "80mm"
+    assert studio.page.input_value("#option-radius") == "80mm"
+
+
+def test_one_menu_copies(studio):
+    assert not studio.page.locator("#command").is_visible()
+    studio.page.click("#copy")
+    studio.page.click("#share")
+    studio.until("() => document.getElementById('said').textContent.startsWith('Cop')")
+    assert not studio.page.locator("#share").is_visible()
+
+
+def test_on_a_phone_options_come_first_and_fingers_meet_them(address, opened):
+    looks = {"viewport": {"width": 400, "height": 800}, "has_touch": True, "is_mobile": True}
+    with opened(address, allowed(address), **looks) as page:
+        Studio(page).settle()
+        first, marker = (page.locator(name).bounding_box() for name in ("#first", "#marker"))
+        assert first["y"] + first["height"] < min(800, marker["y"])
+        assert page.evaluate(TARGETS) == []
