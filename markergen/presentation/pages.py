@@ -132,8 +132,8 @@ def picture(title: str, caption: str, png: bytes, box: tuple[int, int, int, int]
 
     if box:
         left, upper, right, lower = box
-        image = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)[upper:lower, left:right]
-        png = bytes(cv2.imencode(".png", image)[1])
+        image = np.asarray(cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED))
+        png = bytes(cv2.imencode(".png", image[upper:lower, left:right])[1])
 
     return Plot(f'<img src="{data_uri(png)}" alt="{escape(f"{title}. {caption}")}">', caption, "view", title)
 

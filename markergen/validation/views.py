@@ -274,9 +274,8 @@ def _around(dots: Array, width: int, height: int) -> tuple[int, int, int, int]:
     low, high = inside.min(axis=0), inside.max(axis=0)
     share = min(1.0, 1.5 * float(((high - low) / [width, height]).max()) + LABELS_PX / width)
     size = np.ceil(share * np.array([width, height])).astype(int)
-    corner = np.clip(np.rint((low + high - size) / 2).astype(int), 0, [width, height] - size)
-    left, upper, right, lower = (*corner.tolist(), *(corner + size).tolist())
-    return left, upper, right, lower
+    left, upper = map(int, np.clip(np.rint((low + high - size) / 2), 0, [width, height] - size))
+    return left, upper, left + int(size[0]), upper + int(size[1])
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
