@@ -252,7 +252,7 @@ def test_photographs_are_taken_with_the_camera_of_the_state(studio, tmp_path):
     studio.paste(link_of({"n": 5}))
     studio.until("() => document.getElementById('said').textContent === 'The design of the link.'")
     studio.give(tmp_path / "seen.png")
-    studio.until("() => /Give a camera file/.test(document.querySelector('#photos figure').textContent)")
+    studio.until("() => /Give a camera file/.test(document.querySelector('#photos').textContent)")
 
 
 def test_a_drawing_is_asked_for_its_unit_and_layer(studio, tmp_path):
