@@ -250,8 +250,9 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ObjectiveLike,
         Option(
             SEARCH,
-            "What to minimize: pose, rotation, translation, homography or condition; or a weighted sum, each relative "
-            "to the regular n-gon's: 'pose + 0.5 rotation'; or with bounds: 'pose, rotation <= 1.05 ngon', or 0.8deg.",
+            "What to minimize: pose, rotation, translation, homography, condition, or blunder, the largest error of a "
+            "dot that no test notices; or a weighted sum, each relative to the regular n-gon's: 'pose + 0.5 rotation'; "
+            "or with bounds: 'pose, rotation <= 1.05 ngon', 'pose, blunder <= 2mm'.",
             "pose",
             metavar="NAME",
         ),

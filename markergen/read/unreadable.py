@@ -14,6 +14,7 @@ _DRAWING = "export the outline as SVG or DXF"
 
 UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
     "camera": [
+        (rb"\"control_points\"\s*:", "a marker", "give the file of the camera that it was designed for"),
         (rb"\A\x93NUMPY", "a NumPy array, without an image size", _ARRAYS),
         (rb"\APK\x03\x04", "an archive such as .npz", _ARRAYS),
         (rb"\A\x80[\x02-\x05]", "a Python pickle, which may run programs", _ARRAYS),

@@ -161,7 +161,7 @@ def test_version(capsys):
         ("design -o a/../m.pdf -o ./m.pdf", "twice"),
         ("design --radius 0.15 --n 12 --dot 80mm", "of which 8 fit"),
         ("design --n 5 --dot 500mm", "of which 0 fit"),
-        ("design --objective speed", "known: condition, homography, pose"),
+        ("design --objective speed", "known: blunder, condition, homography, pose"),
         ("design --objective pos", "did you mean 'pose'?"),
         ("design --aggregate median", "nown: cvar, logmean, max, mean, rms"),
         ("design --coordinates polar --objective condition", "unit, metric, pixel, hartley"),

@@ -58,7 +58,7 @@ def test_a_weak_criterion_names_the_bound():
 
 @pytest.mark.parametrize(
     "text",
-    ["pose,", "pose, rotation", "pose + ", "pose rotation", "0 pose + rotation", "pose, rotation < 1", "pose, a <= deg",
+    ["pose,", "pose, rotation", "pose + ", "pose rotation", "0 pose + rotation", "pose, rotation > 1", "pose, a <= deg",
      "pose, rotation <= 0", "pose, rotation >= ngon", "-1 pose + rotation", ", rotation <= ngon", "pose <= ngon"],
 )  # fmt: skip
 def test_malformed_text_is_refused(text):

@@ -109,7 +109,7 @@ def test_it_agrees_with_the_region_of_the_search(rooms):
     [
         ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
         ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
-        ({"relief": 0.02, "objective": "condition"}, "use --objective pose, rotation or translation"),
+        ({"relief": 0.02, "objective": "condition"}, "use --objective blunder, pose, rotation or translation"),
         ({"relief": 0.02, "objective": "homography"}, "an objective for points in space with a relief"),
         ({"objective": "beauty"}, "a known objective"),
     ],

@@ -81,7 +81,7 @@ def test_wrong_labels_are_counted_apart(ngon, monkeypatch):
 
     def careless(*arguments):
         found = honest(*arguments)
-        return replace(found, pixels=np.roll(found.pixels, 1, axis=0))
+        return replace(found, finding=found.finding._replace(pixels=np.roll(found.pixels, 1, axis=0)))
 
     monkeypatch.setattr(views, "detect", careless)
     series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=3)
