@@ -18,7 +18,10 @@ from markergen.workshop.drafting.symbols import finish_symbol, projection_symbol
 BLANK = 21.0
 """Minimum width of an empty field, mm on A4."""
 
-OPTIONAL = ("language", "document type", "lengths in", "paper", "approved by", "revision", "process")
+OPTIONAL = (
+    "language", "document type", "lengths in", "paper", "approved by", "revision", "process", "date of issue",
+    "created by",
+)  # fmt: skip
 """Fields that are left out of a row, one after the other, where paper is too narrow for all of it."""
 
 ROWS = 3
@@ -77,15 +80,20 @@ def _row(cells: Sequence[tuple[str, str]], frame: Frame, low: float) -> list[Sha
     scale, high = frame.scale, _row_height(frame)
     size, small, pad = max(2.0 * scale, LETTERS), LETTERS, 1.6 * scale
 
-    def width_of(cell: tuple[str, str]) -> float:
-        head, value = cell
-        wide = max(text_width(head, small), text_width(value, size, _face(head)) + _symbol(head, value, size))
-        return max(wide, 0.0 if value else BLANK * scale) + 2 * pad
+    def widths_of(cells: Sequence[tuple[str, str]], blank: float) -> list[float]:
+        sizes = [
+            max(text_width(head, small), text_width(value, size, _face(head)) + _symbol(head, value, size))
+            for head, value in cells
+        ]
+        return [
+            max(wide, 0.0 if value else blank * scale) + 2 * pad for wide, (_, value) in zip(sizes, cells, strict=True)
+        ]
 
+    blank = BLANK if sum(widths_of(cells, BLANK)) <= frame.width else BLANK / 2
     for name in OPTIONAL:
-        if sum(map(width_of, cells)) > frame.width:
+        if sum(widths_of(cells, blank)) > frame.width:
             cells = [cell for cell in cells if cell[0] != name]
-    widths = [width_of(cell) for cell in cells]
+    widths = widths_of(cells, blank)
     shrink = min(1.0, frame.width / sum(widths))
     spare = (frame.width - shrink * sum(widths)) / len(cells)
     left = frame.margin
