@@ -10,6 +10,7 @@ from docs.numbers import (
     DESIGN,
     DETECT,
     ERROR,
+    OBJECTIONS,
     PAPER,
     README,
     RESULTS,
@@ -76,14 +77,13 @@ CALIBRATED = Command("python -m benchmarks.calibration", 900)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
-COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
+COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 1200)
 MISPRINTED = Command(
     "markergen design --n 5 --radius 0.15 -o five.json && markergen design --n auto --radius 0.15 -o many.json && "
     "markergen compare five.json many.json circles:7x7 "
     "charuco:5x5 checkerboard:9x9 aruco:DICT_4X4_50 apriltag:36h11 --print-sigma 0.1mm --views 100",
     500,
 )
-BY_OTHERS = Command(f"{FIVE.line} && markergen compare marker.json pupil:36h11 stag:HD21 ringgrid:6x8 --views 100", 400)
 FIGURES = {
     CHOOSING: Command("python -m docs.figures choosing -o .", 260),
     ERROR: Command("python -m docs.figures error -o .", 180),
@@ -208,15 +208,24 @@ def _speed(row: str, label: str) -> Number:
     )
 
 
-def _rival(row: str, label: str) -> Number:
-    """Errors and share of views of a contestant, and the bound of its pattern."""
-    return Number(
-        COMPARISON,
-        f"| {row} | # (# to #) | # | # % | # |",
-        "markergen compare marker.json",
-        [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
-        lambda found, rms, low, high, median, bound: [rms, low, high, median, found, bound],
-    )
+def _pattern(row: str, label: str) -> Number:
+    """Bound of a contestant's pattern."""
+    return Number(COMPARISON, f"| {row} | # |", "markergen compare marker.json", [(COMPARED, f"{label} @ cm2 #")])
+
+
+def _set(words: str, seconds: int) -> Number:
+    """Errors of a contestant with settings that are named."""
+    command = Command(f"python -m benchmarks.setting {words}", seconds)
+    sources = [(command, "detector # of 100, rms #, median #")]
+    row = f"| `{command.line}` | # | # | # |"
+    return Number(OBJECTIONS, row, command.line, sources, lambda found, rms, median: [rms, median, found])
+
+
+def _fitted(words: str, seconds: int) -> Number:
+    """Errors of a contestant with settings that are named, and after the same refiner for all."""
+    command = Command(f"python -m benchmarks.setting {words} --fit", seconds)
+    sources = [(command, f"{part} @ of 100, rms #, median @") for part in ("detector", "fit")]
+    return Number(OBJECTIONS, f"| `{command.line}` | # | # |", command.line, sources)
 
 
 def _beside(row: str, label: str, command: Command) -> Number:
@@ -334,30 +343,29 @@ MEASURED: Sequence[Entry] = (
         lambda low, flat, high: [flat, low, high],
     ),
     *(
-        _rival(row, label)
+        _pattern(row, label)
         for row, label in (
-            ("markergen, 5 dots", "marker.json"),
-            ("5 x 5 circles, OpenCV", "circles:5x5"),
-            ("ArUco 4x4, our lines fitted to its edges", "edges:aruco:DICT_4X4_50"),
-            ("ArUco 4x4, OpenCV", "aruco:DICT_4X4_50"),
-            ("AprilTag 36h11, OpenCV", "apriltag:36h11"),
-            ("checkerboard of 9 x 9, OpenCV", "checkerboard:9x9"),
-            ("ChArUco 5x5, OpenCV", "charuco:5x5"),
+            ("5 designed dots", "marker.json"),
+            ("5 x 5 circles", "circles:5x5"),
+            ("ArUco 4x4", "aruco:DICT_4X4_50"),
+            ("AprilTag 36h11", "apriltag:36h11"),
+            ("checkerboard of 9 x 9", "checkerboard:9x9"),
+            ("ChArUco 5x5", "charuco:5x5"),
         )
     ),
     Number(
-        RESULTS,
-        "are as good as five dots, with # times the ink",
+        COMPARISON,
+        "reaches the bound of its dots: # deg RMS (# to #)",
         "markergen compare marker.json",
-        [(COMPARED, "circles:5x5 # cm2"), (COMPARED, "marker.json # cm2")],
-        lambda grid, dots: [grid / dots],
+        [(COMPARED, "marker.json @ % # #–# @")],
     ),
-    Number(
-        RESULTS,
-        "those of tags and boards stay # to # times above theirs",
-        "markergen compare marker.json",
-        [(COMPARED, f"{label} @ cm2 @ #") for label in ("aruco:DICT_4X4_50", "charuco:5x5")],
-    ),
+    _set("checkerboard:9x9", 10),
+    _set('checkerboard:9x9 "then cornerSubPix, half window 0.5 of the spacing"', 12),
+    _set('pupil:36h11 "quad_decimate 1, quad_sigma 0.8" "image x2"', 20),
+    _set('pupil:36h11 "quad_decimate 1, quad_sigma 0.8" "image x4"', 45),
+    _fitted("ngon:5", 30),
+    _fitted('checkerboard:9x9 "then cornerSubPix, half window 0.5 of the spacing"', 40),
+    _fitted('pupil:36h11 "quad_decimate 1, quad_sigma 0.8" "image x4"', 70),
     _sided("`pose`", SIDED_POSE),
     _sided("`pose, rotation <= 1.05 ngon`", SIDED_LOOSE),
     _sided("`pose, rotation <= ngon`", SIDED_TIGHT),
@@ -510,10 +518,6 @@ MEASURED: Sequence[Entry] = (
             (MISPRINTED, "ArUco 4x4", "aruco:DICT_4X4_50"),
             (MISPRINTED, "AprilTag 36h11", "apriltag:36h11"),
             (MISPRINTED, "ChArUco 5x5", "charuco:5x5"),
-            (BY_OTHERS, "these five dots", "marker.json"),
-            (BY_OTHERS, "AprilTag 36h11, AprilTag's library", "pupil:36h11"),
-            (BY_OTHERS, "STag HD21", "stag:HD21"),
-            (BY_OTHERS, "ringgrid of 6 x 8", "ringgrid:6x8"),
         )
     ),
     *(

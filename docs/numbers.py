@@ -29,6 +29,7 @@ PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).pa
 README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
 CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
+OBJECTIONS = "docs/objections.md"
 FAQ, RESULTS, INSTALL = "docs/faq.md", "docs/results.md", "docs/install.md"
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 

@@ -24,6 +24,8 @@ class Sentence:
 
 
 _OTHERS = "it reports what others found"
+_STARTS = "LM is started from IPPE and from the true pose alone, not from the DLT, nor from poor poses"
+_FOOTNOTE = "the paper's footnote, that the two hardly differ, is tested below"
 
 SENTENCES = (
     Sentence("abstract", "equivalent to minimizing the condition number", ("c is optimal",)),
@@ -32,21 +34,60 @@ SENTENCES = (
     Sentence("abstract", "which is the most accurate algorithm", ("LM is the most accurate",)),
     Sentence("abstract", "practically independent on the camera pose", ("any pose",)),
     Sentence("abstract", "form certain symmetric patterns", ("symmetric",)),
+    Sentence(
+        "abstract",
+        "characteristics of stable control point configurations",
+        (
+            "symmetric",
+            "any pose",
+        ),
+    ),
+    Sentence(
+        "I",
+        "control point configurations are relevant and they do influence the accuracy",
+        (
+            "c tells",
+            "steadier",
+        ),
+    ),
     Sentence("I", "increasing the number of control points increases the accuracy", ("more points",)),
     Sentence("I", "normalization has already shown to improve the estimation", ("normalization",)),
+    Sentence(
+        "I",
+        "the stepwise improvement of the accuracy of the pose estimate",
+        (
+            "early",
+            "steadier",
+        ),
+    ),
     Sentence("I", "converging to stable control point configurations", ("settled",)),
+    Sentence("II", "an over-constrained (only for n >= 3) and generic solution", reason="it is a definition"),
     Sentence("II", "in general provide four solutions", reason="it is about three points"),
     Sentence("II", "pose accuracy usually increases with the number of points", ("more points",)),
     Sentence("II", "return only a single pose solution, which might not be the true one", reason=_OTHERS),
+    Sentence("II", "can only guarantee a local minimum", reason=_OTHERS),
     Sentence("II", "rather slow, neither convergence nor optimality can be guaranteed", reason=_OTHERS),
+    Sentence("II", "a good initial guess is usually needed to converge to the right solution", reason=_OTHERS),
+    Sentence(
+        "II",
+        "early non-iterative solvers were also computational demanding and worse for a larger number of points",
+        reason="those solvers are not in the study",
+    ),
     Sentence("II", "the first efficient and non-iterative O(n) solution", reason="it is history"),
+    Sentence(
+        "II",
+        "later improved by using an iterative method to increase accuracy",
+        reason="EPnP is tested as the paper used it",
+    ),
     Sentence("II", "outperform the best homography decomposition methods when noise is present", ("decomposition",)),
     Sentence("II", "only provide a single solution", reason="so they are defined"),
+    Sentence("II", "improved later ... using an orthogonalization step", reason=_FOOTNOTE),
     Sentence("II", "a key step to improve the quality of the estimated homography", ("normalization",)),
     Sentence("II", "the normalization has some disadvantages", reason="no outliers are simulated"),
     Sentence("II-A", "have an influence on the local minima of the PnP problem", reason=_OTHERS),
     Sentence("II-A", "the stability of the compared methods greatly degrades", reason="all cameras look at the center"),
     Sentence("II-A", "decreases if the points are uniformly sampled", ("square-like", "steadier")),
+    Sentence("II-A", "selecting the corners of the region as the positions", reason=_OTHERS),
     Sentence("II-A", "dependent on the singular values of the A matrix", ("bounds", "c tells")),
     Sentence("II-A", "some poses of the camera are more stable", ("some views are better",)),
     Sentence(
@@ -54,7 +95,8 @@ SENTENCES = (
     ),
     Sentence("III-B", "the golden standard for non-iterative pose estimation", reason="it is a judgment"),
     Sentence("IV", "optimal for planar pose estimation using the (normalized) DLT algorithm", ("c is optimal",)),
-    Sentence("IV", "requires a good initial guess, which is obtained from the DLT", ("initial guess",)),
+    Sentence("IV", "requires a good initial guess, which is obtained from the DLT", reason=_STARTS),
+    Sentence("IV", "small singular values ... cause the estimation ... to be extremely sensitive", ("c tells",)),
     Sentence("IV", "the smaller the singular value spectrum, the less perturbed the estimation is", ("c tells",)),
     Sentence(
         "IV",
@@ -74,6 +116,11 @@ SENTENCES = (
     Sentence("V-A", "almost do not differ for low point configurations to the DLT", ("other DLTs",)),
     Sentence("V-A", "decreases drastically in the first iterations", ("early",)),
     Sentence("V-A", "mean and standard deviation ... is also reduced", ("steadier",)),
+    Sentence(
+        "V-A",
+        "measure how good ... is able to represent the true homography beyond the space of the control points",
+        reason="it is a definition; HE is measured so here",
+    ),
     Sentence("V-A", "slowly and smoothly converge to a stable minimum value", ("settled",)),
     Sentence("V-A", "some point configurations increase the accuracy", ("c tells", "steadier")),
     Sentence("V-B", "a strong effect on the accuracy of homography and planar PnP methods", ("c tells", "steadier")),
@@ -82,6 +129,14 @@ SENTENCES = (
     Sentence("V-B", "a very stable and robust configuration for all camera poses", ("any pose", "square")),
     Sentence("V-B", "the corners of a square-like shape are common", ("holds a square",)),
     Sentence("V-B", "do not show any strong dependency with the pose of the camera", ("any pose",)),
+    Sentence(
+        "V-B",
+        "mainly related to the distribution of the points in camera image coordinates",
+        (
+            "apart",
+            "any pose",
+        ),
+    ),
     Sentence("V-B", "they tend to increase the distance to each other", ("apart",)),
     Sentence("V-B", "on the first iterations ... the increase in accuracy is stronger", ("early",)),
     Sentence("V-B", "the condition number is a good optimization objective", ("c tells", "c is optimal")),
