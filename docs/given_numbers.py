@@ -120,6 +120,17 @@ GIVEN: Sequence[Given] = tuple(
                 "is at most # times the least that",
             ],
         ),
+        (
+            DESIGN,
+            DEFAULT,
+            [
+                "a dot that is printed or detected # mm off",
+                "is noticed with # % by a test",
+                "suspects a right one with # %",
+                "that fill the room; above # % the results",
+                "images of dots anywhere in the room # px apart in # % of",
+            ],
+        ),
         (DESIGN, MEANING, ["0.092 deg (# %) for", "found in # % of the views nothing"]),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
