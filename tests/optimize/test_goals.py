@@ -84,6 +84,7 @@ def test_equal_goals_are_equal_specs_and_plain_ones_are_as_given():
     assert spec("pose,homography<=2px").hash == spec("pose , homography <= 2.0 px").hash
     assert str(parse_goal("condition")) == "condition"
     assert str(parse_goal("2 pose")) == "pose"
+    assert str(parse_goal("pose; rotation < 1 deg")) == "pose, rotation <= 1 deg"
     limits = parse_goal("pose, translation <= 1%, rotation <= 1 ngon").limits
     assert [str(each) for each in limits] == ["translation <= 1 %", "rotation <= ngon"]
     assert np.all([each.most == 1 for each in limits])
