@@ -36,6 +36,7 @@ GIVEN: Sequence[Given] = tuple(
     Given(file, place, reason)
     for file, reason, places in (
         (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
+        (CALIBRATE, DEFAULT, ["expected error by less than # %, at forty"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
         (
             CALIBRATE,
@@ -202,6 +203,12 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (DETECT, SETTING, ["One thread, 640 x # px", "A frame of 640 x # px"]),
+        (DETECT, EXAMPLE, ["this layout repeats under # deg"]),
+        (
+            "docs/ros2.md",
+            STANDARD,
+            ["| Humble, Ubuntu # | #, # |", "| Jazzy, Ubuntu # | #, # |", "whose Python # refuses"],
+        ),
         (
             PRINT,
             DEFAULT,

@@ -136,7 +136,7 @@ def test_a_plate_that_is_not_under_the_boundary_is_told_before_any_design():
     check_plate(Substrate(outline=Circle(0.15)), Circle(0.15))
     check_plate(Substrate(outline=rectangle(0.3, 0.3)), Circle(0.15))
     message = refusal(lambda: check_plate(Substrate(outline=rectangle(0.3, 0.2)), Circle(0.15)))
-    assert "150 mm outside of a polygon of 300 mm x 200 mm" in message
+    assert "150 mm outside of a rectangle of 300 mm x 200 mm" in message
     # A bore in the plate is no lack where no dot may be.
     bored = polygon_from([rectangle(0.4, 0.4).outlines()[0], 0.05 * rectangle(1, 1).outlines()[0]])
     assert "outside of" in refusal(lambda: check_plate(Substrate(outline=bored), Circle(0.15)))
