@@ -24,7 +24,7 @@ from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.optimize.problem import room_of
-from markergen.options import GROUPS, Option, as_list, declared
+from markergen.options import GROUPS, Option, as_list, declared, settle
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
@@ -192,11 +192,12 @@ def words(options: Any) -> dict[str, str]:
         shape, state = rig_of(shape, {name: value for name, value in options.items() if name != "shape"})
         table, verb, noun, file = RigKeywords, "rig", "rig", "rig.json"
         spec, first = tomli_w.dumps({"shape": shape, **state}), [shape]
+    options_of_table = declared(table)
+    settle({name: value for name, value in state.items() if name not in options_of_table}, table)
     if any(_nested(value) for value in state.values()):
         # In a spec no line is EOF.
         command = f"cat > {noun}.toml <<'EOF'\n{spec}EOF\nmarkergen {verb} --template {noun}.toml -o {file}"
     else:
-        options_of_table = declared(table)
         typed = [word for name, value in state.items() for word in _typed(options_of_table[name].flag, value)]
         command = shlex.join(["markergen", verb, *first, *typed, "-o", file])
     arguments = "".join(

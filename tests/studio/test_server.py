@@ -163,3 +163,9 @@ def test_the_page_begins_with_a_file(tmp_path, studio, options):
 def test_a_port_that_is_taken_is_told(studio):
     with pytest.raises(OutputError, match=rf"a free port, found --port {studio.port}: .*"):
         _listening(studio.port)
+
+
+@pytest.mark.parametrize("options", [{"wall": 1}, {"": 1}, {"n": {"a": [1]}}, {"shape": "cube", "sideways": 1}])
+def test_words_of_no_options_are_refused(studio, options):
+    assert studio.post("words", {"options": options}).status in (200, 422)
+    assert studio.post("look", {"options": options}).status == 422
