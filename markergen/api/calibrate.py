@@ -115,7 +115,7 @@ def calibrate(
         raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
     bodies = [body, *map(marker_of, others)]
     designs = [plate.marker for body in bodies for plate in body.plates]
-    camera = sized(camera, settled["image_size"])
+    camera = sized(camera, settled["image_size"], photos if isinstance(photos, list | tuple) else [photos])
     taken = as_camera(camera)
     if taken is None and settled["camera_covariance"] is not None:
         raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")

@@ -162,9 +162,9 @@ def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
         If an option has an unusable value, or the marker's dots do not fit on the plate.
     """
     values = {name: asked[name] for name in declared(PlateKeywords) if name in asked}
-    unit, outline = asked.get("boundary_unit"), values.pop("outline", None)
-    if isinstance(outline, str | PathLike) or unit is not None:
-        [outline] = read_room(None, [] if outline is None else [str(outline)], unit)[1]
+    unit, ignore_open, outline = asked.get("boundary_unit"), bool(asked.get("ignore_open")), values.pop("outline", None)
+    if isinstance(outline, str | PathLike) or unit is not None or ignore_open:
+        [outline] = read_room(None, [] if outline is None else [str(outline)], unit, ignore_open=ignore_open)[1]
     if outline is not None:
         values["outline"] = outline
     if not values:

@@ -28,10 +28,13 @@ from markergen.options.kinds import (
 )
 from markergen.options.shared import (
     Aggregate,
+    BoundaryUnit,
     Calibrated,
     Camera,
     CameraInBody,
+    IgnoreOpen,
     ImageSize,
+    Layer,
     MadeKeywords,
     PlateKeywords,
     PosesAxes,
@@ -97,15 +100,9 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             metavar="SHAPE|FILE",
         ),
     ]
-    boundary_unit: Annotated[
-        str, Option(LAYOUT, "Unit of drawings that do not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
-    ]
-    layer: Annotated[
-        str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
-    ]
-    ignore_open: Annotated[
-        bool, Option(LAYOUT, "Leave out lines of drawings that bound nothing, and list them.", False)
-    ]
+    boundary_unit: BoundaryUnit
+    layer: Layer
+    ignore_open: IgnoreOpen
     origin: Annotated[
         str,
         Option(
@@ -341,9 +338,8 @@ class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
             metavar="TEXT",
         ),
     ]
-    boundary_unit: Annotated[
-        str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
-    ]
+    boundary_unit: BoundaryUnit
+    ignore_open: IgnoreOpen
 
 
 class ValidateKeywords(TypedDict, total=False):
@@ -425,6 +421,8 @@ class VerifyKeywords(MadeKeywords, PlateKeywords, total=False):
         Length,
         Option(RUN, "Maximum deviation.", otherwise="20 um; a quarter of a pixel in a coarse PNG"),
     ]
+    boundary_unit: BoundaryUnit
+    ignore_open: IgnoreOpen
     unit: Annotated[str, Option(RUN, "Unit of a DXF that does not say it: mm, cm, m, in.", metavar="UNIT")]
 
 

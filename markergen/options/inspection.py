@@ -3,8 +3,17 @@
 
 from typing import Annotated, TypedDict
 
-from markergen.options import LAYOUT, RUN, Option
-from markergen.options.shared import CameraInBody, ImageSize, PosesAxes, PosesFrame, PosesUnit
+from markergen.options import RUN, Option
+from markergen.options.shared import (
+    BoundaryUnit,
+    CameraInBody,
+    IgnoreOpen,
+    ImageSize,
+    Layer,
+    PosesAxes,
+    PosesFrame,
+    PosesUnit,
+)
 
 
 class InspectKeywords(TypedDict, total=False):
@@ -24,12 +33,6 @@ class InspectKeywords(TypedDict, total=False):
     poses_axes: PosesAxes
     poses_unit: PosesUnit
     camera_in_body: CameraInBody
-    boundary_unit: Annotated[
-        str, Option(LAYOUT, "Unit of drawings that do not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
-    ]
-    layer: Annotated[
-        str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
-    ]
-    ignore_open: Annotated[
-        bool, Option(LAYOUT, "Leave out lines of drawings that bound nothing, and list them.", False)
-    ]
+    boundary_unit: BoundaryUnit
+    layer: Layer
+    ignore_open: IgnoreOpen

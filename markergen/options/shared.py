@@ -4,7 +4,7 @@
 from typing import Annotated, TypedDict
 
 from markergen.defaults import PRINT_SIGMA_TEXT
-from markergen.options import ERRORS, RUN, SEARCH, SHEET, SOLID, VIEW, Option
+from markergen.options import ERRORS, LAYOUT, RUN, SEARCH, SHEET, SOLID, VIEW, Option
 from markergen.options.kinds import CameraLike, Covariance, Duration, File, Length, Shape, Texts
 
 Printed = Annotated[
@@ -84,6 +84,12 @@ PosesAxes = Annotated[
 PosesUnit = Annotated[
     str, Option(VIEW, "Unit of a file of poses: mm, cm, m, in, ft.", otherwise="as it states, or m", metavar="UNIT")
 ]
+
+BoundaryUnit = Annotated[
+    str, Option(LAYOUT, "Unit of drawings that do not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
+]
+Layer = Annotated[str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")]
+IgnoreOpen = Annotated[bool, Option(LAYOUT, "Leave out lines of drawings that bound nothing, and list them.", False)]
 
 CameraInBody = Annotated[File, Option(VIEW, "File with the one pose of the camera in the body.", metavar="FILE")]
 

@@ -8,7 +8,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
-from markergen.read.cameras import load_camera, read_camera
+from markergen.read.cameras import load_camera, read_camera, sized
 from markergen.read.cameras.statements import NAMES, REFUSED, doubts, folded_share, lens_name
 from markergen.read.remarks import collected_remarks
 
@@ -170,3 +170,21 @@ def test_folded_share_by_the_formula():
     border = [(u, v) for u in x for v in (0, 479)] + [(u, v) for v in y for u in (0, 639)]
     beyond = [np.hypot(u - 319.5, v - 239.5) > 300 * 2 / 3 / np.sqrt(0.9) for u, v in border]
     assert folded_share(camera) == pytest.approx(np.mean(beyond))
+
+
+def test_the_size_of_a_photograph_where_the_file_has_none(tmp_path):
+    from PIL import Image
+
+    Image.new("L", (640, 480)).save(tmp_path / "photo.png")
+    table = {key: value for key, value in TABLE.items() if not key.startswith("image")}
+    for name, values in {"without.json": table, "with.json": TABLE}.items():
+        (tmp_path / name).write_text(json.dumps({**values, "distortion_coefficients": [0.0] * 5}))
+    with collected_remarks() as remarks:
+        source = sized(tmp_path / "without.json", None, [tmp_path / "photo.png"])
+    assert read_camera(source) == read_camera(tmp_path / "with.json")
+    assert len(remarks) == 1
+    with collected_remarks() as remarks:
+        assert sized(tmp_path / "with.json", None, [tmp_path / "photo.png"]) == tmp_path / "with.json"
+    assert not remarks
+    with pytest.raises(InputError, match="image_width"):
+        read_camera(sized(tmp_path / "without.json", None))

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,10 @@ from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
-from markergen.read.cameras.document import Document, Fields, document_of
+from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
 from markergen.read.cameras.statements import remark_doubts, remark_unused_keys
+from markergen.read.images import find_images, size_in_file
+from markergen.read.remarks import collected_remarks, remark
 from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
 
@@ -145,8 +147,22 @@ def format_of(document: Document) -> CameraFormat | None:
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
-def sized(source: Any, size: str | None) -> Any:
-    """Return the path of a camera's file with the size of its images, if one is given; raises InputError."""
+def sized(source: Any, size: str | None, photos: Sequence[Any] = ()) -> Any:
+    """Return the path of a camera's file with the size of its images: the one given, or that of photographs.
+
+    The first photograph's counts only for a file without a size; raises InputError.
+    """
+    if size is None and photos and isinstance(source, str | os.PathLike):
+        try:
+            with collected_remarks():
+                load_camera(source)
+        except NoSizeError:
+            paths = find_images([Path(photo) for photo in photos[:1] if isinstance(photo, str | os.PathLike)])
+            if sides := size_in_file(paths[0]) if paths else None:
+                size = f"{sides[0]}x{sides[1]}"
+                remark(f"{os.fspath(source)}: without a size of images, taken for {size} px of {paths[0].name}")
+        except InputError:  # Shown where the camera is read.
+            pass
     if size is None:
         return source
     if not isinstance(source, str | os.PathLike):

@@ -18,7 +18,7 @@ from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
-from markergen.read.cameras.document import Fields
+from markergen.read.cameras.document import Fields, NoSizeError
 from markergen.read.cameras.names import KEYS, NAMED
 from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
 from markergen.read.remarks import remark
@@ -179,7 +179,7 @@ def _size(table: Fields) -> tuple[str, int, int]:
         sizes[key] = int(sides[0]), int(sides[1])
     if not sizes and table.size is None and table.find(*WIDTH) is None:
         remedy = "add it, or give --image-size, that of the photographs, such as 640x480"
-        raise InputError(f"the key {' or '.join(WIDTH[:2])} in {table.place()}", "none", remedy)
+        raise NoSizeError(f"the key {' or '.join(WIDTH[:2])} in {table.place()}", "none", remedy)
     if table.find(*WIDTH) is not None or (not sizes and table.size is None):
         width, height = table.whole(*WIDTH), table.whole(*HEIGHT)
         sizes[f"{table.key(*WIDTH)} and {table.key(*HEIGHT)}"] = width, height

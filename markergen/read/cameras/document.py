@@ -28,6 +28,10 @@ _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
 _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
 
 
+class NoSizeError(InputError):
+    """A camera file without the size of its images."""
+
+
 def document_of(values: Mapping[str, Any], name: str) -> "Document":
     """Make a document from values as in a file or from a message's attributes; arrays and tuples are accepted too."""
     try:

@@ -324,6 +324,8 @@ def read_room(
     drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(_split(text)[0])]
     if unit is not None and not drawings:
         raise InputError("a drawing for --boundary-unit", "none", "write the unit with the number: 150mm")
+    if ignore_open and not drawings:
+        raise InputError("a drawing for --ignore-open", "none", "leave it out")
     if boundary is None:
         return None, tuple(_keep_out(text, unit, (0.0, 0.0), ignore_open) for text in keep_outs)
     drawn = is_drawing(boundary)
