@@ -215,15 +215,16 @@ def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) 
     least, most = 2 * LEAST_ARM + 1, min(frames[0].width, frames[0].top - frames[0].margin) / 4
     if not least <= overlap <= most:
         raise InputError(f"an overlap of {least:g} to {most:.0f} mm", f"{overlap:g} mm", "10 mm suits most paper")
-    tilings = [_tiling(figure, frame, overlap, options.colors.grounded) for frame in frames]
-    best = min(tilings, key=lambda tiling: (tiling.columns * tiling.rows, tiling.across.cut + tiling.upward.cut))
-    if best.columns * best.rows > MOST_TILES:
-        raise InputError(
-            f"a marker that at most {MOST_TILES} tiles hold",
-            f"{size_words(figure.marker.boundary)} on {best.frame.paper}: {best.columns} x {best.rows} tiles",
-            "use larger paper",
-        )
-    return best
+    tilings: list[Tiling] = []
+    problems: list[InputError] = []
+    for frame in frames:
+        try:
+            tilings.append(_tiling(figure, frame, overlap, options.colors.grounded))
+        except InputError as problem:
+            problems.append(problem)
+    if not tilings:
+        raise problems[0]
+    return min(tilings, key=lambda tiling: (tiling.columns * tiling.rows, tiling.across.cut + tiling.upward.cut))
 
 
 def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Tiling:
@@ -240,10 +241,15 @@ def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Til
     extent = union(ink, (quiet[0] + margin, quiet[1] + margin, quiet[2] - margin, quiet[3] - margin))
     whole = Tiling(frame, overlap, Cuts((), 0), Cuts((), 0), extent)
     window = whole.window
-    cuts = [
-        find_seams(extent[axis], extent[axis + 2], window[axis + 2] - window[axis], overlap, _items(figure, axis))
-        for axis in (0, 1)
-    ]
+    rooms = [window[axis + 2] - window[axis] for axis in (0, 1)]
+    least = [least_tiles(extent[axis + 2] - extent[axis], rooms[axis], overlap) for axis in (0, 1)]
+    if least[0] * least[1] > MOST_TILES:
+        raise InputError(
+            f"a marker that at most {MOST_TILES} tiles hold",
+            f"{size_words(figure.marker.boundary)} on {frame.paper}: {least[0]} x {least[1]} tiles",
+            "use larger paper",
+        )
+    cuts = [find_seams(extent[axis], extent[axis + 2], rooms[axis], overlap, _items(figure, axis)) for axis in (0, 1)]
     return Tiling(frame, overlap, cuts[0], cuts[1], extent)
 
 
@@ -267,13 +273,18 @@ def find_seams(low: float, high: float, room: float, overlap: float, items: Sequ
     zones, then make the tiles most uniform. The optimum on a grid of positions is found exactly, by dynamic
     programming.
     """
-    extent = high - low
-    if extent <= room:
+    least = least_tiles(high - low, room, overlap)
+    if least == 1:
         return Cuts((), 0)
-    # Two outer tiles of room - overlap / 2, and inner tiles of room - overlap.
-    least = 2 + max(ceil((extent - (2 * room - overlap)) / (room - overlap) - 1e-9), 0)
     candidates = [_places(low, high, room, overlap, items, count) for count in (least, least + 1)]
     return min(candidates, key=lambda cuts: cuts.cut)
+
+
+def least_tiles(extent: float, room: float, overlap: float) -> int:
+    """Return the least number of tiles: two outer ones of room - overlap / 2, and inner ones of room - overlap."""
+    if extent <= room:
+        return 1
+    return 2 + max(ceil((extent - (2 * room - overlap)) / (room - overlap) - 1e-9), 0)
 
 
 def _places(low: float, high: float, room: float, overlap: float, items: Sequence[Item], count: int) -> Cuts:
