@@ -37,7 +37,7 @@ def outline(path, row):
 
 
 READERS = {"camera": (CAMERAS, camera), "poses": (POSES, poses), "outline": (OUTLINES, outline)}
-WORD = re.compile(r"(?<![\w.])[A-Za-z_][A-Za-z_.\-]*[A-Za-z_0-9]")
+WORD = re.compile(r"(?<![\w.])[A-Za-z_][A-Za-z_.\-]*[A-Za-z_]")
 
 
 def misspelled(text):

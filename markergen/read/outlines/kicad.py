@@ -169,6 +169,8 @@ def _poly(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
             parts += _arc(child, file, name)[0]
         elif child[0] == "xy":
             parts.append(Polyline(np.array([_point(["", child], "xy", file, name)])))
+        else:
+            raise file.unreadable("points xy and arcs", f"another for {name}", "save it again")
     if not parts:
         raise file.unreadable("points", f"none for {name}", "save it again")
     return parts, True

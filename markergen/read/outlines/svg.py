@@ -86,6 +86,20 @@ _SELECTOR = re.compile(r"\*|[\w-]*(?:[.#][\w-]+)?")
 _CLEAR = ("none", "transparent")
 _ZERO = re.compile(r"(?:0+\.?0*|\.0+)(?:%|[a-z]+)?")
 
+KNOWN = re.compile(
+    r"[xyrd]|[xyr][12xy]|c[xy]|points|width|height|viewBox|transform|preserveAspectRatio|href|id|class|style|name|title|"
+    r"opacity|display|visibility|overflow|version|baseProfile|lang|space|type|units|filter|cursor|direction|isolation|zoom\w*|"
+    r"(fill|stroke|clip|mask|marker|font|text|color|letter|word|paint|vector|pointer|shape|image|mix|stop|background|"
+    r"enable|flood|lighting|unicode|alignment|baseline|dominant|data|aria|content|require|system|on|tab|role|focus|path|"
+    r"xml|writing|glyph|kerning|solid|white|line|inkscape|sodipodi)[\w:-]*"
+)
+"""Attributes of shapes and groups: those that are evaluated, and those of paint, text and metadata."""
+PLAIN = re.compile(
+    r"defs|title|desc|metadata|style|clipPath|mask|\w*Gradient|marker|filter|fe[A-Z]\w*|symbol|pattern|script|stop|view|cursor|"
+    r"color-profile|font[\w-]*|glyph|animate\w*|set|solidcolor|hatch|mesh\w*|path-effect|switch|a"
+)
+"""Elements without a shape of their own."""
+
 LARGEST_PATH = 300_000
 """Maximum length of all path data in characters, ample for the maximum number of corners of an outline."""
 
@@ -510,7 +524,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     if root.get("transform", "").strip():
         raise file.unreadable("transforms inside the drawing", "one on the svg element itself", "put it on a group")
     sheet = sheet_of(root, file)
-    reader = _SvgReader(file, sheet, _by_id(root), _layer_elements(root, layer, file))
+    reader = _SvgReader(file, sheet, _by_id(root), _layer_elements(root, layer, file), others=odd_attributes(root))
     style = style_of(root, INITIAL, sheet)
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
@@ -570,7 +584,10 @@ class _SvgReader:
             self.others.append(OTHERS[kind])
             self._unread(element, place, kind)
         if kind not in (*SHAPES, *GROUPS, "svg", "use"):
+            if kind not in OTHERS and " " not in kind and not PLAIN.fullmatch(kind):
+                self.others.append(f"the element {kind}")
             return
+        self.others += odd_attributes(element)
         number = next(self._numbers)
         most = MOST_PIECES * min(self.file.patience, 4)
         if number > most:
@@ -849,6 +866,13 @@ def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> set[
         names_of_layers = [names[0] for group in labeled or groups if (names := _names(group))]
         raise file.unknown_layer(layer, list(dict.fromkeys(names_of_layers)))
     return {id(group) for group in chosen}
+
+
+def odd_attributes(element: Element) -> list[str]:
+    """Attributes without a namespace that are not known."""
+    odd = [key for key in element.attrib if " " not in key and ":" not in key and not KNOWN.fullmatch(key)]
+    odd += ["r"] if "r" in element.attrib and element.tag != "circle" else []
+    return [f"the attribute {key}" for key in odd]
 
 
 def _names(group: Element) -> list[str]:
