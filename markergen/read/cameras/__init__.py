@@ -187,7 +187,8 @@ def _camera_of(document: Document, choice: str | None) -> Camera:
         remark_unused_keys(document, camera)
         remark_doubts(document.name, camera)
         return camera
-    signs = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
+    formats = [(name, CAMERA_FORMATS[name].signs) for name in CAMERA_FORMATS]
+    signs = "; ".join(name if signs == name else f"{name}: {signs}" for name, signs in formats)
     raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")
 
 
