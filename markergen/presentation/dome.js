@@ -33,6 +33,7 @@ const dome = (() => {
     .dome-controls label.dome-wide { flex: 1 1 14rem; }
     .dome-controls input { flex: 1; min-width: 6rem; }
     .dome-controls :is(input, select) { font: inherit; accent-color: currentColor; min-height: 1.75rem; }
+    @media (pointer: coarse) { .dome-controls :is(input, select) { min-height: 44px; } }
     .dome-said { display: block; min-height: 3em; margin: .2rem 0 0; font-variant-numeric: tabular-nums; }
     @media print { .dome-controls { display: none; } }`);
   document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];

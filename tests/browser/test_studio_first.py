@@ -18,6 +18,7 @@ def allowed(address):
 def test_it_begins_with_the_best_layout_for_the_page_in_the_printer(address, opened):
     with opened(address, allowed(address)) as page:
         studio = Studio(page)
+        studio.settle()
         page.wait_for_selector("#undo:enabled", timeout=120_000)
         state = studio.state()
         assert state["boundary"] == "page"
@@ -29,7 +30,7 @@ def test_it_begins_with_the_best_layout_for_the_page_in_the_printer(address, ope
         page.keyboard.press("Tab")
         assert studio.state()["poses"] == "cone:distance=1.2..3m,tilt=0..70"
         page.click("#sheet summary")
-        page.wait_for_selector("#page[src]", timeout=60_000)
+        page.wait_for_selector("#page[src]", timeout=120_000)
         studio.until(
             "() => document.getElementById('page').naturalHeight > document.getElementById('page').naturalWidth"
         )

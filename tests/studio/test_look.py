@@ -145,6 +145,8 @@ def test_the_command_of_a_drawn_boundary_writes_its_spec() -> None:
 
 def test_what_a_page_notes_beside_the_options_is_no_option() -> None:
     assert plain_options({"n": "4", "drawing_center": [0.1, 0.2]}) == {"n": 4}
+    # Typical cameras are no files.
+    assert spec_of_options({"camera": "phone"}).camera.width == 4032
 
 
 def test_a_page_can_show_all_options() -> None:
