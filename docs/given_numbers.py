@@ -19,6 +19,7 @@ from docs.numbers import (
     README,
     RESULTS,
     RIGS,
+    ROS2,
     START,
     STUDY,
     THEORY,
@@ -38,6 +39,11 @@ GIVEN: Sequence[Given] = tuple(
         (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
         (CALIBRATE, DEFAULT, ["expected error by less than # %, at forty"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
+        (
+            ROS2,
+            STANDARD,
+            ["Ubuntu # | #, # | goes as well", "Ubuntu # | #, # | is refused", "whose Python # refuses plain pip"],
+        ),
         (
             CALIBRATE,
             SETTING,

@@ -30,7 +30,7 @@ README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate
 PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
 CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
 OBJECTIONS = "docs/objections.md"
-FAQ, RESULTS, INSTALL = "docs/faq.md", "docs/results.md", "docs/install.md"
+FAQ, RESULTS, INSTALL, ROS2 = "docs/faq.md", "docs/results.md", "docs/install.md", "docs/ros2.md"
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 
 GENERATED = ("docs/cli.md", "docs/templates.md")
