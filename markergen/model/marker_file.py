@@ -32,6 +32,7 @@ from markergen.model.shape_file import (
     Coordinate,
     Finite,
     Positive,
+    Size,
     SubstrateFile,
     built,
     holds_together,
@@ -82,8 +83,8 @@ class _Frame(_MarkerPart):
 
 class _Feature(_MarkerPart):
     kind: Literal["dot", "ring"]
-    diameter: NonNegative
-    inner_diameter: NonNegative = 0.0
+    diameter: Size
+    inner_diameter: Size = 0.0
     polarity: Annotated[Polarity, SINCE_2, Field(description="Polarity of the dot on its ground.")] = "dark"
 
 
@@ -232,7 +233,7 @@ class MarkerFile(_MarkerPart):
     frame: _Frame
     boundary: BoundaryFile
     keep_outs: list[BoundaryFile] = []
-    clearance: NonNegative
+    clearance: Size
     control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
     tag: _Tag | None = None
     substrate: SubstrateFile

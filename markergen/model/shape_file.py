@@ -22,6 +22,8 @@ def _no_dust(value: float) -> float:
     return value
 
 
+Size = Annotated[float, Field(ge=0, le=LARGEST_LENGTH), AfterValidator(lambda value: value and _no_dust(value))]
+"""A length in m, or zero for none."""
 Positive = Annotated[float, Field(gt=0, le=LARGEST_LENGTH), AfterValidator(_no_dust)]
 Coordinate = Annotated[float, Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH)]
 Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]

@@ -334,3 +334,12 @@ def test_a_matrix_elsewhere_is_left_alone(pentagon):
     covariance = JointCovariance((0, 1), "xy", np.eye(4) * 1e-9)
     marker = replace(pentagon, joint_covariance=covariance, provenance={"matrix": None, "note": '\n    "matrix": null'})
     assert from_json(to_json(marker).decode()) == marker
+
+
+@pytest.mark.parametrize("key", ["clearance", "diameter"])
+@pytest.mark.parametrize("length", [1e-9, 1e4, 1e300])
+def test_sizes_are_from_1_um_to_1_km(pentagon, key, length):
+    values = json.loads(to_json(pentagon))
+    (values if key == "clearance" else values["control_points"][1]["feature"])[key] = length
+    with pytest.raises(InputError, match=key):
+        from_json(json.dumps(values).encode())
