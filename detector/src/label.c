@@ -1277,11 +1277,11 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
     const Constellation *part = main_part(layout, chosen->labels);
     const Pose pose = chosen->pose;
     const int64_t every = layout->count > 40 ? layout->count / 20 : 1, probes = (layout->count + every - 1) / every;
-    /* Two bases: a rival may lack one of the dots of the first. */
+    /* Two bases: a rival may lack one of the dots of the first. Of short pairs, all images are among the pairs of neighbors. */
     int64_t used[2] = {-1, -1};
     for (int base = 0; base < 2; base++) {
         int64_t first = -1, second = -1;
-        for (int64_t k = part->pair_count - 1; k >= 0 && first < 0; k--) {
+        for (int64_t k = 0; k < part->pair_count && first < 0; k++) {
             const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
             if (chosen->labels[part->dots[a]] >= 0 && chosen->labels[part->dots[c]] >= 0 && a != used[0] && a != used[1] &&
                 c != used[0] && c != used[1]) {
