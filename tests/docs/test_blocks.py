@@ -10,6 +10,7 @@ from docs.blocks import ROOT, blocks, pages, run
 
 LEFT_OUT = {
     "README.md": 1,  # the installation
+    "calibrate.md": 1,  # a live camera
     "comparison.md": 1,  # takes minutes
     "detect.md": 1,  # a live camera
     "install.md": 2,  # the installation, another OpenCV

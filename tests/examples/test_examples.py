@@ -42,6 +42,17 @@ def test_own_camera(monkeypatch, capsys, tmp_path):
     assert "6 control points in a disk" in capsys.readouterr().out
 
 
+def test_show_sheet(monkeypatch, capsys, tmp_path):
+    page = np.full((297, 210), 255, np.uint8)
+    page[100:130, 50:90] = 0
+    cv2.imwrite(str(tmp_path / "m.png"), page)
+    run("show_sheet.py", tmp_path / "m.png", monkeypatch=monkeypatch)
+    lines = capsys.readouterr().out.splitlines()
+    # 64 columns of 3.3 px, and half as many rows.
+    assert {len(line) for line in lines} == {66}
+    assert sum(line.count(" ") - 2 for line in lines) == pytest.approx(30 * 40 / 3.28**2 / 2, rel=0.2)
+
+
 def test_every_example_is_run_here():
     here = Path(__file__).read_text()
     assert all(path.name in here for path in EXAMPLES.glob("*.py"))

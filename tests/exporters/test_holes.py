@@ -134,6 +134,9 @@ def test_dxf(cases, name, process, tmp_path):
     assert verify(case.marker, tmp_path / "m.dxf").findings == ()
 
 
+ROUND = np.stack([np.cos(ANGLES := np.linspace(0, 2 * np.pi, 2000, endpoint=False)), np.sin(ANGLES)], axis=-1)
+
+
 def of_svg(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
     """Lines of each group, y up from the page's top, and whether they are closed."""
     layers: dict[str, list[tuple[bool, np.ndarray]]] = {}
@@ -142,6 +145,9 @@ def of_svg(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
             if points := line.get("points"):
                 ring = np.array([pair.split(",") for pair in points.split()], dtype=float) * [1, -1]
                 layers.setdefault(group.get("id"), []).append((line.tag.endswith("polygon"), ring))
+            elif line.get("r") and line.get("fill") == "none":
+                x, y, radius = (float(line.get(key)) for key in ("cx", "cy", "r"))
+                layers.setdefault(group.get("id"), []).append((True, np.array([x, -y]) + radius * ROUND))
     return layers
 
 

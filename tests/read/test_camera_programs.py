@@ -215,6 +215,7 @@ def test_what_is_not_modeled_is_refused_by_name(write, words):
 
 
 BEGINNINGS = [
+    b'{"control_points": []}',
     b"\x93NUMPY\x01\0v\0{'descr'", b"PK\x03\x04\x14\0", b"\x80\x04\x95", b"MATLAB 5.0 MAT-file",
     b"% x\nfc = [ 657 ; 658 ];", b"#ROSBAG V2.0\n", b"SQLite format 3\0",
     b"<calibration>\n<projection>frame</projection>", b'{"sfm_data_version": "0.3"}', b"# Bundle file v0.3\n",

@@ -53,7 +53,7 @@ def narrower(text):
 
 
 def line(name, change):
-    return lambda text: re.sub(rf'(<poly\w+ id="{name}[-"][^>]*)/>', change, text)
+    return lambda text: re.sub(rf'(<(?:poly\w+|circle) id="{name}[-"][^>]*)/>', change, text)
 
 
 def with_unread(element):
@@ -76,7 +76,8 @@ SVG = {
     "inverted": (inverted, "inverted", "light and dark are swapped"),
     "cropped": (narrower, "hidden", "the page is cropped"),
     "hole missing": (line("hole-1", ""), "hole", "is missing"),
-    "hole moved": (line("hole-1", r'\1 transform="translate(1 0)"/>'), "hole", "is 1 mm off"),
+    # A round line is flattened to 5 um.
+    "hole moved": (line("hole-1", r'\1 transform="translate(1 0)"/>'), "hole", "is 0.9999 mm off (x +0.9999 mm"),
     "outline small": (line("boundary", r'\1 transform="translate(1 0) scale(.9866)"/>'), "outline", "the outline "),
 }  # fmt: skip
 

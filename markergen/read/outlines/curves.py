@@ -110,8 +110,11 @@ class Arc(Curve):
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`; a chord over an angle h of a circle deviates by r (1 - cos(h / 2)) = 2 r sin(h / 4)^2.
 
-        An ellipse is a circle of its semi-major axis compressed along one direction, which increases no deviation.
+        An ellipse is a circle of its semi-major axis compressed along one direction, which increases no deviation. One
+        without end has no points: nan.
         """
+        if not np.isfinite([self.u, self.v]).all():
+            return np.full((2, len(self.center)), np.nan)
         radius = float(np.linalg.norm(np.stack([self.u, self.v]), ord=2))
         if radius <= tolerance:
             return self._at(5)
