@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from sentences import sentence
@@ -131,6 +131,7 @@ def test_project_keeps_off_keep_outs(name, inset):
     st.integers(0, 8),
     st.integers(0, 2**32 - 1),
 )
+@example([(0, 0), (11, 40), (-19, 4), (-24, -2)], 0, 0)
 @settings(max_examples=150)
 def test_any_polygon_agrees_with_brute_force(corners, inset_mm, seed):
     # Whole millimeters, so that edges on one line, parallel ones and insets that fit just so come up.
@@ -141,6 +142,8 @@ def test_any_polygon_agrees_with_brute_force(corners, inset_mm, seed):
         polygon = Polygon((tuple((x / 1e3, y / 1e3) for x, y in ordered),))
     except InputError:
         return
+    # Where a corner lies on another edge but for rounding, there is no inside to agree on.
+    assume(shapely.minimum_clearance(shapely.Polygon(polygon.outlines()[0])) > 1e-9)
     inset, points, whole = inset_mm / 1e3, around(polygon, 40, seed), geometry(polygon)
     depth = polygon.depth(points)
     distance = shapely.distance(shapely.boundary(whole), shapely.points(points))
