@@ -46,13 +46,11 @@ def noise_of(adjusted: Adjustment, photo: Indices) -> Array:
     if chi2_distribution.sf(total, expected) > BY_LUCK:
         return variance
     for views in views_of.values():
-        shown = [field for field in (fields[view] for view in views) if field]
-        total, expected = _squares(shown, 0.0)
+        seen = [field for field in (fields[view] for view in views) if field]
+        total, expected = _squares(seen, 0.0)
         if LEAST_EXPECTED < expected < total:
-            most = 4 * max(float((residual**2).sum()) for residual, *_ in shown)
-            variance[views] = brentq(
-                lambda square, shown=shown: np.subtract(*_squares(shown, square)), 0, most, rtol=1e-3
-            )
+            most = 4 * max(float((residual**2).sum()) for residual, *_ in seen)
+            variance[views] = brentq(lambda square, seen=seen: np.subtract(*_squares(seen, square)), 0, most, rtol=1e-3)
     return variance
 
 
@@ -68,19 +66,19 @@ def _field(adjusted: Adjustment, view: int) -> _Field | None:
     if not degree:
         return None
     information = parts.rest[: parts.dots, : parts.dots].reshape(len(places), 3, len(places), 3)[dots, :, dots, :]
-    own = np.trace(adjusted.views.covariance[view, dots], axis1=-2, axis2=-1) / 2
+    variance = np.trace(adjusted.views.covariance[view, dots], axis1=-2, axis2=-1) / 2
     rows = parts.rows_dot[view, dots]
-    kept = 1 - np.einsum("nia,nab,nib->n", rows, np.linalg.inv(information), rows) / 2 / own
+    kept = 1 - np.einsum("nia,nab,nib->n", rows, np.linalg.inv(information), rows) / 2 / variance
     x, y = (places[dots, :2] - places[dots, :2].mean(axis=0)).T / np.ptp(places[dots, :2])
     terms = [x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)]
-    return adjusted.residual[view, dots], own, kept, np.stack(terms, axis=-1)
+    return adjusted.residual[view, dots], variance, kept, np.stack(terms, axis=-1)
 
 
 def _squares(fields: Sequence[_Field], square: float) -> tuple[float, float]:
     """Sum of the squares that polynomials leave if dots have the variance `square` beyond their own, and its mean."""
     total = expected = 0.0
-    for residual, own, kept, terms in fields:
-        scale = np.sqrt(own + square)[:, None]
+    for residual, variance, kept, terms in fields:
+        scale = np.sqrt(variance + square)[:, None]
         smooth = np.linalg.qr(terms / scale)[0]
         rough = residual / scale
         total += float(((rough - smooth @ (smooth.T @ rough)) ** 2).sum())

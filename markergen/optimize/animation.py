@@ -111,11 +111,11 @@ class Movie:
         )
         parts.append(f'<circle r="5" fill="{BLUE}" cx="{curve[-1, 0]:.1f}" cy="{curve[-1, 1]:.1f}">{moves}</circle>')
         for place, step in enumerate(steps):
-            shown = ";".join("1" if min(k, len(steps) - 1) == place else "0" for k in range(len(ends)))
+            opacities = ";".join("1" if min(k, len(steps) - 1) == place else "0" for k in range(len(ends)))
             parts.append(
                 f'<text x="{MARGIN}" y="{HEIGHT - CURVE - 1.6 * MARGIN:g}" opacity="{int(place == len(steps) - 1)}">'
                 f'{escape(self.caption(step))}<animate attributeName="opacity" calcMode="discrete" {times} '
-                f'values="{shown}"/></text>'
+                f'values="{opacities}"/></text>'
             )
         return "\n".join([*parts, "</svg>\n"]).encode()
 
@@ -131,8 +131,8 @@ class Movie:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "way.mp4"
             video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (WIDTH, HEIGHT))
-            shown = np.round(np.linspace(0, len(steps) - 1, round(RATE * SECONDS))).astype(int).tolist()
-            for place in [*shown, *[len(steps) - 1] * round(RATE * HELD)]:
+            places = np.round(np.linspace(0, len(steps) - 1, round(RATE * SECONDS))).astype(int).tolist()
+            for place in [*places, *[len(steps) - 1] * round(RATE * HELD)]:
                 picture = np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)
                 cv2.polylines(picture, lines, False, (154, 154, 154), 1, cv2.LINE_AA, 4)
                 polygons = np.round(16 * self.polygons(steps[place])).astype(np.int32)

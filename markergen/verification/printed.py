@@ -70,13 +70,13 @@ def printed_findings(
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
     """
-    own = _own(marker, size, compensate) if size is not None else None
-    if own is None:
+    sheet_of_ours = _own(marker, size, compensate) if size is not None else None
+    if sheet_of_ours is None:
         return []
-    sheet, expected = own
+    sheet, expected = sheet_of_ours
     origin = np.array(sheet.origins_mm[0])
     wanted = _Page(expected, lambda points: (points - origin) @ motion[0].T + motion[1], picture)
-    if wanted.share(_around(own[0], expected)) < OURS:
+    if wanted.share(_around(sheet_of_ours[0], expected)) < OURS:
         return []
     changed = [
         shape.name
@@ -93,14 +93,14 @@ def printed_findings(
 def reads_upright(marker: Marker, box: Sequence[float], picture: PagePicture) -> bool | None:
     """Tell whether our sheet shows unmirrored on a page (left, bottom, right, top) in mm; None if it does not show."""
     size = np.array(box[2:]) - box[:2]
-    own = _own(marker, (round(size[0], 1), round(size[1], 1)), False)
-    if own is None:
+    sheet_of_ours = _own(marker, (round(size[0], 1), round(size[1], 1)), False)
+    if sheet_of_ours is None:
         return None
-    sheet, expected = own
-    shown = _around(sheet, expected)
+    sheet, expected = sheet_of_ours
+    ink = _around(sheet, expected)
 
     def share(x: float, y: float) -> float:
-        return _Page(expected, lambda points: (points - size / 2) * [x, y] + size / 2 + box[:2], picture).share(shown)
+        return _Page(expected, lambda points: (points - size / 2) * [x, y] + size / 2 + box[:2], picture).share(ink)
 
     plain, mirrored = (max(share(mirror, 1.0), share(-mirror, -1.0)) for mirror in (1.0, -1.0))
     return plain > mirrored if max(plain, mirrored) > OURS else None
@@ -108,12 +108,12 @@ def reads_upright(marker: Marker, box: Sequence[float], picture: PagePicture) ->
 
 def _around(sheet: Sheet, expected: NDArray[np.uint8]) -> Mask:
     """Pixels of our sheet with ink that is not of the marker itself."""
-    shown = expected < 128
+    ink = expected < 128
     for layer in ("dots", "tag", "cut"):
         for shape in sheet.scene[layer]:
             left, bottom, right, top = (np.array(bounds(shape)) * DPI / 25.4).astype(int)
-            shown[max(len(shown) - top - 3, 0) : len(shown) - bottom + 3, max(left - 2, 0) : right + 3] = False
-    return shown
+            ink[max(len(ink) - top - 3, 0) : len(ink) - bottom + 3, max(left - 2, 0) : right + 3] = False
+    return ink
 
 
 class _Page:
@@ -127,9 +127,9 @@ class _Page:
         points = np.column_stack([columns + 0.5, len(self.expected) - rows - 0.5]) * 25.4 / DPI
         return np.asarray(np.abs(self.picture.sample(self.to_page(points)) - self.picture.paper) / 255)
 
-    def share(self, shown: Mask) -> float:
+    def share(self, ink: Mask) -> float:
         """Share of ink that is there too, at places spread over the page."""
-        rows, columns = np.nonzero(shown)
+        rows, columns = np.nonzero(ink)
         chosen = np.linspace(0, max(len(rows) - 1, 0), PLACES).astype(int)
         return float((self._darkness(rows[chosen], columns[chosen]) > DARK).mean()) if len(rows) else 0.0
 

@@ -56,8 +56,8 @@ def cameras_of(document: Document) -> dict[str, Fields]:
     found = _search(values, (), set())
     ways = [camera.way for camera in found]
     # The first words that differ, or all of them.
-    words = next((i for i in range(20) if len({way[i : i + 1] for way in ways}) == len(ways)), 0)
-    labels = [".".join(way[words : words + 1] if words else way[:1]) if len(ways) > 1 else "" for way in ways]
+    parting = next((i for i in range(20) if len({way[i : i + 1] for way in ways}) == len(ways)), 0)
+    labels = [".".join(way[parting : parting + 1] if parting else way[:1]) if len(ways) > 1 else "" for way in ways]
     labels = labels if len(set(labels)) == len(labels) else [".".join(way) for way in ways]
     return {
         label: Fields(document.name, camera.values, "", root.used, document.size, camera.names)
@@ -85,8 +85,8 @@ def _search(node: Mapping[str, Any], way: tuple[str, ...], visited: set[int]) ->
         inner[0].values |= dict(_leaves(node, way))
     else:
         grouped = {place for camera in groups for place in camera.values}
-        own = {key: value for key, value in node.items() if not isinstance(value, dict)}
-        around = {place: value for place, value in _leaves(own, way) if place not in grouped and _is_about(place)}
+        scalars = {key: value for key, value in node.items() if not isinstance(value, dict)}
+        around = {place: value for place, value in _leaves(scalars, way) if place not in grouped and _is_about(place)}
         for camera in inner:
             camera.values |= around
     return inner
