@@ -67,15 +67,18 @@ def copies(views: Views, photo: Indices, grey: Callable[[int], NDArray[Any]]) ->
     grey : callable
         From the number of a photograph to its grey levels.
     """
-    near = stations(views, photo, ALIKE_PX)
-    found: dict[int, int] = {}
-    for second in sorted(near):
-        others = [near[second], *(k for k in near if k < second and near[k] == near[second] and k not in found)]
+    station_of = stations(views, photo, ALIKE_PX)
+    originals: dict[int, int] = {}
+    for second in sorted(station_of):
+        others = [
+            station_of[second],
+            *(k for k in station_of if k < second and station_of[k] == station_of[second] and k not in originals),
+        ]
         for first in others:
             if same_noise(grey(first), grey(second)):
-                found[second] = first
+                originals[second] = first
                 break
-    return found
+    return originals
 
 
 def contradicted_diameters(

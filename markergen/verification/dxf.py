@@ -175,8 +175,8 @@ def _circle(curves: list[Curve], points: Array) -> Array | None:
         if sides[1] < (FLATTEST if whole else 1 - 1e-6) * sides[0] or not sides[1] > 0:
             return None
         return np.array([*arc.center[:2], float(np.sqrt(sides.prod()))])
-    found = round_shape(points)
-    return None if found is None else np.array(found)
+    disk = round_shape(points)
+    return None if disk is None else np.array(disk)
 
 
 def _flaw(entity: Any, entry: Any) -> str:

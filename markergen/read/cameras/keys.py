@@ -53,15 +53,15 @@ def cameras_of(document: Document) -> dict[str, Fields]:
     _, values = values_of(document)
     root = Fields(document.name, values, size=document.size)
     document.tables[:] = [root]
-    found = _search(values, (), set())
-    ways = [camera.way for camera in found]
+    cameras = _search(values, (), set())
+    ways = [camera.way for camera in cameras]
     # The first words that differ, or all of them.
     parting = next((i for i in range(20) if len({way[i : i + 1] for way in ways}) == len(ways)), 0)
     labels = [".".join(way[parting : parting + 1] if parting else way[:1]) if len(ways) > 1 else "" for way in ways]
     labels = labels if len(set(labels)) == len(labels) else [".".join(way) for way in ways]
     return {
         label: Fields(document.name, camera.values, "", root.used, document.size, camera.names)
-        for label, camera in zip(labels, found, strict=True)
+        for label, camera in zip(labels, cameras, strict=True)
     }
 
 
