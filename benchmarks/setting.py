@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from markergen.comparison.baselines import line_up
-from markergen.comparison.compare import Observation, Series
+from markergen.comparison.series import Observation, Series
 from markergen.validation.metrics import rms
 
 

@@ -9,13 +9,16 @@ from typing import Any, Unpack
 from markergen.api.arguments import files_among
 from markergen.comparison.compare import compare_and_time as run
 from markergen.comparison.contestants import forms
+from markergen.comparison.fmac import IMAGES, fmac
+from markergen.comparison.fmac_result import ProtocolComparison
 from markergen.comparison.result import Comparison
+from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError, brief
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.options import Progress, check_progress, settle, signature_of
-from markergen.options.declarations import CompareKeywords
+from markergen.options.compare import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.read.poses import poses_as_stated
 
@@ -76,9 +79,15 @@ def compare(
     poses: Any = poses_as_stated(settled["poses"], settled)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
+    if _protocol(settled):
+        judged = fmac(
+            texts, IMAGES if settled["views"] is None else settled["views"], settled["seed"], settled["print_sigma"],
+            settled["workers"], progress, markers, settled["parts"],
+        )  # fmt: skip
+        return ProtocolComparison(judged, ProtocolComparison(judged).write(targets))
     results, cpu_s = run(
-        texts, settled["views"], settled["seed"], poses, settled["print_sigma"],
-        workers=settled["workers"], progress=progress, given=markers,
+        texts, COMPARED_VIEWS if settled["views"] is None else settled["views"], settled["seed"], poses,
+        settled["print_sigma"], workers=settled["workers"], progress=progress, given=markers,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)
@@ -86,6 +95,18 @@ def compare(
 
 
 compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
+
+
+def _protocol(settled: Mapping[str, Any]) -> bool:
+    """Return whether a protocol is asked for; raises InputError for an unknown one, or options that it settles."""
+    if settled["protocol"] not in ("none", "fmac"):
+        raise InputError("a known protocol", brief(settled["protocol"]), "known: none, fmac")
+    is_asked: bool = settled["protocol"] == "fmac"
+    if is_asked and settled["poses"] is not None:
+        raise InputError("no poses with a protocol, which has its own", "poses", "leave out --poses")
+    if not is_asked and settled["parts"] is not None:
+        raise InputError("a protocol whose parts are kept", "parts alone", "add --protocol fmac, or leave out --parts")
+    return is_asked
 
 
 def _named(contestants: Sequence[TargetLike]) -> tuple[list[str], dict[str, Marker | Rig]]:

@@ -1,53 +1,36 @@
 """Compare markers, tags and boards: same poses, optics and noise, with the best settings for each."""
 # tests: tests/comparison/test_compare.py tests/api/test_compare.py
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from math import isfinite
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from markergen.arrays import Array, Indices, Mask
+from markergen.arrays import Array, Mask
 from markergen.comparison.baselines import line_up
-from markergen.comparison.contestants import Choice, Contestant, Image, Pose, Sighting
-from markergen.comparison.photometric import photometric_fit
-from markergen.comparison.tuning import BUDGET, tune
+from markergen.comparison.contestants import Choice, Contestant
+from markergen.comparison.series import TUNING, VIEWS, Observation, Series, shared, tune_chunk
 from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError
-from markergen.maths.projection import perspective, to_camera
-from markergen.maths.rotation import turn_z
-from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress
-from markergen.pool import chunks_of, map_counted, workers_for
+from markergen.pool import chunks_of, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
-    flipped,
-    pose_failed,
     rms,
-    rotation_error_deg,
     statistics,
-    translation_error_pct,
 )
-from markergen.validation.views import WRONG_PX
-
-VIEWS, TUNING = 0, 1
-"""Stages of a comparison, with different views."""
 
 TUNING_VIEWS = 60
 """Number of views for choosing each peer's settings, separate from those that are evaluated."""
 AT_ONCE = 10
 """Number of views per chunk of work."""
-WORTH_A_WORKER = 60
-"""Number of images below which starting another process does not pay."""
 ERRORS = ("rotation_deg", "translation_pct")
 RESAMPLES = 2000
 """Bootstrap resamples, enough to determine the ends of the 95 % interval to a fiftieth of its length.
@@ -56,140 +39,6 @@ scipy.stats.bootstrap has the same intervals but for its draws, by which the end
 """
 MOST = 0.9
 """Minimum share of the views that a contestant must find for its misses to count in choosing the common views."""
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Views of several contestants, from the same poses with the same noise.
-
-    Attributes
-    ----------
-    count : int
-        Number of views; one pose is drawn from each of `count` equal stretches of the distribution.
-    print_sigma : float, m
-        Standard deviation along each axis of the printed position of every dot or square corner, drawn anew per view.
-    stage : int
-        Part of the seed that gives different views for tuning and evaluation.
-
-    Raises
-    ------
-    InputError
-        If a number is out of range.
-    """
-
-    contestants: tuple[Contestant, ...]
-    camera: Camera
-    poses: PoseDistribution
-    count: int
-    seed: int = 0
-    optics: Optics = DEFAULT_OPTICS
-    print_sigma: float = 0.0
-    stage: int = VIEWS
-
-    def __post_init__(self) -> None:
-        if self.count < 1:
-            raise InputError("one or more views", f"views={self.count}", "ask for a positive number of views")
-        if self.seed < 0:
-            raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
-        if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
-            raise InputError(
-                "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
-            )
-
-    @property
-    def pose(self) -> Indices:
-        """Index (count,) of each view's pose in the distribution."""
-        jitter = np.random.default_rng([self.stage, self.seed, self.count]).random(self.count)
-        return ((np.arange(self.count) + jitter) * len(self.poses) / self.count).astype(np.intp)
-
-    def photograph(self, contestant: Contestant, view: int) -> Image:
-        """Render one view of one contestant."""
-        # All contestants share the same pixel noise; print errors have a separate random stream.
-        noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
-        moved = contestant.print_error(self.print_sigma, print_rng)
-        return contestant.render(self.camera, self._true_pose(view), self.optics, noise, moved)
-
-    def observe(self, contestant: Contestant, choice: Choice, view: int, image: Image) -> "Observation":
-        """Judge what one contestant's detector finds in its view."""
-        return self._observe(contestant, choice, view, image)[0]
-
-    def observe_and_refine(self, who: int, choice: Choice, view: int) -> tuple["Observation", "Observation"]:
-        """Judge what one contestant's detector finds in its view, and the photometric fit that starts there."""
-        contestant = self.contestants[who]
-        image = self.photograph(contestant, view)
-        observation, sighting = self._observe(contestant, choice, view, image)
-        scene = contestant.scene(self.camera)
-        if scene is None or sighting.rotation is None or sighting.translation is None:
-            return observation, observation
-        rotation, translation = photometric_fit(
-            image, scene, self.camera, (sighting.rotation, sighting.translation), self.optics
-        )
-        points = contestant.points[sighting.ids]
-        pixels = self.camera.project(points, rotation[None], translation[None])[0]
-        refined = replace(sighting, pixels=pixels, rotation=rotation, translation=translation)
-        return observation, self._judge(contestant, refined, *self._true_pose(view))
-
-    def _observe(
-        self, contestant: Contestant, choice: Choice, view: int, image: Image
-    ) -> tuple["Observation", Sighting]:
-        began = time.process_time()
-        sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
-        seconds = time.process_time() - began
-        return replace(self._judge(contestant, sighting, *self._true_pose(view)), cpu_s=seconds), sighting
-
-    def _true_pose(self, view: int) -> Pose:
-        pose = self.pose[view]
-        return self.poses.rotation[pose], self.poses.translation[pose]
-
-    def _judge(self, contestant: Contestant, sighting: Sighting, rotation: Array, translation: Array) -> "Observation":
-        """Compare what was found with the true pose, or, of poses that look the same, with the nearest."""
-        if sighting.rotation is None or sighting.translation is None:
-            return Observation(reason=sighting.reason)
-        turns = [turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns)]
-        errors = []
-        for turn in turns:
-            seen = to_camera(contestant.points[sighting.ids] @ turn.T, rotation[None], translation[None])
-            errors.append(np.linalg.norm(sighting.pixels - self.camera.to_pixels(perspective(seen))[0], axis=-1))
-        best = int(np.argmin([np.max(error) for error in errors]))
-        if errors[best].max() > WRONG_PX:
-            return Observation(wrong=True, reason=f"wrong: a point is {errors[best].max():.1f} px off")
-        estimate = (sighting.rotation @ turns[best].T)[None], sighting.translation[None]
-        te_pct = translation_error_pct(sighting.translation, translation)
-        return Observation(
-            rotation_deg=float(rotation_error_deg(estimate[0][0], rotation)),
-            translation_pct=float(te_pct),
-            point_px=errors[best],
-            failed=bool(pose_failed(contestant.points, *estimate, np.array([te_pct]))[0]),
-            mirrored=bool(flipped(estimate[0], rotation, translation)[0]),
-        )
-
-    def bound(self, who: int, view: int) -> tuple[float, float]:
-        """Photometric bound of one contestant's exact print in one view, deg and %."""
-        return self.contestants[who].bound(self.camera, self.poses.taken(self.pose[[view]], 0), self.optics)
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """Errors and CPU time of one detector in one view; nan and empty if nothing, or something wrong, was found."""
-
-    rotation_deg: float = np.nan
-    translation_pct: float = np.nan
-    point_px: Array = field(default_factory=lambda: np.zeros(0))
-    wrong: bool = False
-    failed: bool = False
-    mirrored: bool = False
-    reason: str = ""
-    cpu_s: float = 0.0
-
-    @property
-    def detected(self) -> bool:
-        """True if the contestant was found correctly."""
-        return not self.reason
-
-    @property
-    def counts(self) -> bool:
-        """True if it was detected and its pose has not failed."""
-        return self.detected and not self.failed
 
 
 def compare(*arguments: Any, **options: Any) -> dict[str, Any]:
@@ -261,14 +110,14 @@ def compare_and_time(
     counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
     tuning = replace(counting, count=TUNING_VIEWS, stage=TUNING)
     to_tune = [(who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
-    tuned = dict(zip(to_tune, _shared(_tune, tuning, to_tune, workers, "settings", progress), strict=True))
+    tuned = dict(zip(to_tune, shared(tune_chunk, tuning, to_tune, workers, "settings", progress), strict=True))
     choices: list[Choice] = [{} for _ in contestants]
     for (who, _), (variant, choice, _) in tuned.items():
         contestants[who], choices[who] = variant, choice
     counting = replace(counting, contestants=tuple(contestants))
     tasks = [(who, choices[who], part) for part in chunks_of(views, AT_ONCE) for who in present]
     pairs = [[(Observation(reason=c.absent),) * 2] * views if c.absent else [] for c in contestants]
-    for (who, _, _), part in zip(tasks, _shared(_observe, counting, tasks, workers, "views", progress), strict=True):
+    for (who, _, _), part in zip(tasks, shared(_observe, counting, tasks, workers, "views", progress), strict=True):
         pairs[who] += part
     observations, refined = ([[pair[k] for pair in row] for row in pairs] for k in range(2))
     bounds = _bounds(counting, present, workers, progress)
@@ -287,25 +136,10 @@ def _bounds(series: Series, present: Sequence[int], workers: int | None, progres
     """Photometric bounds (contestants, views, 2), deg and %; nan for contestants that are absent."""
     tasks = [(who, part) for part in chunks_of(series.count, AT_ONCE) for who in present]
     bounds = np.full((len(series.contestants), series.count, 2), np.nan)
-    parts = _shared(_bound_chunk, series, tasks, workers, "bounds", progress)
+    parts = shared(_bound_chunk, series, tasks, workers, "bounds", progress)
     for (who, part), bound in zip(tasks, parts, strict=True):
         bounds[who, part] = bound
     return bounds
-
-
-def _shared(
-    function: Callable[[Series, Any], Any],
-    series: Series,
-    tasks: Sequence[Any],
-    workers: int | None,
-    stage: str,
-    progress: Progress | None,
-) -> list[Any]:
-    """Results of all tasks, whose last item is a range of views, shared out among processes."""
-    report = (lambda done, total: progress(stage, done, total)) if progress else None
-    images = sum(len(task[-1]) for task in tasks)
-    workers = workers_for(workers, 1 + images // WORTH_A_WORKER)
-    return map_counted(partial(function, series), tasks, workers, report, size=lambda task: len(task[-1]))
 
 
 def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, float]]:
@@ -316,31 +150,6 @@ def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, f
 def _observe(series: Series, task: tuple[int, Choice, range]) -> list[tuple[Observation, Observation]]:
     who, setting, views = task
     return [series.observe_and_refine(who, setting, view) for view in views]
-
-
-def _tune(series: Series, task: tuple[int, range]) -> tuple[Contestant, Choice, list[dict[str, Any]]]:
-    """Best variant and setting of a contestant, and a row for each that was tried."""
-    who, views = task
-    variants = series.contestants[who].variants
-    images = [[series.photograph(variant, view) for view in views] for variant in variants]
-
-    def observe(variant: int, choice: Choice) -> list[Observation]:
-        return [series.observe(variants[variant], choice, view, images[variant][view]) for view in views]
-
-    best, tried = tune({"pattern": range(len(variants)), **variants[0].settings}, observe, BUDGET)
-    rows = [
-        {"size": variants[variant].size, "setting": variants[variant].describe(setting), **_tuning_row(column)}
-        for (variant, setting), column in tried
-    ]
-    return variants[best[0]], best[1], rows
-
-
-def _tuning_row(column: Sequence[Observation]) -> dict[str, Any]:
-    errors = statistics(np.array([observation.rotation_deg for observation in column if observation.counts]))
-    return {
-        "rate": sum(observation.counts for observation in column) / len(column),
-        "rotation_deg": {key: errors[key] for key in ("rms", "median")},
-    }
 
 
 def comparison_results(
@@ -374,7 +183,7 @@ def comparison_results(
                 "tuning": [],
                 **_summary(row, bound, everywhere, series.seed),
                 "pattern_bound": {key: _finite(rms(bound[:, k])) for k, key in enumerate(ERRORS)},
-                "flips": _flips(series, contestant, row),
+                "flips": flips(series, contestant, row),
                 "common": _summary(row, bound, common, series.seed),
                 "ratio": {key: _ratio(key, row, observations[0], series.seed) for key in ERRORS},
                 **{
@@ -454,7 +263,7 @@ def _resampled(values: Array, seed: int) -> Array:
     return np.asarray(weights @ values / count)
 
 
-def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
+def flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
     """Number of poses nearer to the mirrored one, among those where the contestant's point errors separate the two."""
     errors = np.concatenate([np.zeros(0), *(observation.point_px for observation in row if observation.counts)])
     if not len(errors):
@@ -463,7 +272,7 @@ def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -
     apart = pose_bounds(contestant.points, series.camera, series.poses, sigma).separation > FLIP_SEPARATION
     return sum(
         observation.counts and observation.mirrored and bool(apart[p])
-        for observation, p in zip(row, series.pose, strict=True)
+        for observation, p in zip(row, series.pose[: len(row)], strict=True)
     )
 
 

@@ -8,7 +8,7 @@ line. Each table is a ``TypedDict``, so type checkers know the keywords, too.
 
 from typing import Annotated, TypedDict
 
-from markergen.defaults import BLUR_PX, COMPARED_VIEWS, DARK, LIGHT, NOISE_GREY, NOISE_PX, PRINT_SIGMA_TEXT, RUNS, VIEWS
+from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, NOISE_PX, PRINT_SIGMA_TEXT, RUNS, VIEWS
 from markergen.options import DOTS, ERRORS, FILES, IMAGES, LAYOUT, RUN, SEARCH, SHEET, SOLID, TRIALS, VIEW, Option
 from markergen.options.kinds import (
     Covariance,
@@ -387,30 +387,6 @@ class ValidateKeywords(TypedDict, total=False):
     ]
     camera_covariance: Calibrated
     seed: Annotated[int, Option(RUN, "Seed for the noise; the same seed gives the same results.", 0)]
-    workers: Workers
-
-
-class CompareKeywords(TypedDict, total=False):
-    """Options of a comparison, besides the contestants."""
-
-    views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", COMPARED_VIEWS)]
-    poses: Annotated[
-        Poses,
-        Option(
-            VIEW,
-            "paper, paper-roll, a cone, or a file of poses.",
-            otherwise="the design poses of the first one",
-            metavar="NAME",
-        ),
-    ]
-    poses_frame: PosesFrame
-    poses_axes: PosesAxes
-    poses_unit: PosesUnit
-    camera_in_body: CameraInBody
-    print_sigma: Annotated[
-        Length, Option(ERRORS, "Standard deviation of a printed dot's or corner's position along each axis.", "0mm")
-    ]
-    seed: Annotated[int, Option(RUN, "Seed for noise and poses; the same seed gives the same results.", 0)]
     workers: Workers
 
 

@@ -3,7 +3,7 @@
 Point spread functions are kernels of unit sum, symmetric about their center, so they shift nothing.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from math import isfinite
 
@@ -24,6 +24,13 @@ FULL_SCALE = 255.0
 LARGEST_PSF_PX = 100.0
 """Maximum width of a blur in px, far beyond what any dot survives; the kernel's memory grows with its square."""
 
+AIRY_RINGS = 6
+"""Radius at which the Airy pattern ends, in those of its first dark ring; 2.8 % of its light is beyond and left out."""
+AIRY_SIGMA = 0.42
+"""Standard deviation, in radii of the first dark ring, of the Gaussian whose edges have slopes of the same energy."""
+_AIRY_FINENESS = 9
+"""Points per side of a subpixel at which the Airy pattern is summed; with 5, kernels differ by 1e-3 of their sum."""
+
 _DISK_VERTICES = 720
 """Number of vertices of a disk of defocus, whose polygon lacks 1.3e-5 of its area."""
 
@@ -42,6 +49,11 @@ class Optics:
         Grey levels of ink and substrate, 0 to 255, at exposure 1 and in full light.
     defocus_px : float
         Radius of the disk over which a defocused lens spreads a point, px.
+    diffraction_px : float
+        Radius of the first dark ring of the Airy pattern, px.
+    aperture_mm, focus, wavelength_nm : float
+        Diameter of a thin lens's aperture, the depth at which it is focused in m, and the wavelength of the light,
+        which determine both by the depth of what is seen (see `at`). 0 for those that are given above.
     motion_px, motion_deg : float
         Length of the line over which motion spreads a point, px, and its direction from x toward y.
     exposure : float
@@ -76,9 +88,13 @@ class Optics:
     gradient_deg: float = 0.0
     full_well: float | None = None
     bits: int = 8
+    diffraction_px: float = 0.0
+    aperture_mm: float = 0.0
+    focus: float = 1.0
+    wavelength_nm: float = 550.0
 
     def __post_init__(self) -> None:
-        for name in ("blur_px", "defocus_px", "motion_px"):
+        for name in ("blur_px", "defocus_px", "motion_px", "diffraction_px"):
             self._require(name, 0 <= getattr(self, name) <= LARGEST_PSF_PX, f"of 0 to {LARGEST_PSF_PX:g}", "0.7")
         self._require("noise_grey", 0 <= self.noise_grey <= FULL_SCALE, f"of 0 to {FULL_SCALE:g}", "2")
         self._require("exposure", 0 < self.exposure <= 1000, "above 0, to 1000", "1")
@@ -89,6 +105,13 @@ class Optics:
         if self.full_well is not None:
             self._require("full_well", 1 <= self.full_well <= 1e9, "of 1 to 1e9 electrons", "10000")
         self._require("bits", self.bits in range(8, 17), "of 8 to 16", "8")
+        self._require("aperture_mm", 0 <= self.aperture_mm <= 1000, "of 0 to 1000", "2")
+        self._require("focus", 0.001 <= self.focus <= 1e6, "of 1 mm to 1000 km, in m", "0.8")
+        self._require("wavelength_nm", 100 <= self.wavelength_nm <= 20000, "of 100 to 20000", "550")
+        self._require(
+            "aperture_mm", not (self.aperture_mm and (self.defocus_px or self.diffraction_px)),
+            "without defocus_px and diffraction_px, which follow from it", "0",
+        )  # fmt: skip
         if not 0 <= self.dark < self.light <= FULL_SCALE:
             raise InputError(
                 "grey levels 0 <= dark < light <= 255", f"dark={self.dark}, light={self.light}", "give such levels"
@@ -102,15 +125,35 @@ class Optics:
     def edge_blur(self) -> float:
         """Standard deviation in px of an edge's blur by PSF and pixel area, averaged over edge directions.
 
-        Variances add: blur^2 + defocus^2/4 (disk) + motion^2/24 (line, half of it across the mean edge) + 1/12 (pixel).
-        In a bound, a Gaussian of this width stands for all of them: the energy of the slope agrees within 5 %.
+        Variances add: blur^2 + defocus^2/4 (disk) + motion^2/24 (line, half of it across the mean edge) + 1/12 (pixel)
+        + `AIRY_SIGMA`^2 diffraction^2. In a bound, a Gaussian of this width stands for all of them: the energy of the
+        slope agrees within 5 %.
         """
-        return float(np.sqrt(self.blur_px**2 + self.defocus_px**2 / 4 + self.motion_px**2 / 24 + 1 / 12))
+        lens = self.blur_px**2 + self.defocus_px**2 / 4 + (AIRY_SIGMA * self.diffraction_px) ** 2
+        return float(np.sqrt(lens + self.motion_px**2 / 24 + 1 / 12))
 
     @property
     def reach_px(self) -> int:
         """Distance in px, rounded up, beyond which a point has no effect on the image; the Gaussian ends at 4 sigma."""
-        return int(np.ceil(4 * self.blur_px + self.defocus_px + self.motion_px / 2)) + 2
+        lens = 4 * self.blur_px + self.defocus_px + AIRY_RINGS * self.diffraction_px
+        return int(np.ceil(lens + self.motion_px / 2)) + 2
+
+    def at(self, focal: float, depth: float) -> "Optics":
+        """Optics for what is seen at a depth in m, with a focal length in px; the same without an aperture.
+
+        A thin lens of aperture A, focused at depth z0, spreads a point at depth z over a disk of radius
+        f A/2 |1/z - 1/z0|, f being the focal length in px of the focused camera, and light of wavelength l over an Airy
+        pattern whose first dark ring has the radius 1.22 f l/A.
+        """
+        if not self.aperture_mm or depth <= 0:
+            return self
+        aperture = 1e-3 * self.aperture_mm
+        return replace(
+            self,
+            aperture_mm=0.0,
+            defocus_px=min(focal * aperture / 2 * abs(1 / depth - 1 / self.focus), LARGEST_PSF_PX),
+            diffraction_px=min(1.22 * focal * 1e-9 * self.wavelength_nm / aperture, LARGEST_PSF_PX),
+        )
 
     def grey_noise(self, level: ArrayLike) -> Array:
         """Standard deviation (...) of read, shot and quantization noise at given grey levels (...), in grey levels.
@@ -193,6 +236,8 @@ def _spread(ink: Grey, optics: Optics) -> Grey:
         ink = cv2.GaussianBlur(ink, (0, 0), optics.blur_px * FINENESS, borderType=cv2.BORDER_REPLICATE)
     if optics.defocus_px > 0:
         ink = cv2.filter2D(ink, -1, disk_kernel(optics.defocus_px * FINENESS), borderType=cv2.BORDER_REPLICATE)
+    if optics.diffraction_px > 0:
+        ink = cv2.filter2D(ink, -1, airy_kernel(optics.diffraction_px * FINENESS), borderType=cv2.BORDER_REPLICATE)
     if optics.motion_px > 0:
         kernel = line_kernel(optics.motion_px * FINENESS, optics.motion_deg)
         ink = cv2.filter2D(ink, -1, kernel, borderType=cv2.BORDER_REPLICATE)
@@ -204,6 +249,20 @@ def disk_kernel(radius: float) -> Array:
     """Exact coverage (2k + 1, 2k + 1) of a centered disk; its radius is in px of the kernel."""
     angle = 2 * np.pi * np.arange(_DISK_VERTICES) / _DISK_VERTICES
     return _kernel(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+
+@lru_cache(maxsize=16)
+def airy_kernel(radius: float) -> Array:
+    """Airy pattern (2k + 1, 2k + 1), (2 J1(x)/x)^2 with its first zero at `radius` in px of the kernel."""
+    from scipy.special import j1, jn_zeros
+
+    half = int(np.ceil(AIRY_RINGS * radius))
+    fine = (np.arange((2 * half + 1) * _AIRY_FINENESS) + 0.5) / _AIRY_FINENESS - half - 0.5
+    distance = np.hypot(*np.meshgrid(fine, fine))
+    x = np.maximum(jn_zeros(1, 1)[0] * distance / radius, 1e-9)
+    light = np.where(distance <= AIRY_RINGS * radius, (2 * j1(x) / x) ** 2, 0.0)
+    kernel = light.reshape(2 * half + 1, _AIRY_FINENESS, 2 * half + 1, _AIRY_FINENESS).sum(axis=(1, 3))
+    return _of_unit_sum(kernel)
 
 
 @lru_cache(maxsize=16)
@@ -223,6 +282,10 @@ def _kernel(outline: Array) -> Array:
     kernel = np.zeros((2 * half + 1, 2 * half + 1))
     tile, top, left = polygon_coverage([outline + half], 2 * half + 1, 2 * half + 1)
     kernel[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    return _of_unit_sum(kernel)
+
+
+def _of_unit_sum(kernel: Array) -> Array:
     # Already symmetric and nonnegative except for rounding.
     kernel = np.abs(kernel + kernel[::-1, ::-1])
     return np.asarray(kernel / kernel.sum())

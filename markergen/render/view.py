@@ -65,7 +65,8 @@ def render_view(
         margin = float(body.margins[index])
         return seen_patches(body.plates[index].marker, camera, plate_rotation, plate_translation, margin)
 
-    return photograph(painted_body(body, patches_of, camera, rotation, translation), camera, optics, rng, scenery)
+    here = at_depth(optics, camera, translation)
+    return photograph(painted_body(body, patches_of, camera, rotation, translation), camera, here, rng, scenery)
 
 
 def seen_patches(
@@ -110,7 +111,13 @@ def render_patches(
     InputError
         If a background's size is not the camera's.
     """
-    return photograph(painted(patches, camera, rotation, translation), camera, optics, rng, scenery)
+    here = at_depth(optics, camera, translation)
+    return photograph(painted(patches, camera, rotation, translation), camera, here, rng, scenery)
+
+
+def at_depth(optics: Optics, camera: Camera, translation: Array) -> Optics:
+    """Optics at the depth of a body's origin, by which the whole image is blurred, see `Optics.at`."""
+    return optics.at(float(camera.focal.mean()), float(translation[2]))
 
 
 Painted = list[tuple[float, tuple[Array, ...]]]
@@ -174,7 +181,9 @@ Window = tuple[Indices, Indices]
 def window_of(patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array, optics: Optics) -> Window:
     """Part of the image that patches seen from a pose affect, and also if they move by less than a pixel."""
     outlines = [outlines for _, outlines in painted(patches, camera, rotation, translation)]
-    return _window(outlines, optics.reach_px + 1, np.array([camera.width, camera.height]))
+    return _window(
+        outlines, at_depth(optics, camera, translation).reach_px + 1, np.array([camera.width, camera.height])
+    )
 
 
 def expected_levels(
@@ -189,6 +198,7 @@ def expected_levels(
 
     They are without noise, and saturated but not rounded.
     """
+    optics = at_depth(optics, camera, translation)
     even = replace(optics, noise_grey=0.0, full_well=None, exposure=1.0, vignetting=0.0, gradient=0.0)
     layers, none = painted(patches, camera, rotation, translation), np.random.default_rng(0)
     if window is None:

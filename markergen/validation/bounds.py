@@ -166,6 +166,12 @@ def image_covariance(
     if not body.radii.any():
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(body), 2, 2))
 
+    if optics.aperture_mm:
+        each = (optics.at(float(camera.focal.mean()), depth) for depth in poses.translation[:, 2].tolist())
+        return np.concatenate(
+            [image_covariance(body, camera, poses.taken([k], 0), here, bare_px) for k, here in enumerate(each)]
+        )
+
     def contrast_to_noise(pixels: Array) -> Array:
         factor = light_at(optics, pixels, camera.width, camera.height)
         dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))

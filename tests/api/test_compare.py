@@ -11,6 +11,7 @@ from markergen.api import compare as module
 from markergen.api.compare import compare
 from markergen.cli import main
 from markergen.comparison import compare as engine
+from markergen.comparison import series
 from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.model.body_json import to_json
 
@@ -103,7 +104,7 @@ def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monk
 def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     # Processor time differs from run to run.
-    monkeypatch.setattr(engine.time, "process_time", lambda: 0.0)
+    monkeypatch.setattr(series.time, "process_time", lambda: 0.0)
     found = compare(pentagon, "square", **FEW)
     Path("marker").write_bytes(to_json(pentagon))
     words = ["compare", "marker", "square", "--views", "4", "--poses", "cone:count=20", "--workers", "1"]

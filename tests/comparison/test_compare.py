@@ -8,12 +8,14 @@ import pytest
 from sentences import sentence
 
 from markergen.comparison import compare as module
-from markergen.comparison.compare import Observation, _ratio, compare, rms_interval
+from markergen.comparison import series
+from markergen.comparison.compare import _ratio, compare, rms_interval
 from markergen.comparison.contestants import printed
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
 from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
+from markergen.comparison.series import Observation
 from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure
@@ -28,7 +30,7 @@ def few_tuning_views():
         patch.setattr(module, "TUNING_VIEWS", 5)
         # Large images take most of the time.
         patch.setattr(printed, "IMAGES", {"image as it is": 1, "image x2": 2})
-        patch.setattr(module, "BUDGET", 12)
+        patch.setattr(series, "BUDGET", 12)
         yield
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from markergen.comparison.compare import Observation
+from markergen.comparison.series import Observation
 from markergen.comparison.tuning import best_of, tune
 
 TABLES = {"pattern": range(2), "detector": ["a", "b", "c"], "image": ["1", "2", "3"]}

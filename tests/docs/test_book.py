@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from markergen.options import declared
+from markergen.options.compare import CompareKeywords
 from markergen.options.declarations import (
-    CompareKeywords,
     DesignKeywords,
     ExportKeywords,
     ValidateKeywords,

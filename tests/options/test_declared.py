@@ -18,8 +18,8 @@ from markergen.model.rescale import RULERS_MM
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
 from markergen.options import GROUPS, declared, settle
+from markergen.options.compare import CompareKeywords
 from markergen.options.declarations import (
-    CompareKeywords,
     DesignKeywords,
     DetectKeywords,
     DetectorKeywords,

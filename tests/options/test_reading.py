@@ -8,8 +8,8 @@ from sentences import sentence
 from markergen import options
 from markergen.errors import InputError
 from markergen.options import declared, settle
+from markergen.options.compare import CompareKeywords
 from markergen.options.declarations import (
-    CompareKeywords,
     DesignKeywords,
     DetectKeywords,
     ExportKeywords,

@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import norm
 
 from markergen.errors import InputError
-from markergen.render.optics import FINENESS, Optics, expose, optics_from_text, quantize
+from markergen.render.optics import AIRY_SIGMA, FINENESS, Optics, expose, optics_from_text, quantize
 
 BLANK = np.zeros((FINENESS * 480, FINENESS * 640))
 
@@ -122,7 +122,12 @@ def test_edge_blur_is_what_edges_show(psf):
 
 
 def test_a_point_spreads_no_farther_than_the_reach():
-    for optics in (Optics(1.3, 0), Optics(0.5, 0, defocus_px=4), Optics(0.5, 0, motion_px=9, motion_deg=60)):
+    for optics in (
+        Optics(1.3, 0),
+        Optics(0.5, 0, defocus_px=4),
+        Optics(0.5, 0, diffraction_px=2.5),
+        Optics(0.5, 0, motion_px=9, motion_deg=60),
+    ):
         ink = np.zeros((FINENESS * 61, FINENESS * 61))
         ink[FINENESS * 30, FINENESS * 30] = 1
         rows, columns = np.nonzero(expose(ink, optics, None) != 225)
@@ -182,6 +187,11 @@ def test_levels_of_the_sensor(bits, kind, top):
         {"full_well": 0.5},
         {"bits": 7},
         {"bits": 17},
+        {"diffraction_px": 101},
+        {"aperture_mm": -1},
+        {"focus": 0},
+        {"wavelength_nm": 0},
+        {"aperture_mm": 2, "defocus_px": 1},
     ],
 )
 def test_impossible_optics_are_refused(values):
@@ -209,3 +219,27 @@ def test_unusable_text_is_one_line(text, message):
     with pytest.raises(InputError, match=message) as raised:
         optics_from_text(text)
     assert "\n" not in str(raised.value)
+
+
+def test_a_thin_lens_blurs_by_depth():
+    lens = Optics(aperture_mm=2.0, focus=0.8, wavelength_nm=500)
+    assert lens.at(600, 0.8).defocus_px == 0
+    # Of a lens of focal length F and its image at v behind it, rays of a point at z cross the sensor in a disk of
+    # diameter A v |1/z0 - 1/z|; the focal length in px is v over the size of a pixel, here 4 mm / 600.
+    for depth in (0.5, 1.5):
+        image = 1 / (1 / 0.004 - 1 / 0.8)
+        focal = 1 / (1 / 0.8 + 1 / image)
+        sharp = 1 / (1 / focal - 1 / depth)
+        disk = 0.002 * abs(sharp - image) / sharp
+        assert lens.at(image * 150_000, depth).defocus_px == pytest.approx(disk / 2 * 150_000, rel=1e-9)
+    # Rayleigh: 1.22 l f/A.
+    assert lens.at(600, 0.5).diffraction_px == pytest.approx(1.22 * 500e-9 * 600 / 0.002)
+    assert Optics(0.5).at(600, 0.5) == Optics(0.5)
+
+
+def test_the_sum_of_an_airy_edge_has_the_energy_of_its_gaussian():
+    # The integral of MTF^2 = energy of the line's image; that of a Gaussian of s is 1/(2 sqrt(pi) s).
+    share = np.linspace(0, 1, 100_001)
+    mtf = 2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2))
+    energy = 2 * np.trapezoid(mtf**2, share) * 1.21967
+    assert 1 / (2 * np.sqrt(np.pi) * energy) == pytest.approx(AIRY_SIGMA, rel=0.02)

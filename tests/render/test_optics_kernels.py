@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.render.optics import disk_kernel, line_kernel
+from markergen.render.optics import airy_kernel, disk_kernel, line_kernel
 
 DISKS = [disk_kernel(radius) for radius in (0.2, 1.0, 4.6, 13.0)]
 LINES = [line_kernel(length, angle) for length in (0.3, 1.0, 6.4, 25.0) for angle in (0.0, 30.0, 90.0, 135.0, -77.0)]
@@ -15,7 +15,10 @@ def moments(kernel):
     )
 
 
-@pytest.mark.parametrize("kernel", DISKS + LINES)
+AIRY = [airy_kernel(radius) for radius in (0.2, 1.0, 4.0)]
+
+
+@pytest.mark.parametrize("kernel", DISKS + LINES + AIRY)
 def test_kernels_keep_the_light_and_its_place(kernel):
     assert kernel.shape[0] == kernel.shape[1]
     assert kernel.shape[0] % 2 == 1
@@ -43,3 +46,16 @@ def test_line_is_spread_along_its_direction_alone(angle):
 def test_large_disk_is_even_inside():
     kernel = disk_kernel(10.0)
     np.testing.assert_allclose(kernel[5:-5, 5:-5], 1 / (np.pi * 100), rtol=1e-4)
+
+
+def test_airy_pattern_has_its_light_where_theory_has_it():
+    from scipy.special import j0, j1, jn_zeros
+
+    kernel = airy_kernel(10.0)
+    y, x = np.indices(kernel.shape) - len(kernel) // 2
+    end = 1 - j0(6 * jn_zeros(1, 1)[0]) ** 2 - j1(6 * jn_zeros(1, 1)[0]) ** 2
+    for radius in (5, 10, 20):
+        rings = radius / 10 * jn_zeros(1, 1)[0]
+        # Rayleigh: of all light, 1 - J0^2 - J1^2 is within; cells are counted as a whole.
+        inside = kernel[np.hypot(x, y) <= radius].sum()
+        assert inside == pytest.approx((1 - j0(rings) ** 2 - j1(rings) ** 2) / end, abs=0.01)

@@ -8,7 +8,7 @@ import typer
 
 from markergen.cli import console
 from markergen.cli.options import Json, Rows, with_options
-from markergen.options.declarations import CompareKeywords
+from markergen.options.compare import CompareKeywords
 
 
 def _contestants() -> Rows:

@@ -19,7 +19,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.registry import Registry
 from markergen.render import Optics, Patch, expected_levels, render_patches
-from markergen.render.view import painted_body, photograph
+from markergen.render.view import at_depth, painted_body, photograph
 from markergen.validation.bounds import Scene, photometric_bounds
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -47,6 +47,8 @@ class Sighting:
     pixels : array (m, 2), px
     rotation, translation : arrays (3, 3) and (3,), m, or None
         The pose T_camera_marker.
+    covariance : array (6, 6)
+        Of (w, dt), rad and m in the camera frame; nan if its detector reports none.
     reason : str
         Reason why nothing was found; empty otherwise.
     """
@@ -55,6 +57,7 @@ class Sighting:
     pixels: Array = field(default_factory=lambda: np.zeros((0, 2)))
     rotation: Array | None = None
     translation: Array | None = None
+    covariance: Array = field(default_factory=lambda: np.full((6, 6), np.nan))
     reason: str = ""
 
 
@@ -169,7 +172,9 @@ class PaintedContestant(Contestant):
         def patches_of(plate: int, rotation: Array, translation: Array) -> list[Patch]:
             return self.patches(camera, (rotation, translation), parts[plate], plate)
 
-        return photograph(painted_body(self.body, patches_of, camera, *pose), camera, optics, rng)
+        return photograph(
+            painted_body(self.body, patches_of, camera, *pose), camera, at_depth(optics, camera, pose[1]), rng
+        )
 
     def plate_scene(self, camera: Camera, plate: int = 0) -> Scene:
         """Patches of one plate of an exact print by its pose."""

@@ -74,7 +74,8 @@ class DotBody(PaintedContestant):
             return Sighting(reason=detection.reason or "no pose")
         row = {number: k for k, number in enumerate(self.body.ids.tolist())}
         rows = np.array([row[int(number)] for number in detection.ids], dtype=np.intp)
-        return Sighting(rows, detection.pixels, detection.pose.rotation, detection.pose.translation)
+        pose = detection.pose
+        return Sighting(rows, detection.pixels, pose.rotation, pose.translation, pose.budget.total)
 
 
 def _layout(text: str, arena: Arena) -> DotBody:
