@@ -54,7 +54,7 @@ def parsed(text: str, name: str) -> Any:
     """Parse JSON with distinct keys and finite numbers; `name` is the file's name in messages. Raises InputError."""
     try:
         return json.loads(
-            text, object_pairs_hook=_distinct, parse_constant=_number, parse_float=_number, parse_int=_integer
+            text, object_pairs_hook=distinct, parse_constant=_number, parse_float=_number, parse_int=_integer
         )
     except json.JSONDecodeError as error:
         actual = f"line {error.lineno} column {error.colno}: {error.msg}"
@@ -67,7 +67,8 @@ def parsed(text: str, name: str) -> Any:
     )
 
 
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON; raises ValueError if a key is in it twice."""
     content = dict(pairs)
     if len(content) < len(pairs):
         (key, _), *_ = Counter(key for key, _ in pairs).most_common(1)

@@ -40,6 +40,8 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
         (rb"\"sensor_token\"\s*:", "sensors of nuScenes", "write one camera_intrinsic alone as JSON"),
         (rb"\ABLENDER", "a scene of Blender", "write its sensor as fx, fy, cx, cy in px as YAML"),
         (rb"\A\x89HDF", "an HDF5 file", _ARRAYS),
+        (rb"aslam_cv\.libaslam", "results of Kalibr for people", "give its camchain.yaml"),
+        (rb"libCalib::CameraModel", "a project of calib.io", _OPENCV),
         (rb"CAHVORE?\b|^Model = CAHV", "a CAHVOR camera", "convert it to mrcal's LENSMODEL_OPENCV8"),
     ],
     "poses": [

@@ -227,7 +227,10 @@ BEGINNINGS = [
     b"p = \n\n  cameraParameters with properties:\n",
     b'{"CalibrationInformation": {"ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}',
     b'[{"id": 0, "img_name": "a", "width": 1280}]', b'[{"token": "a", "sensor_token": "b"}]', b"BLENDER-v300",
-    b"\x89HDF\r\n", b"Model = CAHV = perspective, linear\n",
+    b"\x89HDF\r\n",
+    b"cam0 (/cam0/image_raw):\n    type: <class 'aslam_cv.libaslam_cv_python.DistortedPinholeCameraGeometry'>",
+    b'{"polymorphic_name": "libCalib::CameraModelOpenCV"}',
+    b"Model = CAHV = perspective, linear\n",
 ]  # fmt: skip
 
 

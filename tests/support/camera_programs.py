@@ -747,3 +747,35 @@ add(
     ),
     FLAT,
 )
+
+size, lens = {"image_width": 1280, "image_height": 720}, list(LENS[:5])
+add("limelight", json.dumps({"resolution": "1280x720", "camera_matrix": R9, "distortion_coefficients": lens}), R5)
+add("size in words", f"image_size: 1280 x 720\nK: {MATRIX}\nD: {lens}\n", R5)
+add("shape of an array", json.dumps({"shape": [720, 1280, 3], "mtx": MATRIX, "dist": [lens]}), R5)
+add("apriltag camera_params", json.dumps({"camera_params": list(NUMBERS.values()), "width": 1280, "height": 720}), FLAT)
+add("bouguet names", json.dumps({**size, "fc": [700.25, 701.5], "cc": [642.125, 355.75], "kc": lens}), R5)
+add("lens in a model's name", json.dumps({**size, "K": MATRIX, "D": list(EYE), "model_name": "KannalaBrandt4"}), EQ)
+add("lens by a function of cv2", json.dumps({**size, "K": MATRIX, "D": list(EYE), "algorithm": "cv2.fisheye"}), EQ)
+add(
+    "coefficients of a fisheye",
+    json.dumps(
+        {**size, "camera_matrix": NUMBERS, "fisheye_distortion": dict(zip(("k1", "k2", "k3", "k4"), EYE, strict=True))}
+    ),
+    EQ,
+)
+add("rectified or not", json.dumps({**size, "K": MATRIX, "D": lens, "undistorted": True}), R5)
+add(
+    "camodocal mei",
+    "%YAML:1.0\n---\nmodel_type: MEI\nprojection_parameters:\n   gamma1: 700.25\n   u0: 642.125\n",
+    REFUSED,
+)
+add("camodocal scaramuzza", "%YAML:1.0\n---\nmodel_type: scaramuzza\npoly_parameters:\n   p0: 1\n", REFUSED)
+add("stella equirectangular", 'Camera:\n  model: "equirectangular"\n  cols: 1280\n  rows: 720\n', REFUSED)
+add(
+    "mrcal splined",
+    "{\n  'lensmodel':  'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=18_fov_x_deg=150',\n"
+    "  'intrinsics': [ 700.25,701.5,642.125,355.75],\n  'imagersize': [ 1280, 720,],\n}\n",
+    REFUSED,
+)
+add("kalibr results", "cam0 (/cam0/image_raw):\n    type: <class 'aslam_cv.libaslam_cv_python.X'>\n", REFUSED)
+add("calib.io", '{"Calibration": {"cameras": [{"polymorphic_name": "libCalib::CameraModelOpenCV"}]}}', REFUSED)

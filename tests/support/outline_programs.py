@@ -253,3 +253,28 @@ for n, t in {
     "shp": b"\0\0\x27\x0a\0\0",
 }.items():
     add(n, t, REFUSED)
+EDGES = '(kicad_pcb (version 20240108)\n(gr_rect (start 0 0) (end 100 80) (layer "Edge.Cuts"))\n'
+add("kicad text on the edge", EDGES + '(gr_text "hi" (at 1 1) (layer "Edge.Cuts")))', 8000e-6)
+add(
+    "kicad drilled hole",
+    EDGES
+    + '(footprint "M3" (at 9 9) (pad "" np_thru_hole circle (at 0 0) (size 3.2 3.2) (drill 3.2) (layers "*.Cu"))))',
+    8000e-6,
+)
+add(
+    "kicad arc more than half",
+    '(kicad_pcb\n(gr_arc (start 0 -50) (mid -50 0) (end 0 50) (layer "Edge.Cuts"))\n(gr_arc (start 0 -50) (mid 50 0) (end 0 50) (layer "Edge.Cuts")))',
+    math.pi * 2500e-6,
+)
+add(
+    "geojson unit of its own",
+    json.dumps({"type": "Polygon", "unit": "mm", "coordinates": [[*SQ, SQ[0]]]}),
+    8000e-6,
+    unit="mm",
+)
+add(
+    "geojson key twice",
+    '{"type": "Polygon", "coordinates": [], "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}',
+    REFUSED,
+    unit="m",
+)

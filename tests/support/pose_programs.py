@@ -259,3 +259,23 @@ add(
     + "\n",
     ends="asked",
 )
+add("percent comments", "% by hand\n% timestamp tx ty tz qx qy qz qw\n" + tum)
+add(
+    "slashes w first",
+    "// timestamp tx ty tz qw qx qy qz\n" + "".join(row([ts[i]], C[i], w(q)[i]) + "\n" for i in range(n)),
+)
+add("a name before the columns", "# T_WC: timestamp tx ty tz qx qy qz qw\n" + tum)
+add("real part first", "# real part first\n" + "".join(row([ts[i]], C[i], w(q)[i]) + "\n" for i in range(n)))
+listed = [{"position": C[i].tolist(), "quaternion_wxyz": w(q)[i].tolist()} for i in range(n)]
+add("order in a key", json.dumps(listed), {"frame": "camera-in-marker"})
+add(
+    "matrices under w2c",
+    json.dumps([{"w2c": np.vstack([np.c_[ROT[i], T[i]], [0, 0, 0, 1]]).tolist()} for i in range(n)]),
+)
+add("matrices of poses", json.dumps([{"pose": M44[i].tolist()} for i in range(n)]), ends="asked")
+add("matrices of cameras", json.dumps([{"pose": M44[i].tolist()} for i in range(n)]), {"frame": "camera-in-marker"})
+add(
+    "nerf by opencv",
+    json.dumps({"camera_convention": "opencv", "frames": [{"transform_matrix": m.tolist()} for m in M44]}),
+    ends="asked",
+)

@@ -15,7 +15,7 @@ from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
-from markergen.read.cameras.statements import remark_doubts, remark_unused_keys
+from markergen.read.cameras.statements import refuse_lenses, remark_doubts, remark_unused_keys
 from markergen.read.images import find_images, size_in_file
 from markergen.read.remarks import collected_remarks, remark
 from markergen.read.unreadable import refuse_unreadable
@@ -187,6 +187,7 @@ def _camera_of(document: Document, choice: str | None) -> Camera:
         remark_unused_keys(document, camera)
         remark_doubts(document.name, camera)
         return camera
+    refuse_lenses(document)
     formats = [(name, CAMERA_FORMATS[name].signs) for name in CAMERA_FORMATS]
     signs = "; ".join(name if signs == name else f"{name}: {signs}" for name, signs in formats)
     raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")

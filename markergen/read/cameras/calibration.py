@@ -23,7 +23,10 @@ from markergen.read.cameras.names import KEYS, NAMED
 from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
 from markergen.read.remarks import remark
 
-MATRIX, COEFFICIENTS, RADIAL, TANGENTIAL, _, WIDTH, HEIGHT, SIZE, FX, FY, CX, CY, FOCAL, PRINCIPAL, PART = KEYS.values()
+MATRIX, COEFFICIENTS, RADIAL, TANGENTIAL, _, WIDTH, HEIGHT, SIZE, SHAPE, *PINHOLE, FOCAL, PRINCIPAL, PART = (
+    KEYS.values()
+)
+FX, FY, CX, CY = PINHOLE
 
 SHORTEST, LONGEST = 0.02, 1e6
 """Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
@@ -66,12 +69,13 @@ def _pinhole(table: Fields) -> tuple[str, tuple[float, float, float, float]]:
         return key, pinhole_of(values, table.place(key))
     if table.find(*FX) is None and table.find(*FOCAL) is not None:
         key = table.key(*FOCAL)
-        focal, center = table.numbers(*FOCAL), table.numbers(*PRINCIPAL)
-        if len(focal) != 2 or len(center) != 2:
-            raise InputError(
-                f"two focal lengths in px and a center at {table.place(key)}", brief(focal), "correct the file"
-            )
-        return key, (focal[0], focal[1], center[0], center[1])
+        values = table.numbers(*FOCAL)
+        if len(values) < 4:
+            values += table.numbers(*PRINCIPAL)
+        if len(values) != 4:
+            problem, expected = brief(values), "two focal lengths in px and a center"
+            raise InputError(f"{expected} at {table.place(key)}", problem, "correct the file")
+        return key, (values[0], values[1], values[2], values[3])
     name = table.find(*FX) or table.key(*MATRIX)
     return name, (table.number(*FX), table.number(*FY), table.number(*CX), table.number(*CY))
 
@@ -177,6 +181,9 @@ def _size(table: Fields) -> tuple[str, int, int]:
         if len(sides) != 2 or not all(side.is_integer() for side in map(float, sides)):
             raise InputError(f"width and height at {table.place(key)}", brief(sides), "correct the file")
         sizes[key] = int(sides[0]), int(sides[1])
+    if (key := table.find(*SHAPE)) is not None:  # Of an array: rows, columns and perhaps channels.
+        rows, columns, *_ = [*table.numbers(*SHAPE), 0.0, 0.0]
+        sizes[key] = int(columns), int(rows)
     if not sizes and table.size is None and table.find(*WIDTH) is None:
         remedy = "add it, or give --image-size, that of the photographs, such as 640x480"
         raise NoSizeError(f"the key {' or '.join(WIDTH[:2])} in {table.place()}", "none", remedy)

@@ -194,11 +194,11 @@ class Fields:
         return int(value)
 
     def numbers(self, *names: str) -> list[float]:
-        """Return finite numbers from a list, a list of rows, or text separated by blanks."""
+        """Return finite numbers from a list, a list of rows, or text separated by blanks, commas or, in 640x480, x."""
         key = self.key(*names)
         items = self.values[key]
         if isinstance(items, str):
-            items = items.replace(",", " ").split()
+            items = re.sub(r"(?<=\d)\s*[x\u00d7]\s*(?=\d)", " ", items).replace(",", " ").split()
         if isinstance(items, list) and items and all(isinstance(row, list) for row in items):
             items = [item for row in items for item in row]
         if not isinstance(items, list):

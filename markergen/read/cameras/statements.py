@@ -14,7 +14,8 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import Document, Fields, plain
+from markergen.read.cameras.document import Document, Fields, names_of, plain, tables_in
+from markergen.read.cameras.names import KEYS, NAMED
 from markergen.read.remarks import remark, remark_unused
 
 BY_COUNT, ANY = "by count", "any"
@@ -48,6 +49,7 @@ REFUSED = {
     **dict.fromkeys(("thinprism", "thinprismfisheye", "radtanthinprismfisheye", "opencv12", "opencv14", "fisheye624"),
                     "lens with thin prisms"),
     **dict.fromkeys(("cahv", "cahvor", "cahvore"), "CAHVOR camera"),
+    "splinedstereographic": "splined lens of mrcal",
 }  # fmt: skip
 """Names of lenses that are not modeled, unless a plug-in has one of the name."""
 
@@ -88,8 +90,14 @@ ORIGIN = re.compile(
 CENTERS = re.compile(r"0|0\.0|integers?|cent(er|re)s?|opencv|ros", re.IGNORECASE)
 NOT_ZERO = re.compile(r"skew|alpha_?c|^gamma$|shear", re.IGNORECASE)
 COMMENT = re.compile(r"\b(fish-?eye|equidistant|kannala\w*|omni\w*|double.sphere|mei|ucm)\b", re.IGNORECASE)
+MOST_TABLES = 100
+"""Number of tables of a file without a camera that are searched for the name of a lens."""
+SWITCH = re.compile(r"[01]|true|false|yes|no|on|off|", re.IGNORECASE)
+TERMS = frozenset(map(plain, (*NAMED, *KEYS["coefficients"])))
+"""Values of keys such as is_fisheye, and keys of coefficients, which beside *fisheye* are those of one."""
 _PREFIX = re.compile(
-    r"^(lensmodel|rsdistortion|rs2distortion|distortion|cameramodel|projection)|(camera)?(model|lens|distortion|projection)$"
+    r"^(lensmodel|rsdistortion|rs2distortion|distortion|cameramodel|projection|cv2?)|(camera)?(model|lens|distortion|projection)$|"
+    r"order\d+nx\d+.*"
 )
 
 
@@ -145,18 +153,17 @@ def _is_refused(name: str) -> bool:
 
 def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]) -> str | None:
     """Return the lens that a key names; names that are not known are added to `unknown`."""
-    if isinstance(value, bool | int | float):
-        value = str(value)
-    if not isinstance(value, str) or LABEL.search(_last(key)):
+    about, is_label = ABOUT_LENS.search(key) is not None, LABEL.search(_last(key)) is not None
+    is_fisheye = re.search(r"fish_?eye", key, re.IGNORECASE) is not None
+    if is_fisheye and TERMS.intersection(names_of(key)):
+        return "equidistant"
+    if not isinstance(value, str | bool | int | float) or (is_label and not about):
         return None
-    text = value.strip().strip("\"'")
+    text = str(value).strip().strip("\"'")
     if plain(_last(key)) == "cameratype" and text in DEPTHAI:
         text = DEPTHAI[text]
-    about = ABOUT_LENS.search(key) is not None
-    if re.search(r"fish_?eye", key, re.IGNORECASE) and re.fullmatch(
-        r"[01]|true|false|yes|no|on|off|", text, re.IGNORECASE
-    ):
-        return "equidistant" if text.lower() in ("1", "true", "yes", "on") else BY_COUNT
+    if SWITCH.fullmatch(text):
+        return None if not is_fisheye else "equidistant" if text.lower() in ("1", "true", "yes", "on") else BY_COUNT
     word = plain(text)
     bare = _PREFIX.sub("", word)
     if not text or re.fullmatch(r"[-+\d.eE\s,]*", text) or (bare in GENERAL and not about):
@@ -165,9 +172,20 @@ def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]
         if name in REFUSED and lens_name(name) is None:
             unknown.insert(0, (table.place(key), text))
             return None
-    if (model := lens_name(text)) is None and about and len(text) <= 200:
+    if (model := lens_name(text)) is None and about and not is_label and len(text) <= 200:
         unknown.append((table.place(key), text))
     return model
+
+
+def refuse_lenses(document: Document) -> None:
+    """Refuse a file without a camera by the lens that it names, if it is known and not modeled."""
+    tables = [document.fields]
+    for table in tables:
+        tables += [Fields(table.file, inner, table.path_of(key)) for key, value in table.values.items()
+                   for _, inner in tables_in(value) if len(tables) < MOST_TABLES]  # fmt: skip
+        refused = any(isinstance(value, str) and _is_refused(value) for value in table.values.values())
+        if refused:
+            stated_lens(table)
 
 
 def check_statements(table: Fields) -> None:

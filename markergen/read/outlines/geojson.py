@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import brief
+from markergen.model.json_text import distinct
 from markergen.read.outlines.curves import Polyline
 from markergen.read.outlines.formats import (
     MOST_PIECES,
@@ -22,6 +23,9 @@ from markergen.read.outlines.formats import (
 LARGEST_JSON = 3_000_000
 """Maximum size in bytes; each byte takes 40 in memory."""
 
+KEYS = ("type", "features", "geometries", "geometry", "coordinates", "properties", "bbox", "id", "name")
+"""Keys that are read or do not change a shape."""
+
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all polygons, in a unit that GeoJSON does not specify."""
@@ -29,10 +33,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         raise file.unknown_layer(layer, [])
     pieces: list[OutlinePiece] = []
     others: list[str] = []
-    content = _json(file)
-    if isinstance(content, dict) and "crs" in content:
-        others.append("the key crs")
-    todo: list[tuple[Any, str]] = [(content, "file")]
+    todo: list[tuple[Any, str]] = [(_json(file), "file")]
     steps = 0
     while todo:
         node, name = todo.pop()
@@ -41,6 +42,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
             raise file.too_much(f"at most {MOST_PIECES} polygons")
         if not isinstance(node, dict):
             raise file.unreadable("a GeoJSON object", f"{name}: {brief(node)}", "correct the file")
+        others += [f"the key {key}" for key in node if key not in KEYS]
         kind = node.get("type")
         if kind == "FeatureCollection":
             todo += _each(file, node, "features", name)
@@ -105,11 +107,12 @@ def _json(file: OutlineFile) -> Any:
         raise file.unreadable("finite coordinates", constant, "correct the file")
 
     try:
-        return json.loads(file.text, parse_constant=refuse)
+        return json.loads(file.text, parse_constant=refuse, object_pairs_hook=distinct)
     except json.JSONDecodeError as error:
         raise file.damaged("complete JSON", f"line {error.lineno}: {error.msg}") from None
-    except (ValueError, RecursionError):
-        raise file.damaged("JSON", "an endless number or endless nesting") from None
+    except (ValueError, RecursionError) as error:
+        twice = str(error) if "twice" in str(error) else "an endless number or endless nesting"
+        raise file.damaged("JSON", twice) from None
 
 
 OUTLINE_FORMATS.register("geojson")(

@@ -13,7 +13,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import brief
-from markergen.read.outlines.curves import Arc, Bezier, Curve, Polyline
+from markergen.read.outlines.curves import Arc, Bezier, Curve, Polyline, bulge
 from markergen.read.outlines.formats import (
     MOST_PIECES,
     OUTLINE_FORMATS,
@@ -31,6 +31,8 @@ DEEPEST = 30
 
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*+"|[^\s()"]++')
 _SHAPE = re.compile(r"(?:gr|fp)_(line|arc|circle|rect|poly|curve)")
+_OTHER = re.compile(r"(?:gr|fp)_\w+|pad|dimension|target|image")
+"""What else may be on a layer, or drill a hole."""
 
 KEPT = (
     "kicad_pcb",
@@ -58,20 +60,26 @@ def _fits(file: OutlineFile) -> bool:
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     pieces: list[OutlinePiece] = []
-    layers: dict[str, None] = {}
-    for node, matrix in _shapes(_parsed(file), np.eye(3)[:2]):
+    others: list[str] = []
+    layers: set[str] = set()
+    wanted = layer or EDGE
+    for node, matrix in _nodes(_parsed(file), np.eye(3)[:2]):
+        kind = _SHAPE.fullmatch(node[0])
         names = [name for child in _all(node, "layer") + _all(node, "layers") for name in child[1:]]
-        layers |= dict.fromkeys(names)
-        if (layer or EDGE) in names:
-            if len(pieces) >= MOST_PIECES:
-                raise file.too_much(f"at most {MOST_PIECES} lines and arcs")
-            kind = node[0].partition("_")[2]
-            name = f"{node[0]} on {brief(layer or EDGE)}"
-            curves, closed = KINDS[kind](node, file, name)
-            pieces.append(OutlinePiece(name, tuple(curve.mapped(matrix) for curve in curves), closed))
+        layers.update(names if kind else ())
+        if kind is None or wanted not in names:
+            is_hole = node[0] == "pad" and "np_thru_hole" in node
+            if is_hole or (kind is None and wanted in names):
+                others.append("a hole drilled through a pad" if is_hole else f"{node[0]} on {wanted}")
+            continue
+        if len(pieces) >= MOST_PIECES:
+            raise file.too_much(f"at most {MOST_PIECES} lines and arcs")
+        name = f"{node[0]} on {brief(wanted)}"
+        curves, closed = KINDS[kind[1]](node, file, name)
+        pieces.append(OutlinePiece(name, tuple(curve.mapped(matrix) for curve in curves), closed))
     if layer is not None and layer not in layers:
         raise file.unknown_layer(layer, sorted(layers))
-    return Drawing(pieces, 1e-3, y_down=True, others=[f"nothing on {EDGE}"] if not pieces else [])
+    return Drawing(pieces, 1e-3, y_down=True, others=others if pieces else [*others, f"nothing on {EDGE}"])
 
 
 def _parsed(file: OutlineFile) -> Node:
@@ -87,7 +95,7 @@ def _parsed(file: OutlineFile) -> Node:
         elif len(stack) > 1:
             node = stack.pop()
             # Tracks, zones and models take most of a board.
-            if len(stack) > 3 or not node or node[0] in KEPT or _SHAPE.fullmatch(node[0]):
+            if len(stack) > 3 or not node or node[0] in KEPT or _OTHER.fullmatch(str(node[0])):
                 stack[-1].append(node)
         if len(stack) > DEEPEST:
             raise file.too_much(f"at most {DEEPEST} levels")
@@ -96,18 +104,18 @@ def _parsed(file: OutlineFile) -> Node:
     return stack[0][0]
 
 
-def _shapes(node: Node, matrix: Array) -> Iterator[tuple[Node, Array]]:
-    """Shapes of a board or footprint, each with its map (2, 3) to the board."""
+def _nodes(node: Node, matrix: Array) -> Iterator[tuple[Node, Array]]:
+    """What is drawn on a board or footprint, each with its map (2, 3) to the board."""
     for child in node[1:]:
-        if not isinstance(child, list) or not child:
+        if not isinstance(child, list) or not child or not isinstance(child[0], str):
             continue
-        if isinstance(child[0], str) and _SHAPE.fullmatch(child[0]):
+        if _OTHER.fullmatch(child[0]):
             yield child, matrix
         elif child[0] in ("footprint", "module"):
             x, y, angle = (_numbers(child, "at") + [0.0, 0.0, 0.0])[:3]
             c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
             # Angles are counterclockwise on the screen, where y is down.
-            yield from _shapes(child, np.array([[c, s, x], [-s, c, y]]))
+            yield from _nodes(child, np.array([[c, s, x], [-s, c, y]]))
 
 
 def _all(node: Node, key: str) -> list[Node]:
@@ -121,76 +129,68 @@ def _numbers(node: Node, key: str) -> list[float]:
         return []
 
 
-def _point(node: Node, key: str, file: OutlineFile, name: str) -> Array:
-    numbers = _numbers(node, key)
-    if len(numbers) != 2:
-        raise file.unreadable(f"{key} with x and y", f"another for {name}", "save it again")
+def _points(node: Node, file: OutlineFile, name: str, *keys: str) -> Array:
+    """Points (k, 2) under keys."""
+    numbers = [_numbers(node, key) for key in keys]
+    for key, point in zip(keys, numbers, strict=True):
+        if len(point) != 2:
+            raise file.unreadable(f"{key} with x and y", f"another for {name}", "save it again")
     return np.array(numbers)
 
 
-def _line(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
-    return [Polyline(np.stack([_point(node, key, file, name) for key in ("start", "end")]))], False
+Parts = tuple[list[Curve], bool]
 
 
-def _arc(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
-    start, end = (_point(node, key, file, name) for key in ("start", "end"))
+def _line(node: Node, file: OutlineFile, name: str) -> Parts:
+    return [Polyline(_points(node, file, name, "start", "end"))], False
+
+
+def _arc(node: Node, file: OutlineFile, name: str) -> Parts:
+    start, end = _points(node, file, name, "start", "end")
     if angle := _numbers(node, "angle"):
         # Until KiCad 5: the center, the first point, and an angle that is clockwise on the screen.
         u = end - start
         return [Arc(start, u, np.array([-u[1], u[0]]), 0.0, float(np.radians(angle[0])))], False
-    middle = _point(node, "mid", file, name)
-    a, b = middle - start, end - start
-    cross = 2 * (a[0] * b[1] - a[1] * b[0])
-    if abs(cross) <= 1e-9 * float(np.hypot(*a) * np.hypot(*b)):
-        return [Polyline(np.stack([start, end]))], False
-    # The center of the circle through three points.
-    center = start + np.array([b[1] * (a @ a) - a[1] * (b @ b), a[0] * (b @ b) - b[0] * (a @ a)]) / cross
-    u = start - center
-    turn = np.arctan2(*(end - center)[::-1]) - np.arctan2(*u[::-1])
-    sweep = float(turn % (2 * np.pi)) if cross > 0 else -float(-turn % (2 * np.pi))
-    return [Arc(center, u, np.array([-u[1], u[0]]), 0.0, sweep)], False
+    (middle,) = _points(node, file, name, "mid")
+    # Half the sweep is twice the angle at the start between the chord and the middle.
+    to_middle, to_end = middle - start, end - middle
+    quarter = np.arctan2(to_middle[0] * to_end[1] - to_middle[1] * to_end[0], to_middle @ to_end) / 2
+    return [bulge(start, end, float(np.tan(quarter)))], False
 
 
-def _circle(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
-    center = _point(node, "center", file, name)
-    radius = float(np.hypot(*(_point(node, "end", file, name) - center)))
+def _circle(node: Node, file: OutlineFile, name: str) -> Parts:
+    center, end = _points(node, file, name, "center", "end")
+    radius = float(np.hypot(*(end - center)))
     return [Arc(center, np.array([radius, 0.0]), np.array([0.0, radius]))], True
 
 
-def _rect(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
-    (x, y), (u, v) = (_point(node, key, file, name) for key in ("start", "end"))
+def _rect(node: Node, file: OutlineFile, name: str) -> Parts:
+    (x, y), (u, v) = _points(node, file, name, "start", "end")
     return [Polyline(np.array([[x, y], [u, y], [u, v], [x, v]]))], True
 
 
-def _poly(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
+def _poly(node: Node, file: OutlineFile, name: str) -> Parts:
     parts: list[Curve] = []
     for child in (child for points in _all(node, "pts") for child in points[1:] if isinstance(child, list)):
-        if child[0] == "arc":
-            parts += _arc(child, file, name)[0]
-        elif child[0] == "xy":
-            parts.append(Polyline(np.array([_point(["", child], "xy", file, name)])))
-        else:
+        if child[0] not in ("arc", "xy"):
             raise file.unreadable("points xy and arcs", f"another for {name}", "save it again")
+        is_arc = child[0] == "arc"
+        parts += _arc(child, file, name)[0] if is_arc else [Polyline(_points(["", child], file, name, "xy"))]
     if not parts:
         raise file.unreadable("points", f"none for {name}", "save it again")
     return parts, True
 
 
-def _curve(node: Node, file: OutlineFile, name: str) -> tuple[list[Curve], bool]:
-    points = [_point(["", child], "xy", file, name) for pts in _all(node, "pts") for child in _all(pts, "xy")]
+def _curve(node: Node, file: OutlineFile, name: str) -> Parts:
+    points = [_points(["", child], file, name, "xy")[0] for pts in _all(node, "pts") for child in _all(pts, "xy")]
     if len(points) != 4:
         raise file.unreadable("four points of a curve", f"{len(points)} for {name}", "save it again")
     return [Bezier(np.array(points))], False
 
 
-KINDS: dict[str, Callable[[Node, OutlineFile, str], tuple[list[Curve], bool]]] = {
-    "line": _line,
-    "arc": _arc,
-    "circle": _circle,
-    "rect": _rect,
-    "poly": _poly,
-    "curve": _curve,
-}
+KINDS: dict[str, Callable[[Node, OutlineFile, str], Parts]] = {
+    "line": _line, "arc": _arc, "circle": _circle, "rect": _rect, "poly": _poly, "curve": _curve,
+}  # fmt: skip
 """Functions that make curves and tell whether they are closed, by kind of shape."""
 
 OUTLINE_FORMATS.register("kicad")(OutlineFormat("(kicad_pcb with Edge.Cuts", _fits, _read))

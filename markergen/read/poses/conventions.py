@@ -157,8 +157,8 @@ def unit_of(columns: Mapping[str, Column], names: Sequence[str], place: str) -> 
 _Q = r"q?[_ ]?(?:quat(?:ernion)?[_ .]?)?"
 _S, _CAM = r"[\s,;|/]*", r"cam(?:era)?"
 STATEMENTS: list[tuple[str, str, str]] = [
-    ("order", "wxyz", rf"\b({_Q})w{_S}\1x{_S}\1y{_S}\1z\b|\b(?:scalar|real|w)[- ]first"),
-    ("order", "xyzw", rf"\b({_Q})x{_S}\1y{_S}\1z{_S}\1w\b|\b(?:scalar|real|w)[- ]last"),
+    ("order", "wxyz", rf"\b({_Q})w{_S}\1x{_S}\1y{_S}\1z\b|\b(?:scalar|real|w)(?: part)?[- ]first"),
+    ("order", "xyzw", rf"\b({_Q})x{_S}\1y{_S}\1z{_S}\1w\b|\b(?:scalar|real|w)(?: part)?[- ]last"),
     ("frame", MARKER_IN_CAMERA, rf"\bworld[- _]?(?:to|2)[- _]?cam|\bmarker[- _]in[- _]cam|\b{_CAM}[- _]from[- _]world|"
      rf"\bT_?c(?:am(?:era)?)?_?(?:w(?:orld)?|m(?:arker)?)\b|\bw2c\b|\binver(?:se|ted)"),
     ("frame", CAMERA_IN_MARKER, rf"\b{_CAM}[- _]?(?:to|2)[- _]?world|\b{_CAM}[- _]in[- _](?:world|marker)|"

@@ -16,13 +16,13 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import CAMERA_IN_MARKER, RawPoses, camera_in_marker, scale_of, stated
+from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, scale_of, stated
 from markergen.read.poses.csv import frame_of
-from markergen.read.poses.rows import ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
 from markergen.read.remarks import remark_unused
 
-NERF_NAME = "transforms.json"
-NERF = re.compile(r"camera_.*|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
+NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
+NERF = re.compile(r"camera_(?:model|angle_\w+)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
 """Keys of the camera in nerf's transforms.json."""
 
 BOP = ("cam_R_m2c", "cam_t_m2c")
@@ -38,33 +38,28 @@ def _fits(file: RowsFile) -> bool:
 
 def _read(file: RowsFile) -> RawPoses:
     poses, around = _poses(file)
-    is_nerf = "transform_matrix" in poses[0]
+    is_nerf = NERF_KEY in poses[0]
     lines = {key: f"{key}: {value}" for key, value in around.items() if not (is_nerf and NERF.fullmatch(key))}
     file.stated.update(stated(lines.values(), file.name))
     remark_unused(file.name, [key for key, line in lines.items() if not stated([line], file.name)])
-    if is_nerf:
-        values = np.array([_matrix(file, index, pose) for index, pose in enumerate(poses)])
-        scale = scale_of(file.convention, file.stated.get("unit", ""), file.name)
-        numbers = numbers_of(values[:, :, 3] * scale, values[:, :, :3].reshape(-1, 9), lambda i: _place(file, i))
-        return RawPoses(numbers, CAMERA_IN_MARKER, "opengl")
-    flat = [_flat(pose) for pose in poses]
+    flat = [_flat({NERF_KEY: pose.get(NERF_KEY)} if is_nerf else pose) for pose in poses]
     names = list(flat[0])
-    rows = []
     for index, pose in enumerate(flat):
-        if set(pose) != set(names):
-            odd = next(iter(set(pose) ^ set(names)))
-            raise InputError(
-                f"the keys of pose 0 at {_place(file, index)}", f"{brief(odd)} differs", "correct the file"
-            )
-        rows.append(pose)
+        if odd := set(pose) ^ set(names):
+            problem = f"{brief(next(iter(odd)))} differs"
+            raise InputError(f"the keys of pose 0 at {_place(file, index)}", problem, "correct the file")
     columns, count, unit = columns_of(names, _place(file, 0))
-    picked = [names[column] for column in columns]
     values = np.array(
-        [[_number(pose[name], f"{name} of {_place(file, i)}") for name in picked] for i, pose in enumerate(rows)]
+        [[_number(pose[names[k]], f"{names[k]} of {_place(file, i)}") for k in columns] for i, pose in enumerate(flat)]
     )
     scale = scale_of(file.convention, unit or file.stated.get("unit", ""), file.name)
     numbers = numbers_of(values[:, :count] * scale, values[:, count:], lambda index: _place(file, index))
-    return RawPoses(numbers, frame_of(names))
+    if is_nerf:
+        return RawPoses(numbers, CAMERA_IN_MARKER, "opengl")
+    # A matrix alone may be the pose of anything in anything, unless its key says it.
+    keys = [key for key in poses[0] if key not in flat[0]] if set(MATRIX_COLUMNS) <= set(names) else []
+    ways = stated(keys, file.name).get("frame", ASKED) if keys else frame_of(names)
+    return RawPoses(numbers, ways)
 
 
 def _flat(pose: dict[str, Any]) -> dict[str, Any]:
@@ -73,8 +68,12 @@ def _flat(pose: dict[str, Any]) -> dict[str, Any]:
     for key, value in pose.items():
         if isinstance(value, list):
             numbers = [item for row in value for item in (row if isinstance(row, list) else [row])]
-            names: Sequence[str] = {3: [f"{key}.{axis}" for axis in "xyz"], 9: ROTATIONS[2]}.get(len(numbers), ())
-            values |= dict(zip(names, numbers, strict=True)) if names else {key: value}
+            order = next((order for order in ("wxyz", "xyzw") if order in key.lower()), "")
+            forms: dict[int, Sequence[str]] = {3: [f"{key}.{axis}" for axis in "xyz"], 9: ROTATIONS[2]}
+            forms |= {4: [f"q{axis}" for axis in order], 12: MATRIX_COLUMNS, 16: MATRIX_COLUMNS}
+            names = forms.get(len(numbers), ())
+            is_whole = numbers[len(MATRIX_COLUMNS) :] in ([], [0, 0, 0, 1])
+            values |= dict(zip(names, numbers, strict=False)) if names and is_whole else {key: value}
         else:
             inner = _flat(value) if isinstance(value, dict) else {}
             values |= {f"{key}.{name}": item for name, item in inner.items()} if inner else {key: value}
@@ -98,15 +97,6 @@ def _listed(content: Any, name: str) -> Any:
     return [{"R": item.get(BOP[0]), **dict(zip(axes, item[BOP[1]], strict=False))} for item in objects]
 
 
-def _matrix(file: RowsFile, index: int, pose: dict[str, Any]) -> Any:
-    matrix = pose.get("transform_matrix")
-    rows = matrix if isinstance(matrix, list) else []
-    numbers = [[_number(item, _place(file, index)) for item in row] for row in rows if isinstance(row, list)]
-    if len(numbers) not in (3, 4) or any(len(row) != 4 for row in numbers) or numbers[3:] not in ([], [[0, 0, 0, 1]]):
-        raise InputError(f"transform_matrix, 4 x 4, at {_place(file, index)}", brief(matrix), "correct the file")
-    return numbers[:3]
-
-
 def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the poses, and what stands beside them."""
     if len(file.data) > LARGEST_JSON:
@@ -123,6 +113,8 @@ def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise InputError(f"complete JSON in {file.name}", brief(str(error)), "correct the file") from None
     around: dict[str, Any] = {}
     content = _listed(content, file.name)
+    if isinstance(content, list) and content and all(isinstance(pose, list) for pose in content):
+        content = [{"matrix": pose} for pose in content]
     if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
         around = {name: value for name, value in content.items() if name != key}
         content = content[key]

@@ -35,6 +35,9 @@ MOST_LINES = 2 * MOST_ROWS + 1000
 LONGEST_LINE = 10_000
 """Maximum length in bytes of a line of numbers; actual lines have up to about 300."""
 
+COMMENT = re.compile(rb"#|//|%\s")
+"""How a comment begins; ROS begins a header with %time."""
+
 MOST_COMMENTS = 100
 """Maximum number of comments that are read for what they state."""
 
@@ -58,6 +61,9 @@ ROTATIONS = (
 )
 """Columns of the notations of a rotation: quaternion, rotation vector in rad, matrix row by row."""
 
+MATRIX_COLUMNS = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
+"""Numbers of a matrix [R t], row by row."""
+
 WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
 
 WHICH_WAY = (
@@ -79,7 +85,7 @@ class RowsFile:
         """Yield stripped lines with their numbers, from 1, without comments and (unless `blank`) empty lines."""
         for number, line in enumerate(io.BytesIO(self.data), 1):
             stripped = line.strip()
-            if stripped[:1] != b"#" and (blank or stripped):
+            if not COMMENT.match(stripped) and (blank or stripped):
                 yield number, stripped
 
     @cached_property
@@ -90,8 +96,10 @@ class RowsFile:
     @cached_property
     def comments(self) -> list[str]:
         """Comments, without their mark; at most a hundred."""
-        marked = (line for line in map(bytes.strip, io.BytesIO(self.data)) if line[:1] == b"#")
-        return [line[:LONGEST_LINE].lstrip(b"# ").decode("utf-8", "replace") for line in islice(marked, MOST_COMMENTS)]
+        marked = (line for line in map(bytes.strip, io.BytesIO(self.data)) if COMMENT.match(line))
+        return [
+            line[:LONGEST_LINE].lstrip(b"#/% ").decode("utf-8", "replace") for line in islice(marked, MOST_COMMENTS)
+        ]
 
     @cached_property
     def stated(self) -> dict[str, str]:
@@ -110,14 +118,19 @@ class RowsFile:
         cells = _cells(first, self.delimiter)
         if not any(_is_number(cell) for cell in cells):
             return cells if sum(column_of(cell).kind[:1] in ("t", "q", "r") for cell in cells) >= FEWEST else []
-        for comment in self.comments[::-1]:
+        for text in self.comments[::-1]:
+            comment = text.rpartition(":")[2]
             names = _cells(comment, self.delimiter if self.delimiter and self.delimiter in comment else None)
             if len(names) != len(cells) and "," in comment:
                 names = _cells(comment, ",")
             kinds = [column_of(name).kind for name in names]
             is_whole = sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0]) and {"tx", "ty", "tz"} <= set(kinds)
-            if not is_whole and sum(kind[:1] in ("t", "q", "r") for kind in kinds) > FEWEST:
-                remark(f"{self.name}: a comment about columns is not understood, and not followed: {brief(comment)}")
+            if (
+                not is_whole
+                and sum(kind[:1] in ("t", "q", "r") for kind in kinds) > FEWEST
+                and not stated([text], self.name)
+            ):
+                remark(f"{self.name}: a comment about columns is not understood, and not followed: {brief(text)}")
             if is_whole:
                 if len(names) != len(cells):
                     raise InputError(

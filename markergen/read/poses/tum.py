@@ -22,7 +22,7 @@ from markergen.read.poses.conventions import (
     camera_in_marker,
     is_body,
 )
-from markergen.read.poses.rows import WANTED, RowsFile, lines_of, rows_poses, table_poses
+from markergen.read.poses.rows import MATRIX_COLUMNS, WANTED, RowsFile, lines_of, rows_poses, table_poses
 from markergen.read.remarks import remark
 
 WHICH_WAY = (
@@ -33,7 +33,6 @@ FORM = "timestamp tx ty tz qx qy qz qw"
 MATRIX = (4, 12, 16)
 """Numbers of a line of matrices [R t]: a row, three rows, or with 0 0 0 1."""
 LAST = r"|-?0(\.0*)?(e[-+]00)?( -?0(\.0*)?(e[-+]00)?){2} 1(\.0*)?(e[-+]00)?"
-KITTI = "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"
 _NUMBERS = re.compile(rb"[-+.\d][-+.\deE]*(?:[\s,;]+[-+.\dnaifNIF][-+.\deEnaifNIF]*)*[\s,;]*")
 
 
@@ -78,7 +77,7 @@ def _read(file: RowsFile) -> RawPoses:
 
 
 def _read_kitti(file: RowsFile) -> RawPoses:
-    return RawPoses(table_poses(file, KITTI.split(), _matrices(file), file.name), CAMERA_IN_MARKER)
+    return RawPoses(table_poses(file, MATRIX_COLUMNS, _matrices(file), file.name), CAMERA_IN_MARKER)
 
 
 def _matrices(file: RowsFile) -> Iterator[tuple[int, list[str]]]:
