@@ -607,7 +607,7 @@ static int next_finding(Frame *frame)
     if (fresh) {
         for (int64_t l = 0; l < model->layout_count; l++)
             for (int64_t i = 0; i < frame->quests[l].pool.count; i++)
-                settle(&frame->scene, model->layouts + l, frame->quests[l].pool.best + i, &frame->work);
+                settle(&frame->scene, model->layouts + l, frame->quests[l].pool.best + i, -INFINITY, &frame->work);
         /* Others may be better now. */
         if (quest->restarts++ < RESTARTS)
             return 1;

@@ -754,6 +754,9 @@ void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, 
         *labeling = second;
 }
 
+/* More evidence than three dots left out have been seen to add, in boards of up to 336 dots: 100. */
+static const double TRIMMED = 200;
+
 /* Leaves out dots, one by one, whose blobs are more likely clutter. */
 static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
 {
@@ -781,8 +784,9 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
     }
 }
 
-/* Labels again where the fitted pose has the dots, until nothing changes. */
-void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
+/* Labels again where the fitted pose has the dots, until nothing changes; those that are too far below `rival` to come near
+   it are left as they are. */
+void settle(const Scene *scene, const Layout *layout, Labeling *labeling, double rival, Work *work)
 {
     const double reach = smaller(NEAR_REACH, layout->reach);
     fit_labeling(scene, layout, labeling, work);
@@ -800,7 +804,7 @@ void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *
         next.labels = labeling->labels;
         *labeling = next;
     }
-    if (labeling->count > LEAST_DOTS && labeling->evidence > HOPELESS)
+    if (labeling->count > LEAST_DOTS && labeling->evidence > larger(HOPELESS, rival - TRIMMED))
         trim(scene, layout, labeling, work);
 }
 
@@ -914,7 +918,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > 3 * count)
         return -1;
-    settle(scene, layout, &labeling, work);
+    settle(scene, layout, &labeling, best_of(pool)->evidence, work);
     return keep(pool, layout, &labeling);
 }
 
@@ -1271,8 +1275,10 @@ static int64_t probe(const Scene *scene, const Layout *layout, const Pose *pose,
 }
 
 /* Other labelings of a labeling's dots: the plate is moved onto itself so that any pair of dots comes to where a pair of
-   labeled neighbors is. Those that label at least `least` dots are fitted and kept. */
-static void rigid_rivals(const Scene *scene, const Layout *layout, const Labeling *chosen, int64_t least, int64_t most, Work *work, Pool *pool)
+   labeled neighbors is. Those that label at least `least` dots are fitted and kept, at most `most` of them, until one has
+   `enough` evidence. */
+static void rigid_rivals(const Scene *scene, const Layout *layout, const Labeling *chosen, int64_t least, int64_t most,
+                         double enough, Work *work, Pool *pool)
 {
     const Constellation *part = main_part(layout, chosen->labels);
     const Pose pose = chosen->pose;
@@ -1314,8 +1320,10 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
             if (count < least || count < LEAST_DOTS || tried(work, rival.labels, layout->count))
                 continue;
             tries++;
-            settle(scene, layout, &rival, work);
+            settle(scene, layout, &rival, chosen->evidence, work);
             keep(pool, layout, &rival);
+            if (rival.evidence > enough)
+                return;
         }
     }
 }
@@ -1400,7 +1408,7 @@ static void affine_rivals(const Scene *scene, const Layout *layout, const Labeli
                 const double cosine = L[0] + L[3], sine = L[2] - L[1], norm = hypot(cosine, sine);
                 moved_pose(layout->plates + part->plate, &chosen->pose, P, A, cosine / norm, sine / norm, &rival.pose);
                 if (chosen->count < layout->count)
-                    settle(scene, layout, &rival, work);
+                    settle(scene, layout, &rival, chosen->evidence, work);
                 else
                     fit_labeling(scene, layout, &rival, work);
                 keep(pool, layout, &rival);
@@ -1414,7 +1422,7 @@ int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work)
     if (layout->count <= MANY_DOTS || best->missing == 0 || !(best->evidence > SURE))
         return 0;
     const double before = best->evidence;
-    rigid_rivals(scene, layout, best, best->count, 200, work, pool);
+    rigid_rivals(scene, layout, best, best->count, 200, before + 1, work, pool);
     return best_of(pool)->evidence > before + 1;
 }
 
@@ -1432,7 +1440,7 @@ void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool
     if (layout->count <= FEW_DOTS)
         affine_rivals(scene, layout, &chosen, least, work, pool);
     else
-        rigid_rivals(scene, layout, &chosen, least, 64, work, pool);
+        rigid_rivals(scene, layout, &chosen, least, 64, INFINITY, work, pool);
 }
 
 /* Whether two labelings of the same layout give a blob two labels, and not in single dots only. */

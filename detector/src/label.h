@@ -84,7 +84,7 @@ int work_for(Work *work, int64_t dots);
 void work_free(Work *work);
 int pool_for(Pool *pool, int64_t dots);
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool);
-void settle(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
+void settle(const Scene *scene, const Layout *layout, Labeling *labeling, double rival, Work *work);
 void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
