@@ -42,6 +42,7 @@ def test_markers_paths_dictionaries_and_texts(found, pentagon, tmp_path):
     assert errors[3] == found.contestants["square"]["rotation_deg"]
 
 
+@pytest.mark.long
 def test_one_alone_meets_one_of_each(pentagon, monkeypatch):
     monkeypatch.setattr(engine, "TUNING_VIEWS", 1)
     names = list(compare(pentagon, **{**FEW, "views": 1}).contestants)

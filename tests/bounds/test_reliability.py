@@ -80,6 +80,7 @@ def test_three_dots_control_nothing(one_pose):
     assert len(reliability_table(dots, "noise").rows) == 3
 
 
+@pytest.mark.long
 def test_a_bound_on_blunders_is_kept():
     spec = Spec(
         n=6, dot=0.02, noise_model="image", print_sigma=1e-4, restarts=1, poses="cone:distance=0.6..1.2,count=24"

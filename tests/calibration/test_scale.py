@@ -93,6 +93,7 @@ def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design)
     assert sentence("scale doubted") + ", 0.14 %" in found.scale_source
 
 
+@pytest.mark.long
 def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_said(calibrated, design):
     # The print is 0.3 % longer along x than along y.
     doubts = {}

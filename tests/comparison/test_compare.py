@@ -193,6 +193,7 @@ def test_same_seed_same_bytes_with_any_number_of_processes(path, few_tuning_view
     assert other["contestants"][0]["rotation_deg"] != json.loads(first)["contestants"][0]["rotation_deg"]
 
 
+@pytest.mark.long
 def test_noise_and_poses_are_the_same_for_all(path, few_tuning_views):
     # A square that is named twice in different words is the same marker, and everything about it comes out the same.
     found = compare(["ngon:4", "square"], views=6, workers=1)
@@ -201,6 +202,7 @@ def test_noise_and_poses_are_the_same_for_all(path, few_tuning_views):
         assert ngon[key] == square[key]
 
 
+@pytest.mark.long
 def test_print_error_counts(path, few_tuning_views):
     without, with_error = (
         compare([path, "aruco:DICT_4X4_50"], views=6, workers=1, print_sigma=sigma) for sigma in (0.0, 1e-3)
@@ -231,6 +233,7 @@ def test_ratio_and_its_interval():
     assert _ratio("rotation_deg", observed([np.nan]), first[:1], 0) is None
 
 
+@pytest.mark.long
 def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views, monkeypatch):
     monkeypatch.setattr(SquareTag, "sight", lambda *_: SimpleNamespace(rotation=None, translation=None, reason="blind"))
     found = compare([path, "square", "aruco:DICT_4X4_50"], views=4, workers=1)

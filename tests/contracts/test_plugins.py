@@ -113,6 +113,7 @@ def test_the_snippets_of_the_documentation_run():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_a_design_with_objective_and_poses_of_a_package(run, here):
     said = run("design --n 4 --objective volume --poses helix:count=20 --restarts 1 -o d.json -o d.xyz --details")
     assert "volume mrad" in said
@@ -135,6 +136,7 @@ def test_estimators_in_worker_processes(run, here):
     assert refined == pytest.approx(lm, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_lens_from_a_camera_file_to_the_detector(run, here):
     run("design --n 5 --camera camera.yaml --poses cone:distance=0.7..1,count=20 --restarts 1 -o lens.json")
     lens = json.loads((here / "lens.json").read_text())["provenance"]["camera"]["distortion"]

@@ -22,6 +22,7 @@ from markergen.model.marker import Marker
 from markergen.model.substrate import Substrate, parse_mount
 
 PRINTER_MARGIN = 8.0
+QUICK = ("a3-landscape", "a4", "a5", "legal-landscape", "letter")
 ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm
 
 
@@ -155,6 +156,7 @@ def test_an_origin_far_away_needs_no_paper(make_in):
     assert not any("origin" in note for note in sheet_for(make_in(at_hand, 5, 0.01)).notes)
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(
     count=st.integers(4, 14),
@@ -235,7 +237,9 @@ def test_every_paper_has_a_whole_ruler_and_words_to_check_it_by(make_ngon, paper
     assert {"remedy-0-0", "remedy-1-0", "check-x-0", "check-y-0", "check-rulers-0"} <= set(shapes)
 
 
-@pytest.mark.parametrize("paper", sorted(PAPERS))
+@pytest.mark.parametrize(
+    "paper", [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in sorted(PAPERS)]
+)
 def test_nothing_around_the_marker_overlaps(make_ngon, paper):
     sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
     furniture = [s for s in sheet.scene["text"] if not s.name.startswith("number-")]

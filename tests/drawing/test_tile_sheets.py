@@ -50,8 +50,8 @@ def on_edge(crosses: np.ndarray, axis: int, side: int) -> np.ndarray:
 
 CASES = [
     (5, 0.15, 0.036, "A4", "2 rows of 2", 4),
-    (5, 0.15, 0.036, "A4-landscape", "2 rows of 2", 4),
-    (5, 0.15, 0.036, "A5", "2 rows of 3", 6),
+    pytest.param(5, 0.15, 0.036, "A4-landscape", "2 rows of 2", 4, marks=pytest.mark.long),
+    pytest.param(5, 0.15, 0.036, "A5", "2 rows of 3", 6, marks=pytest.mark.long),
     (12, 0.15, 0.03, "letter", "2 rows of 2", 4),
     (9, 0.4, 0.08, "A3", None, None),
 ]
@@ -135,6 +135,7 @@ def test_a_dot_is_printed_once_and_no_number_is_cut(make_ngon):
             assert box[3] < top
 
 
+@pytest.mark.long
 def test_a_dot_that_no_seam_can_miss_is_named_and_put_together_whole(make_marker):
     # One dot wider than the paper, so every seam runs through it.
     marker = make_marker(np.array([[0.0, 0.0], [0.3, 0.3], [-0.3, 0.3], [0.3, -0.3]]), 0.5, 0.25)

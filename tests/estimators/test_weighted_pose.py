@@ -190,6 +190,7 @@ def test_points_that_tell_no_pose(pentagon):
         estimate_pose(pentagon.xyz[:3], pixels[:3], covariance[:3], PAPER_CAMERA)
 
 
+@pytest.mark.long
 def test_pose_from_ellipses_is_consistent_too(pentagon):
     nees, covariance = [], np.broadcast_to(0.02**2 * np.eye(2), (5, 2, 2))
     for pose in range(400):

@@ -70,6 +70,7 @@ def test_cube_to_fold(monkeypatch, capsys, tmp_path):
     assert "their tags, aruco:DICT_4X4_50:0 to 5" in capsys.readouterr().out
 
 
+@pytest.mark.docs
 def test_design_and_save(monkeypatch, capsys, tmp_path):
     run("design_and_save.py", tmp_path / "out", monkeypatch=monkeypatch)
     names = {"marker.pdf", "marker.dxf", "marker.opencv.yaml", "marker.json"}
@@ -86,6 +87,7 @@ def test_landing_pad(monkeypatch, capsys, tmp_path):
     assert all(int(line.split()[2]) >= 4 and float(line.split()[-2]) < 0.1 for line in seen)
 
 
+@pytest.mark.docs
 def test_measure_print(monkeypatch, capsys, tmp_path, make_ngon):
     (tmp_path / "m.json").write_bytes(to_json(make_ngon(5, 0.15, 0.036)))
     run("measure_print.py", tmp_path / "m.json", tmp_path / "print", monkeypatch=monkeypatch)
@@ -94,6 +96,7 @@ def test_measure_print(monkeypatch, capsys, tmp_path, make_ngon):
     assert (tmp_path / "print" / "calibration.html").is_file()
 
 
+@pytest.mark.docs
 def test_validate_and_plot(monkeypatch, capsys, tmp_path):
     run("validate_and_plot.py", tmp_path / "errors.png", "--runs", 5, "--views", 4, monkeypatch=monkeypatch)
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
@@ -122,6 +125,7 @@ def test_sweep_to_dataframe(monkeypatch, capsys, tmp_path):
     assert all(float(row[1]) < float(row[2]) for row in rows)
 
 
+@pytest.mark.docs
 def test_marker_to_step(monkeypatch, capsys, tmp_path):
     run("marker_to_step.py", tmp_path / "m.step", monkeypatch=monkeypatch)
     assert (tmp_path / "m.step").is_file()
@@ -177,6 +181,7 @@ def test_loop_over_video(monkeypatch, capsys, tmp_path, make_ngon):
         run("loop_over_video.py", marker, camera, tmp_path / "none.avi", monkeypatch=monkeypatch)
 
 
+@pytest.mark.docs
 def test_one_sided_camera(monkeypatch, capsys):
     run("one_sided_camera.py", 5, monkeypatch=monkeypatch)
     lines = capsys.readouterr().out.splitlines()
@@ -186,6 +191,7 @@ def test_one_sided_camera(monkeypatch, capsys):
     assert all(float(line.split()[1]) > 1.1 for line in lines[-2:])
 
 
+@pytest.mark.docs
 def test_picture_of_a_solid(monkeypatch, capsys, tmp_path):
     corners = np.array([[x, y, z] for x in (-30, 30) for y in (-20, 20) for z in (-3, 0)], float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -22,6 +22,7 @@ def run(cells, names):
     return values
 
 
+@pytest.mark.docs
 @pytest.mark.usefixtures("only_our_objectives")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path, monkeypatch, capsys):

@@ -83,7 +83,7 @@ def bundle(marker) -> tuple[float, np.ndarray, np.ndarray]:
     return tag["size"], turn, np.array([tag[key] for key in "xyz"])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *(pytest.param(name, marks=pytest.mark.long) for name in NAMES[1:])])
 def test_poses_by_apriltag_are_those_of_the_marker_frame(name, make_ngon, tmp_path):
     marker = marker_with(make_ngon, name)
     size, turn, place = bundle(marker)

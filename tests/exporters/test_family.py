@@ -105,6 +105,7 @@ def test_they_fill_pages_of_a4_or_of_the_paper(count, paper, words):
     assert all("block-tag" in names and ("block-page" in names) == (len(sheets) > 1) for names in named)
 
 
+@pytest.mark.long
 def test_a_file_of_one_page_has_them_all_on_the_smallest_that_holds_them(tmp_path):
     markers = family(5)
     ((_, notes),) = save_family(markers, [tmp_path / "five.svg"], ExportOptions())

@@ -84,6 +84,7 @@ def test_the_seeds_are_usable(marker, seeds, tmp_path):
         assert check.passed, (suffix, check.findings)
 
 
+@pytest.mark.long
 @LONG
 @given(st.sampled_from(TEXTS), CHANGES)
 @example(".svg", [(0.15625, 1, "1e999")])

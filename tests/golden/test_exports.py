@@ -15,8 +15,12 @@ RECORDED = json.loads(record.EXPORTS.read_text())
 SUFFIXES = {"sheets": (*record.POINTS, *record.SHEETS), "solids": record.KERNEL}
 
 
+QUICK = ("disk", "pad", "relief", "disk through")
 TABLE = [
-    (part, name) for name, *_, taken in record.CASES for part in SUFFIXES if not set(SUFFIXES[part]).isdisjoint(taken)
+    pytest.param(part, name, marks=[pytest.mark.long] * (part == "solids" and name not in QUICK))
+    for name, *_, taken in record.CASES
+    for part in SUFFIXES
+    if not set(SUFFIXES[part]).isdisjoint(taken)
 ]
 
 

@@ -36,6 +36,7 @@ def test_its_gradient_is_that_of_differences():
     assert gradient[0, 2, 1] == pytest.approx(difference[0], rel=1e-5)
 
 
+@pytest.mark.long
 def test_a_class_is_minimized_and_a_cell_may_be_run_again():
     for power in (1, 2):
 

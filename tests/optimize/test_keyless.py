@@ -52,6 +52,7 @@ def test_the_gradient_is_the_derivative_of_the_safety(camera):
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), gradient[:, dot, axis], atol=2, rtol=0.02)
 
 
+@pytest.mark.long
 def test_a_safe_pentagon_costs_little():
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
     region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
@@ -66,6 +67,7 @@ def test_a_safe_pentagon_costs_little():
     assert found.or_refuse() is found
 
 
+@pytest.mark.long
 def test_what_cannot_be_reached_is_told(monkeypatch):
     monkeypatch.setattr(keyless, "ROUNDS", 2)
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))

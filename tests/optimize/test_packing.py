@@ -61,7 +61,7 @@ def test_lattice_counts_are_sane():
         assert np.isfinite(diameter)
 
 
-@pytest.mark.parametrize("n", [1, 5, 12, 40])
+@pytest.mark.parametrize("n", [1, 5, *(pytest.param(n, marks=pytest.mark.long) for n in (12, 40))])
 def test_packed_dots_fit_in_every_shape(shape, n):
     points, diameter = pack(shape, n)
     assert diameter > 0

@@ -121,6 +121,7 @@ def test_a_rig_with_tags():
     assert not found.warnings
 
 
+@pytest.mark.long
 def test_plates_that_look_the_same_are_warned_about():
     found = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")
     assert found.warnings == (found.told_apart + sentence("tell apart"),)

@@ -33,7 +33,7 @@ def check(assembly, parts, back):
     assert len(read) == len(children)
 
 
-@pytest.mark.parametrize("body", [MARKER, wall()], ids=["marker", "wall"])
+@pytest.mark.parametrize("body", [MARKER, pytest.param(wall(), marks=pytest.mark.long)], ids=["marker", "wall"])
 def test_parts_keep_names_colors_and_volumes_in_an_assembly_and_its_step(body, tmp_path):
     assembly = body.to_cadquery(engrave=False, thickness="4mm")
     plated = mg.export(body, tmp_path / "plated.json", thickness="4mm")[0].path

@@ -138,6 +138,7 @@ for suffix in sys.argv[2:]:
 """
 
 
+@pytest.mark.long
 def test_a_missing_system_library_is_one_line_and_the_rest_works(make_ngon, tmp_path):
     from markergen.model.body_json import to_json
 

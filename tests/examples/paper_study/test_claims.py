@@ -46,6 +46,7 @@ METRIC_ONLY = {
 """Claims about estimators and limits, on layouts with the least c(A) as the paper writes A."""
 
 
+@pytest.mark.docs
 def test_every_claim_is_judged_in_all_coordinates(findings):
     for name, found in findings.items():
         expected = {"metric"} if name in METRIC_ONLY else set(COORDINATES)
@@ -57,6 +58,7 @@ def test_every_claim_is_judged_in_all_coordinates(findings):
         assert len(set(keys)) == len(keys)
 
 
+@pytest.mark.docs
 def test_every_sentence_has_a_test_or_a_reason_and_every_claim_a_sentence(findings):
     named = set()
     for sentence in SENTENCES:
@@ -70,11 +72,13 @@ def test_every_sentence_has_a_test_or_a_reason_and_every_claim_a_sentence(findin
     assert len(summary_table(pairs)) == len(CLAIMS) + 2
 
 
+@pytest.mark.docs
 def test_all_tests_together_hardly_ever_find_what_is_not_there(findings):
     """The level is that of 3 % over all tests and both of their sides, however they depend on each other."""
     assert 2 * sum(map(len, findings.values())) * LEVEL < 0.03
 
 
+@pytest.mark.docs
 def test_verdicts_follow_what_was_measured(findings):
     """Made-up layouts lie near the n-gon, and random ones are ten times as bad with four points, 10/(n - 3) with n."""
     found = findings

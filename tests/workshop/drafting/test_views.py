@@ -123,7 +123,9 @@ def test_sizes_on_the_drawing_are_those_of_the_plate():
     assert all(min(abs(tip - end) for tip in tips) < 1e-6 for end in ends)
 
 
-@pytest.mark.parametrize(("paper", "above"), [("A3-landscape", True), ("tabloid-landscape", False)])
+@pytest.mark.parametrize(
+    ("paper", "above"), [("A3-landscape", True), pytest.param("tabloid-landscape", False, marks=pytest.mark.long)]
+)
 def test_the_view_from_below_is_above_in_first_angle_projection(paper, above):
     page = front_of(MARKERS["disk"], SheetOptions(paper))
     (side,) = [bounds(shape) for shape in page.shapes if shape.name == "side-words"]
@@ -141,6 +143,7 @@ def test_center_lines_end_at_numbers(front):
             assert not within.any()
 
 
+@pytest.mark.long
 def test_too_many_callouts_are_smaller_and_all_there():
     points = [(0.03 * k - 0.105, 0.02 * (-1) ** k) for k in range(8)]
     marker = case(points, RECTANGLE, 0.01, corner_radius=0.004)
@@ -166,6 +169,7 @@ def test_leaders_keep_off_dots_where_they_can():
     assert min(abs(row - level[0][1]) for row in rows) > 4.5
 
 
+@pytest.mark.long
 def test_the_paper_is_a4_or_a3_or_what_is_asked_for():
     def paper(name, options=None):
         return front_of(MARKERS[name], options).frame.paper.name

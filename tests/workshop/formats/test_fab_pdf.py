@@ -29,7 +29,10 @@ def plain(words):
     return re.sub(r"\s", "", words)
 
 
-@pytest.fixture(scope="module", params=list(MARKERS))
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.long] * (name in ("relief", "many"))) for name in MARKERS],
+)
 def sheet(request):
     work = described(MARKERS[request.param])
     data, _ = write_fabrication_sheet(work, SheetOptions())
@@ -101,6 +104,7 @@ def test_no_title_stands_without_what_it_is_of(sheet):
             assert said(document).count(plain(table.title)) == 1
 
 
+@pytest.mark.long
 def test_a_long_table_is_in_even_pieces_and_no_page_is_nearly_empty():
     work = described(MARKERS["many"])
     document = pypdfium2.PdfDocument(write_fabrication_sheet(work, SheetOptions())[0])
@@ -185,6 +189,7 @@ def test_the_bytes_are_the_same_every_time_and_without_a_cad_kernel():
     assert EXPORTERS[".fab.pdf"]([MARKERS["small"]], ExportOptions()).data == again
 
 
+@pytest.mark.long
 def test_pages_are_read_by_another_program():
     marker = MARKERS["disk"]
     output = EXPORTERS[".fab.pdf"]([marker], ExportOptions())
