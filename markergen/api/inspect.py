@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
+from markergen.api.templates import template_request
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
@@ -17,6 +18,7 @@ from markergen.model.body import Body
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.poses import RecordedPoses
+from markergen.model.rig_shapes import corners
 from markergen.options import settle, signature_of
 from markergen.options.inspection import InspectKeywords
 from markergen.options.kinds import File, Files
@@ -32,7 +34,6 @@ from markergen.read.outlines.boundary import outline_reading
 from markergen.read.outlines.writing import check_outline_path, outline_bytes
 from markergen.read.poses import AS_WRITTEN, pose_format_of, pose_reading, stated_convention
 from markergen.read.remarks import collected_remarks
-from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 from markergen.units import format_length
 
@@ -447,10 +448,11 @@ def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
 def _spec(path: Path, asked: Mapping[str, Any]) -> Facts:
     del asked
     values = read_template(str(path))
-    spec = spec_from_mapping({key: value for key, value in values.items() if key != "title"})
-    rows = {key: brief(value) for key, value in values.items()}
-    points = spec.boundary.rim(64)
-    return Facts("spec", rows, {"options": values, "boundary": str(spec.boundary)}, partial(_draw_dots, points))
+    request = template_request(str(path))
+    rows, boundary = {key: brief(value) for key, value in values.items()}, request.spec.boundary
+    faces = request.shape.faces if request.shape else ()
+    points = np.concatenate([*map(corners, faces)]) if faces else boundary.rim(64)
+    return Facts("spec", rows, {"options": values, "boundary": str(boundary)}, partial(_draw_dots, points))
 
 
 def _points(path: Path, asked: Mapping[str, Any]) -> Facts:

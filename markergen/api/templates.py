@@ -4,10 +4,12 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from markergen.api.design import rig_request_of
+from markergen.api.design import Request, request_of, rig_request_of
 from markergen.files import Written
+from markergen.model.goal import parse_goal
 from markergen.model.rig_shapes import corners
 from markergen.model.spec import AUTO
+from markergen.objectives import OBJECTIVES
 from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
@@ -91,6 +93,15 @@ def overview(json: object = None) -> Overview:
     targets.check([])
     result = Overview(templates=tuple(map(_template, shipped_templates())))
     return replace(result, written=tuple(result.write(targets)))
+
+
+def template_request(name: str) -> Request:
+    """Check a template as the command does that takes it, with the names of its objective; raises InputError."""
+    of_rig = "shape" in read_template(name)
+    request = rig_request_of("", {"template": name}) if of_rig else request_of({"template": name})
+    for criterion in parse_goal(request.spec.objective).names:
+        OBJECTIVES[criterion]
+    return request
 
 
 def _template(name: str) -> Template:

@@ -1,20 +1,26 @@
 """A word of a file that is misspelled, left out or doubled changes nothing, or is refused or reported: never silent."""
 
 import re
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from camera_programs import CAMERAS
 from outline_programs import OUTLINES
 from pose_programs import POSES
+from rigs import corner
 
+from markergen.api.templates import template_request
 from markergen.errors import InputError
 from markergen.geometry.contour import area
+from markergen.model.body_json import load_rig, rig_to_json
+from markergen.model.rig import Rig
 from markergen.read.cameras import read_camera
 from markergen.read.outlines.boundary import read_contours
 from markergen.read.poses import read_poses
 from markergen.read.poses.conventions import PoseConvention
 from markergen.read.remarks import collected_remarks, remark
+from markergen.read.templates import shipped_templates, template_text
 
 RAYS = np.random.default_rng(0).uniform(-0.4, 0.4, (20, 2))
 
@@ -36,7 +42,33 @@ def outline(path, row):
     return np.array([sum(map(area, contours)), len(contours)])
 
 
-READERS = {"camera": (CAMERAS, camera), "poses": (POSES, poses), "outline": (OUTLINES, outline)}
+def spec(path, row):
+    request = template_request(str(path))
+    plates = request.shape and [
+        (face.name, face.rotation, face.translation, str(face.boundary)) for face in request.shape.faces
+    ]
+    return [
+        repr((request.choices, plates)),
+        *(repr(getattr(request.spec, field.name)) for field in fields(request.spec) if field.name != "title"),
+    ]
+
+
+def rig(path, row):
+    """All of a rig but its labels."""
+    read = load_rig(path)
+    labels = ("provenance", "extensions")
+    parts = [[getattr(plate.marker, field.name) for field in fields(plate.marker) if field.name not in labels]
+             for plate in read.markers]  # fmt: skip
+    return [
+        repr((plate.rotation, plate.translation, part)) for plate, part in zip(read.markers, parts, strict=True)
+    ] + [repr(read.relation)]
+
+
+MEASURED = Rig(corner(inward=True).markers, tuple(map(tuple, (1e-8 * np.eye(12)).tolist())))
+RIGS = {"corner": (rig_to_json(MEASURED).decode(),)}
+SPECS = {name: (template_text(name),) for name in shipped_templates()}
+READERS = {"camera": (CAMERAS, camera), "poses": (POSES, poses), "outline": (OUTLINES, outline), "spec": (SPECS, spec),
+           "rig": (RIGS, rig)}  # fmt: skip
 WORD = re.compile(r"(?<![\w.])[A-Za-z_][A-Za-z_.\-]*[A-Za-z_]")
 
 
@@ -55,12 +87,17 @@ def misspelled(text):
 
 def result_of(path, kind, row, text):
     """Return what is read and the remarks, or None if it is refused."""
+    path = path.with_suffix(".toml" if kind == "spec" else "")
     path.write_text(text)
     with collected_remarks() as remarks:
         try:
             return READERS[kind][1](path, row), remarks
         except InputError:
             return None, remarks
+
+
+def is_close(after, before):
+    return after.shape == before.shape and np.allclose(after, before, rtol=1e-9, atol=1e-9)
 
 
 def silent(path, kind, name, step=1):
@@ -73,7 +110,7 @@ def silent(path, kind, name, step=1):
     for text, change in list(misspelled(row[0]))[::step] if before is not None else []:
         after, remarks = result_of(path, kind, row, text)
         count += 1
-        same = after is not None and after.shape == before.shape and np.allclose(after, before, rtol=1e-9, atol=1e-9)
+        same = after == before if isinstance(before, list) else after is not None and is_close(after, before)
         if after is not None and not same and len(remarks) <= len(said) and remarks == said:
             changes.append(change)
     return changes, count
