@@ -29,6 +29,10 @@ SHALLOWEST = 1e-6
 FARTHEST = 1e9
 """Maximum coordinate in m of an arc's ends, whose squares still have sufficient digits."""
 
+NARROWEST = 1e-9
+"""Minimum distance in m of a corner from the sides that do not end in it: tools stop at 1e-6, and at 1e-12 doubles of a
+plate no longer tell on which side of a spike a point is."""
+
 MOST_PAIRS = 50_000
 """Maximum number of pairs of touching or nested outlines; a plate with as many holes as allowed has 3,333."""
 
@@ -190,6 +194,13 @@ def _nesting(rings: list[Array]) -> list[int]:
             f"outline {i + 1} crossing or touching itself at {place(where)}",
             "correct it there, or draw the parts as separate outlines",
         )
+    for i, ring in enumerate(rings):
+        if (corner := _in_doubt(ring)) is not None:
+            raise InputError(
+                "outlines that do not cross or touch themselves",
+                f"outline {i + 1} less than {1e9 * NARROWEST:g} nm from itself at {place(corner)}, as in a spike",
+                "correct it there, or draw the parts as separate outlines",
+            )
     first, second = _pairs(shapes)
     # Outlines may touch at a corner.
     shared = shapely.intersection(shapely.boundary(shapes[first]), shapely.boundary(shapes[second]))
@@ -206,6 +217,22 @@ def _nesting(rings: list[Array]) -> list[int]:
     within = shapely.contains(shapes[first], shapes[second]), shapely.contains(shapes[second], shapes[first])
     inner = np.concatenate([second[within[0]], first[within[1]]])
     return np.bincount(inner, minlength=len(rings)).tolist()
+
+
+def _in_doubt(ring: Array) -> Array | None:
+    """Return a corner (2,) that lies on another side but for rounding, so that there is no inside to agree on."""
+    import shapely
+
+    # Corners that are this near each other are one.
+    apart = ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > NARROWEST]
+    if len(apart) < 3 or shapely.minimum_clearance(shapely.polygons(apart)) > NARROWEST:
+        return None
+    sides = shapely.linestrings(np.stack([apart, np.roll(apart, -1, axis=0)], axis=1))
+    for k, corner in enumerate(shapely.points(apart)):
+        others = np.delete(sides, [k - 1, k])
+        if shapely.distance(others, corner).min(initial=np.inf) <= NARROWEST:
+            return np.asarray(apart[k])
+    return None
 
 
 def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

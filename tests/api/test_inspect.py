@@ -17,6 +17,7 @@ from markergen.model.pose_sources.cone import Cone
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.outlines.boundary import read_contours
 from markergen.read.poses import read_poses
+from markergen.read.templates import template_text
 
 LENS = Distortion("radtan", (0.1, -0.2, 0.001, -0.002))
 CAMERA = Camera(1280, 720, 900.0, 905.0, 640.0, 361.0, LENS)
@@ -212,3 +213,13 @@ def test_markers_specs_and_points(tmp_path):
     assert "80 mm" in facts.values["boundary"]
     (tmp_path / "p.csv").write_text("id,x_mm,y_mm\n0,1,2\n1,30,2\n2,1,40\n3,5,-6\n")
     assert mg.inspect(tmp_path / "p.csv").facts[0].values["count"] == 4
+
+
+def test_a_spec_of_a_rig(tmp_path):
+    (tmp_path / "cube.toml").write_text(template_text("cube"))
+    (facts,) = mg.inspect(tmp_path / "cube.toml").facts
+    assert facts.kind == "spec"
+    assert facts.rows["shape"] == "'cube'"
+    (tmp_path / "cube.toml").write_text(template_text("cube").replace('"pose"', '"poe"'))
+    with pytest.raises(mg.InputError, match="poe"):
+        mg.inspect(tmp_path / "cube.toml")

@@ -42,8 +42,7 @@ def drawings():
     yield "boundary", "plate.dxf", text.getvalue().encode()
 
 
-@pytest.mark.parametrize(("use", "name", "data"), [*drawings()], ids=lambda each: each if isinstance(each, str) else "")
-def test_drawings_are_dropped(studio, use, name, data):
+def dropped(studio, name, data):
     studio.page.evaluate(
         """([name, bytes]) => {
           const held = new DataTransfer();
@@ -55,6 +54,11 @@ def test_drawings_are_dropped(studio, use, name, data):
         }""",
         [name, list(data)],
     )
+
+
+@pytest.mark.parametrize(("use", "name", "data"), [*drawings()], ids=lambda each: each if isinstance(each, str) else "")
+def test_drawings_are_dropped(studio, use, name, data):
+    dropped(studio, name, data)
     studio.page.click(f"#drop button[value={use}]")
     studio.until(f"() => document.getElementById('said').textContent.startsWith({name!r})")
     shape = studio.state()[use]
@@ -156,19 +160,48 @@ def test_photographs_are_told_and_taken_away(studio, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text"),
     [
         ("plate.svg", '<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">'
-         '<path d="M20,20 h200 v160 h-200 z"/></svg>', "plate.svg: rectangle of 200 mm x 160 mm"),
-        ("cam.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n", "cam.yaml: a camera"),
+         '<path d="M20,20 h200 v160 h-200 z"/><text x="30" y="30">plate</text></svg>'),
+        ("cam.yaml", "width: 1080\nheight: 1920\nfx: 1000\nfy: 1000\ncx: 960\ncy: 540\nmodel: fisheye\nscale: 2\n"
+         "D: [-0.01, 0, 0, 0]\n"),
+        ("poses.csv", "tx_mm,ty_mm,tz_mm,rx,ry,rz,scale\n0,0,1000,3.14159,0,0,1\n0,0,1200,3.14159,0.3,0,1\n"),
     ],
 )  # fmt: skip
-def test_what_was_opened_is_told(studio, tmp_path, name, text, said):
+def test_what_is_dropped_is_inspected(studio, tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    studio.give(tmp_path / name)
+    inspection = mg.inspect(tmp_path / name)
+    dropped(studio, name, text.encode())
     if name.endswith(".svg"):
+        studio.page.wait_for_selector("#drop-said:has-text('area')")
         studio.page.click("#drop button[value=boundary]")
-    studio.until(f"() => document.getElementById('said').textContent === {said!r}")
+    studio.until(f"() => document.getElementById('said').textContent.startsWith({name + ': '!r})")
+    note = studio.page.locator("#said").inner_text()
+    for row, value in inspection.facts[0].rows.items():
+        assert f"{row} {value}" in note
+    assert inspection.remarks
+    for line in inspection.remarks:
+        assert line.replace(f"{tmp_path}/", "") in note
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("mei.yaml", "model_type: MEI\nprojection_parameters:\n   gamma1: 700\n"),
+        ("body.csv", "#time, p_RS_x [m], p_RS_y [m], p_RS_z [m], q_RS_w, q_RS_x, q_RS_y, q_RS_z\n0,0,0,1,0,1,0,0\n"),
+        ("board.kicad_pcb", '(kicad_pcb (gr_line (start 0 0) (end 9 0) (layer "Edge.Cuts")))'),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_and_never_500(refusing, tmp_path, name, text):
+    before = refusing.state()
+    statuses = []
+    refusing.page.on("response", lambda response: statuses.append(response.status))
+    dropped(refusing, name, text.encode())
+    refusing.page.wait_for_selector(".fault:has-text('xpected')")
+    assert refusing.state() == before
+    assert any(400 <= status < 500 for status in statuses)
+    assert max(statuses) < 500
 
 
 def test_a_dxf_is_a_drawing_whatever_type_the_browser_gives_it(studio, tmp_path):
