@@ -13,6 +13,7 @@ from markergen.guard import read
 from markergen.model.body_json import is_rig
 from markergen.read.cameras import format_of, split
 from markergen.read.cameras.document import Document
+from markergen.read.cameras.statements import refuse_lenses
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.poses import POSE_FORMATS
 from markergen.read.poses.rows import RowsFile
@@ -53,6 +54,7 @@ def kinds_of(path: Path) -> list[str]:
     if _is_layout(data):
         return ["points"]
     refuse_unreadable(name, data)
+    refuse_lenses(document)
     if path.suffix.lower() == ".toml":
         return ["spec"]
     known = "a marker.json, rig.json, spec .toml, camera, poses, outline .svg .dxf .geojson .kicad_pcb, or points .csv"

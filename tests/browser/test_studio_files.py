@@ -190,7 +190,7 @@ def test_what_is_dropped_is_inspected(studio, tmp_path, name, text):
     [
         ("mei.yaml", "model_type: MEI\nprojection_parameters:\n   gamma1: 700\n"),
         ("body.csv", "#time, p_RS_x [m], p_RS_y [m], p_RS_z [m], q_RS_w, q_RS_x, q_RS_y, q_RS_z\n0,0,0,1,0,1,0,0\n"),
-        ("board.kicad_pcb", '(kicad_pcb (gr_line (start 0 0) (end 9 0) (layer "Edge.Cuts")))'),
+        ("board.kicad_pcb", '(kicad_pcb (gr_line (start 0 0) (end 9 0'),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_refused_and_never_500(refusing, tmp_path, name, text):
@@ -200,8 +200,8 @@ def test_what_cannot_be_read_is_refused_and_never_500(refusing, tmp_path, name, 
     dropped(refusing, name, text.encode())
     refusing.page.wait_for_selector(".fault:has-text('xpected')")
     assert refusing.state() == before
-    assert any(400 <= status < 500 for status in statuses)
-    assert max(statuses) < 500
+    assert statuses
+    assert all(status < 300 or 400 <= status < 500 for status in statuses)
 
 
 def test_a_dxf_is_a_drawing_whatever_type_the_browser_gives_it(studio, tmp_path):

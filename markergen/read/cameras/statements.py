@@ -179,7 +179,10 @@ def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]
 
 def refuse_lenses(document: Document) -> None:
     """Refuse a file without a camera by the lens that it names, if it is known and not modeled."""
-    tables = [document.fields]
+    try:
+        tables = [document.fields]
+    except InputError:  # No keys and values.
+        return
     for table in tables:
         tables += [Fields(table.file, inner, table.path_of(key)) for key, value in table.values.items()
                    for _, inner in tables_in(value) if len(tables) < MOST_TABLES]  # fmt: skip

@@ -76,7 +76,7 @@ class PoseConvention:
 
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*)\s*[\])]\s*$|_(mm|cm|m|um|in|ft|deg|rad|km|inch|inches)$", re.IGNORECASE)
 _PLACE = re.compile(
-    r"(?:.*[._ /])?(?:p|t|pos|position|tvec|trans|translation|loc|location|p_\w+_\w+)[._ /]?([xyz])|([xyz])"
+    r"(?:.*[._ /])?(?:p|t|pos|position|tvec|trans|translation|loc|location|p_\w+)[._ /]?([xyz])|([xyz])"
 )
 _TURN = re.compile(r"(?:.*[._ /])?(?:q|quat|quaternion|ori|orient|orientation|rotation|q_\w+)[._ /]?([wxyz])|q?(w)")
 _AXIS = re.compile(r"(?:rotvec|rodrigues|r|rv|rvec)[._]?([xyz])")

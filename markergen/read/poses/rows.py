@@ -124,12 +124,16 @@ class RowsFile:
             if len(names) != len(cells) and "," in comment:
                 names = _cells(comment, ",")
             kinds = [column_of(name).kind for name in names]
-            is_whole = sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0]) and {"tx", "ty", "tz"} <= set(kinds)
+            has_quaternion = sum(kind[:1] == "q" for kind in kinds) == len(ROTATIONS[0])
+            is_whole = has_quaternion and {"tx", "ty", "tz"} <= set(kinds)
             if (
                 not is_whole
                 and sum(kind[:1] in ("t", "q", "r") for kind in kinds) > FEWEST
                 and not stated([text], self.name)
             ):
+                if has_quaternion:
+                    remedy = "name them tx ty tz qx qy qz qw, or leave the comment out"
+                    raise InputError(f"known names of columns in a comment of {self.name}", brief(text), remedy)
                 remark(f"{self.name}: a comment about columns is not understood, and not followed: {brief(text)}")
             if is_whole:
                 if len(names) != len(cells):
