@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
-from markergen.api.templates import template_request
+from markergen.api.templates import template_plan
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
@@ -448,10 +448,9 @@ def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
 def _spec(path: Path, asked: Mapping[str, Any]) -> Facts:
     del asked
     values = read_template(str(path))
-    request = template_request(str(path))
-    rows, boundary = {key: brief(value) for key, value in values.items()}, request.spec.boundary
-    faces = request.shape.faces if request.shape else ()
-    points = np.concatenate([*map(corners, faces)]) if faces else boundary.rim(64)
+    spec, _, shape = template_plan(str(path))
+    rows, boundary = {key: brief(value) for key, value in values.items()}, spec.boundary
+    points = np.concatenate([*map(corners, shape.faces)]) if shape else boundary.rim(64)
     return Facts("spec", rows, {"options": values, "boundary": str(boundary)}, partial(_draw_dots, points))
 
 

@@ -4,11 +4,12 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from markergen.api.design import Request, request_of, rig_request_of
+from markergen.api.design import request_of, rig_request_of
+from markergen.exporters import ExportOptions
 from markergen.files import Written
 from markergen.model.goal import parse_goal
-from markergen.model.rig_shapes import corners
-from markergen.model.spec import AUTO
+from markergen.model.rig_shapes import RigShape, corners
+from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES
 from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table
@@ -95,13 +96,13 @@ def overview(json: object = None) -> Overview:
     return replace(result, written=tuple(result.write(targets)))
 
 
-def template_request(name: str) -> Request:
-    """Check a template as the command does that takes it, with the names of its objective; raises InputError."""
+def template_plan(name: str) -> tuple[Spec, ExportOptions, RigShape | None]:
+    """Spec, choices of sheets and plates of a template, as its command takes it; raises InputError."""
     of_rig = "shape" in read_template(name)
     request = rig_request_of("", {"template": name}) if of_rig else request_of({"template": name})
     for criterion in parse_goal(request.spec.objective).names:
         OBJECTIVES[criterion]
-    return request
+    return request.spec, request.choices, request.shape
 
 
 def _template(name: str) -> Template:

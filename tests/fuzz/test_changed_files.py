@@ -10,7 +10,7 @@ from outline_programs import OUTLINES
 from pose_programs import POSES
 from rigs import corner
 
-from markergen.api.templates import template_request
+from markergen.api.templates import template_plan
 from markergen.errors import InputError
 from markergen.geometry.contour import area
 from markergen.model.body_json import load_rig, rig_to_json
@@ -43,14 +43,10 @@ def outline(path, row):
 
 
 def spec(path, row):
-    request = template_request(str(path))
-    plates = request.shape and [
-        (face.name, face.rotation, face.translation, str(face.boundary)) for face in request.shape.faces
-    ]
-    return [
-        repr((request.choices, plates)),
-        *(repr(getattr(request.spec, field.name)) for field in fields(request.spec) if field.name != "title"),
-    ]
+    read, choices, shape = template_plan(str(path))
+    plates = shape and [(face.name, face.rotation, face.translation, str(face.boundary)) for face in shape.faces]
+    values = [repr(getattr(read, field.name)) for field in fields(read) if field.name != "title"]
+    return [*values, repr((choices, plates))]
 
 
 def rig(path, row):
