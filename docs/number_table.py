@@ -160,7 +160,7 @@ def _ranged(row: str) -> Number:
     return Number(DESIGN, f"| {row} | # | # | # | # | # |", RANGES.line, [(RANGES, output)])
 
 
-PLAN = "Plan with # deg and # mm at up to @ m; measure the print with twenty photographs (markergen calibrate): # deg"
+PLAN = "Plan with # deg and # mm at up to @ m; measure the marker with twenty photographs (markergen calibrate): # deg"
 
 
 def _planned(options: str, seconds: float) -> Number:

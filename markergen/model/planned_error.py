@@ -43,12 +43,17 @@ class PlannedError:
         return f"at up to {self.distance:.2g} m"
 
     @property
+    def prospect(self) -> str:
+        """Distances that they hold at, and what a measured print gains."""
+        if self.measured_deg is None:
+            return self.reach
+        gain = f"measure the marker with twenty photographs (markergen calibrate): {degrees(self.measured_deg)}"
+        return f"{self.reach}; {gain}"
+
+    @property
     def sentence(self) -> str:
         """What to plan with, and what a measured print gains."""
-        gain = "" if self.measured_deg is None else (
-            f"; measure the print with twenty photographs (markergen calibrate): {degrees(self.measured_deg)}"
-        )  # fmt: skip
-        return f"Plan with {self.amounts} {self.reach}{gain}."
+        return f"Plan with {self.amounts} {self.prospect}."
 
     def as_dict(self) -> dict[str, float]:
         """Return plain JSON values of four digits."""

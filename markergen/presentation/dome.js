@@ -162,7 +162,7 @@ const dome = (() => {
       if (!width || !points) return;
       const high = tilt <= steepest ? 1 : Math.cos((tilt - steepest) * RAD);
       const low = tilt + steepest >= 180 ? 1 : Math.max(0.05, -Math.cos((tilt + steepest) * RAD));
-      const room = height - 78, factor = Math.min(width / 2.2, room / (high + low)) / reach;
+      const room = height - 78, factor = Math.min(width / 2.4, room / (high + low)) / reach;
       const middle = 18 + room / 2 + ((high - low) / 2) * factor * reach;
       const at = (point) => {
         const [right, up, toward] = seen(point);
@@ -176,15 +176,22 @@ const dome = (() => {
       guides.replaceChildren(
         ...parallels.map((lean) => made("path", { d: line(steps(72, 360).map((around) => on(lean, around))) })),
         ...steps(11, 330).map((around) => made("path", { d: line(steps(24, steepest).map((lean) => on(lean, around))) })));
-      letters.replaceChildren();
-      const edge = Math.min(steepest, 90);
-      for (const [words, point] of [["x", on(edge, 0, 1.07 * reach)], ["y", on(edge, 90, 1.07 * reach)],
-        ...parallels.filter((lean) => lean <= 90).map((lean) => [`${Math.round(lean)}°`, on(lean, turn + 90)])]) {
-        const [x, y] = at(point);
-        made("text", { x, y: y - 3, "font-style": words.length < 2 ? "italic" : "normal" }, letters).textContent = words;
-      }
       drawObject(line);
       places = points.map(at);
+      letters.replaceChildren();
+      const edge = Math.min(steepest, 90), taken = [...places];
+      const outward = (around) => steps(8, 0.4).map((more) => at(on(edge, around, (1.05 + more) * reach)));
+      const beside = ([x, y]) => steps(60, width / 2).map((more) => [x + more, y]);
+      for (const [words, spots] of [["x", outward(0)], ["y", outward(90)],
+        ...parallels.filter((lean) => lean <= 90).map((lean) => [`${Math.round(lean)}°`, beside(at(on(lean, turn + 90)))])]) {
+        // At the first place that is clear of dots and other letters.
+        const half = 1 + 3.5 * words.length;
+        const clear = ([x, y]) => x > half && x < width - half && y > 12
+          && taken.every((other) => Math.abs(other[0] - x) > half + 5 || Math.abs(other[1] - y) > 11);
+        const spot = spots.find(clear) ?? spots[0];
+        taken.push(spot, [spot[0] - half, spot[1]], [spot[0] + half, spot[1]]);
+        made("text", { x: spot[0], y: spot[1] + 4, "font-style": words.length < 2 ? "italic" : "normal" }, letters).textContent = words;
+      }
       const depth = places.map((each, i) => [each[2], marks[i], i]).concat([[0, object, -1]]).sort((a, b) => a[0] - b[0]);
       for (const [toward, mark, i] of depth) {
         if (i >= 0) {

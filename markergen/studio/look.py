@@ -14,6 +14,7 @@ from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
+from markergen.model.planned_error import amount, degrees, planned_error_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -244,14 +245,16 @@ def _dots(marker: Marker) -> list[dict[str, Any]]:
 
 
 def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
-    """RMS errors over all poses, and where they are largest, to first order."""
+    """RMS errors over all poses, also in words, and where they are largest, to first order."""
     poses, rotation = layout.setting.poses, budget.rotation_deg["total"]
     translation = 1e3 * budget.translation["total"]
     cells = cells_of(poses)
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
-    return {"rotation_deg": rms(rotation), "translation_mm": rms(translation), "hardest": hardest}
+    turned, moved = rms(rotation), rms(translation)
+    words = {"rotation": degrees(turned), "translation": f"{amount(moved)} mm"}
+    return {"rotation_deg": turned, "translation_mm": moved, **words, "hardest": hardest}
 
 
 def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:
@@ -305,10 +308,11 @@ def more(options: Any) -> dict[str, Any]:
     state = _with_points(state, sketch(state).spec)
     design, layout = design_of(state), sketch(state)
     series, seed = layout.series, layout.spec.seed
-    claim = plan_for(expect(series, seed=seed), series, 0.0, seed)
+    sentence, *checks = marker_plan(plan_for(expect(series, seed=seed), series, 0.0, seed))
+    planned = planned_error_of(design.marker.provenance)
     return clean(
         {
-            "plan": marker_plan(claim),
+            "plan": [f"{planned.prospect}.".capitalize() if planned else sentence, *checks],
             "labels": {"sentence": design.labels.sentence, "least_px": design.labels.least} if design.labels else None,
             "bound": design.certificate.sentence,
             "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),

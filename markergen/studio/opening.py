@@ -33,7 +33,7 @@ from markergen.studio.state import RENAMED, refuse_files, refuse_named_plates
 ASKED = re.compile("--boundary-unit|layer")
 """In errors that another unit or layer may mend."""
 
-MEASURED = "measured on a print; shown as designed, markergen validate tells what the print is worth"
+MEASURED = "measured on a print; shown as designed, markergen validate shows what the print is worth"
 NOT_OPTIONS = ("title", "substrate", "target", "n")
 
 

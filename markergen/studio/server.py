@@ -141,20 +141,18 @@ class Latest:
         self._newest: dict[str, object] = {}
         self._served: str | None = None
 
-    def __call__(self, asked: Any, page: str = "") -> Any:
+    def __call__(self, asked: Any, page: str = "", mine: object = None) -> Any:
         """Return what the function returns.
 
         Raises
         ------
         InputError
-            If a newer call of the same page has come meanwhile, or as the function.
+            If a newer call of the same page has come meanwhile, this one was given up, or as the function.
         """
+        mine = mine or object()
         with self._turn:
-            mine = self._newest[page] = object()
-            if self._served == page and self._worker:
-                self._worker.end()
-                self._worker = self._served = None
-            self._turn.notify_all()
+            self.give_up(page)
+            self._newest[page] = mine
             self._turn.wait_for(lambda: self._served is None or self._newest.get(page) is not mine)
             if self._newest.get(page) is not mine:
                 raise InputError(*_OLDER)
@@ -179,13 +177,26 @@ class Latest:
                     self._served = None
                 self._turn.notify_all()
 
-    def end(self) -> None:
-        """End the process."""
+    def give_up(self, page: str, call: object = None) -> None:
+        """End a page's call, if it is still this one; None for any."""
         with self._turn:
-            if self._worker:
-                self._worker.end()
-            self._worker = self._served = None
+            if call in (None, self._newest.get(page)):
+                self._newest.pop(page, None)
+                if self._served == page:
+                    self._end_worker()
+                self._turn.notify_all()
+
+    def end(self) -> None:
+        """End the process, and all calls."""
+        with self._turn:
+            self._newest.clear()
+            self._end_worker()
             self._turn.notify_all()
+
+    def _end_worker(self) -> None:
+        if self._worker:
+            self._worker.end()
+        self._worker = self._served = None
 
 
 _OLDER = ("the newest request", "an older one", "wait for the newer answer")
@@ -321,8 +332,6 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
     here, shared = files("markergen.studio").joinpath("static"), files("markergen.presentation")
     answers: Mapping[str, Answer] = {
         "look": lambda asked: look(asked.get("options")),
-        # What cannot be used is refused here, at once.
-        "more": lambda asked: MORE(plain_options(asked.get("options")), str(asked.get("page", ""))),
         "words": lambda asked: words(asked.get("options")),
         "scene": scene,
         "region": with_region,
@@ -349,6 +358,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
         Route("/options", options),
         Route("/file", first),
         *(Route(f"/{name}", _answering(answer), methods=["POST"]) for name, answer in answers.items()),
+        Route("/more", _refusing(_more), methods=["POST"]),
         Route("/view", _refusing(_view), methods=["POST"]),
         Route("/export", _refusing(_export), methods=["POST"]),
         Route("/open", _refusing(_open), methods=["POST"]),
@@ -411,6 +421,23 @@ def _json(value: Any, status: int = 200) -> Response:
 def _name(request: Request) -> str:
     """Name of an uploaded file, percent-encoded in a header, which has no other letters than those of English."""
     return unquote(request.headers.get("x-name", "")) or "file"
+
+
+async def _more(request: Request) -> Response:
+    asked = parsed_request(await body(request, "request"))
+    # What cannot be used is refused here, at once.
+    options, page, call = plain_options(asked.get("options")), str(asked.get("page", "")), object()
+
+    async def given_up() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+        await aside(MORE.give_up, page, call)
+
+    watching = asyncio.create_task(given_up())
+    try:
+        return _json(await aside(MORE, options, page, call))
+    finally:
+        watching.cancel()
 
 
 async def _view(request: Request) -> Response:

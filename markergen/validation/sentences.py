@@ -31,8 +31,8 @@ REMEDIES = {
         "get more light and a sharper focus"
     ),
     "print": (
-        "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
-        "really are"
+        "make the marker on a better printer or machine, of a stiffer, flatter material, make it larger, or measure "
+        "where the dots really are"
     ),
     "measured": (
         "measure it again, for rotations with more photographs from other directions, for distances with more lengths "

@@ -119,6 +119,5 @@ def test_a_link_that_is_no_design_is_told_and_shown_in_the_form(refusing):
     refusing.page.reload()
     refusing.page.wait_for_selector("#option-n[aria-invalid]")
     assert refusing.page.locator("#option-n").input_value() == "3"
-    refusing.page.click("#copy")
-    refusing.page.click("#command")
+    refusing.copy("command")
     refusing.until("() => document.getElementById('said').textContent.includes('found n=3')")

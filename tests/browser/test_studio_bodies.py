@@ -26,8 +26,7 @@ def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
         studio.page.click("#download")
     assert loading.value.path().stat().st_size > 1000
     # A search makes it again.
-    studio.page.click("#copy")
-    studio.page.click("#command")
+    studio.copy("command")
     studio.until("() => document.getElementById('said').textContent.startsWith('Copied: ')")
     assert "markergen design --n auto --radius 400mm" in studio.said()
     assert "--points" not in studio.said()
@@ -148,8 +147,7 @@ def test_a_rig_is_a_state_with_a_link_a_command_and_a_way_back(studio, tmp_path)
         studio.page.click("#download")
     assert loading.value.suggested_filename == "rig.toml"
     assert tomllib.loads(loading.value.path().read_text()) == rig
-    studio.page.click("#copy")
-    studio.page.click("#command")
+    studio.copy("command")
     studio.until("() => document.getElementById('said').textContent.startsWith('Copied: markergen rig pair ')")
     typed = shlex.split(studio.said().partition(": ")[2].replace("rig.json", str(tmp_path / "rig.json")))
     assert main(typed[1:]) == 0

@@ -91,8 +91,8 @@ def test_it_prints_on_white_with_the_options_of_the_design(studio, theme):
     page.select_option("#theme", theme)
     pages = PdfDocument(page.pdf(format="A4", print_background=True))
     text = pages[0].get_textpage().get_text_range()
-    assert re.search(r"radius\s+123mm", text)
-    assert re.search(r"points\s+0.0mm,", text)
+    assert re.search(r"radius of the room\s+123mm", text)
+    assert re.search(r"places of dots\s+0.0mm,", text)
     assert "What to expect" in text
     picture = pages[0].render().to_numpy()
     assert np.median(picture) == 255

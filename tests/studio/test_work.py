@@ -176,6 +176,32 @@ def test_a_page_waits_for_another_and_ends_its_own_questions_alone():
     latest.end()
 
 
+def test_pages_that_are_gone_and_the_end_of_the_server_leave_nothing_to_do():
+    latest, ended = Latest(wait_for), []
+
+    def ask(page):
+        with pytest.raises(mg.InputError, match="the newest request"):
+            latest(600, page)
+        ended.append(page)
+
+    calls = [threading.Thread(target=ask, args=(page,)) for page in ("first", "second")]
+    for call, page in zip(calls, ("first", "second"), strict=True):
+        call.start()
+        while latest._served is None or page not in latest._newest:
+            time.sleep(0.01)
+    latest.give_up("first", object())
+    assert latest._served == "first"
+    latest.give_up("first")
+    calls[0].join(60)
+    assert ended == ["first"]
+    while latest._served is None:
+        time.sleep(0.01)
+    assert latest._served == "second"
+    latest.end()
+    calls[1].join(60)
+    assert ended == ["first", "second"]
+
+
 def wait_for(seconds):
     time.sleep(seconds)
     return os.getpid()

@@ -63,6 +63,11 @@ class Studio:
         self.settle()
         return float(self.page.locator("#degrees").inner_text().split()[0])
 
+    def copy(self, what):
+        """Copy the command, the Python, the spec or the link by their menu."""
+        self.page.click("#copy")
+        self.page.click(f"#{what}")
+
     def said(self):
         return self.page.locator("#said").inner_text()
 

@@ -10,10 +10,10 @@ export function now(look) {
   const { expected, objective, poses } = look, hardest = expected.hardest;
   by("expect").replaceChildren(
     make("p", { class: "big" },
-      make("span", { id: "degrees" }, `${digits(expected.rotation_deg)} deg`, make("small", {}, "rotation to plan with, RMS of all poses")),
-      make("span", { id: "millimeters" }, `${digits(expected.translation_mm)} mm`, make("small", {}, "position to plan with, RMS of all poses"))),
+      make("span", { id: "degrees" }, expected.rotation, make("small", {}, "rotation to plan with, RMS of all poses")),
+      make("span", { id: "millimeters" }, expected.translation, make("small", {}, "position to plan with, RMS of all poses"))),
     make("div", { class: "note", id: "plan" }, make("p", {}, `Hardest: ${digits(hardest.rotation_deg)} deg at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to "))));
-  by("brief").textContent = `${digits(expected.rotation_deg)} deg, ${digits(expected.translation_mm)} mm`;
+  by("brief").textContent = `${expected.rotation}, ${expected.translation}`;
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
@@ -26,7 +26,7 @@ export function now(look) {
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
   by("beside").replaceChildren(
-    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best seen here", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
+    table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best so far", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
     make("p", { class: "note" }, said.trim()), make("div", { id: "patterns" }));
 }
 
@@ -46,15 +46,16 @@ export function later(more) {
     by("patterns")?.replaceChildren();
     return;
   }
-  // The first is what stands above.
-  by("plan").replaceChildren(...more.plan.slice(1).map((line) => make("p", {}, line)));
+  const [planned, hardest, ...checks] = more.plan;
+  by("plan").replaceChildren(make("p", {}, planned), make("p", {}, hardest),
+    ...(checks.length ? [make("details", {}, make("summary", {}, "Where first order does not hold"), checks.map((line) => make("p", {}, line)))] : []));
   by("counts").replaceChildren(more.more_dots.length
     ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
       more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))
     : make("p", { class: "note" }, "Not computed for a relief."));
   by("labels").replaceChildren(make("p", {}, more.labels ? sentence(more.labels.sentence) : "Bare points are not labeled."));
   by("patterns").replaceChildren(...(more.beside.length
-    ? [table("All that the image tells of the pattern: least rotation error, exact print", ["pattern", "bound"], more.beside.map((row) => [row.name, `${digits(row.rotation_deg)} deg`]), 0)] : []),
+    ? [table("Least rotation error that the whole image allows, exact print", ["pattern", "bound"], more.beside.map((row) => [row.name, `${digits(row.rotation_deg)} deg`]), 0)] : []),
     make("p", {}, sentence(more.bound)));
   by("advice").replaceChildren(...(more.advice.length ? more.advice.map((line) => make("p", {}, sentence(line))) : [make("p", { class: "note" }, "None.")]));
 }
