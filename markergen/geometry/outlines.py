@@ -194,11 +194,11 @@ def _nesting(rings: list[Array]) -> list[int]:
             f"outline {i + 1} crossing or touching itself at {place(where)}",
             "correct it there, or draw the parts as separate outlines",
         )
-    for i, ring in enumerate(rings):
+    for number, ring in enumerate(rings, start=1):
         if (corner := _in_doubt(ring)) is not None:
             raise InputError(
                 "outlines that do not cross or touch themselves",
-                f"outline {i + 1} less than {1e9 * NARROWEST:g} nm from itself at {place(corner)}, as in a spike",
+                f"outline {number} less than {1e9 * NARROWEST:g} nm from itself at {place(corner)}, as in a spike",
                 "correct it there, or draw the parts as separate outlines",
             )
     first, second = _pairs(shapes)

@@ -167,9 +167,9 @@ def image_covariance(
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(body), 2, 2))
 
     if optics.aperture_mm:
-        each = (optics.at(float(camera.focal.mean()), depth) for depth in poses.translation[:, 2].tolist())
+        focused = (optics.at(float(camera.focal.mean()), depth) for depth in poses.translation[:, 2].tolist())
         return np.concatenate(
-            [image_covariance(body, camera, poses.taken([k], 0), here, bare_px) for k, here in enumerate(each)]
+            [image_covariance(body, camera, poses.taken(np.array([k]), 0), at, bare_px) for k, at in enumerate(focused)]
         )
 
     def contrast_to_noise(pixels: Array) -> Array:
