@@ -255,7 +255,7 @@ def test_outlines_may_touch_at_a_corner():
         ),
         (
             (((0, 0), (0.1, 0), (0.1, 0.08), (0.1 + 1e-12, 0.2), (0.1, 0.09), (0, 0.09)),),
-            "at (100 mm, 80 mm), as in a spike",
+            "outline 1 less than 1 nm from itself at (100 mm, ",
         ),
         (
             (((0, 0), (0.1, 0), (0.1, 0.1), (0.05, 1e-10), (0, 0.1)),),
