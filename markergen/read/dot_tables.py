@@ -37,10 +37,8 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     standard deviation along each axis; `sx`, `sy` and their correlation `rho` give the full covariance. Lines that
     begin with # are comments.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column is missing or unknown, a row is not numbers, or a sigma is negative.
+    Raises InputError if the file cannot be read, a column is missing or unknown, a row is not numbers, or a sigma is
+    negative.
     """
     content = read(path, "measured")
     name, rows = content.name, rows_of(content)
@@ -120,10 +118,7 @@ def read_layout(path: Any) -> Rows:
 
     A unit may follow each name, as in ``x_mm``; the default is meters. The export of a marker to .csv is such a table.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column is missing, or a value is not a number.
+    Raises InputError if the file cannot be read, a column is missing, or a value is not a number.
     """
     content = read(Path(str(path).strip()), "layout")
     (line, names), *body = rows_of(content) or [(1, [""])]
@@ -156,10 +151,7 @@ def read_layout(path: Any) -> Rows:
 def parsed_layout(value: object) -> Rows:
     """Return control points in m from text such as ``0mm,50mm; -40mm,-30mm`` or rows of numbers or lengths.
 
-    Raises
-    ------
-    ValueError
-        If it is none, or has fewer than 4 or more than 200 points.
+    Raises ValueError if it is none, or has fewer than 4 or more than 200 points.
 
     Examples
     --------

@@ -101,11 +101,8 @@ def read_image(path: Path) -> Image:
     A second decoder, Pillow, first reads the header and then the file to its end, since OpenCV silently fills in the
     missing parts of a truncated file.
 
-    Raises
-    ------
-    InputError
-        If it is missing, unreadable, damaged, not in a known format, of another depth, under 16 px on a side, or above
-        100 million pixels or 500 MB.
+    Raises InputError if it is missing, unreadable, damaged, not in a known format, of another depth, under 16 px on a
+    side, or above 100 million pixels or 500 MB.
     """
     data = _content(path)
     try:
@@ -174,15 +171,12 @@ def grey_frame(frame: object) -> Grey:
 def check_frame(frame: object) -> NDArray[Any]:
     """Return an image in memory unchanged after checking it.
 
+    Raises InputError if it is not such an array, has no pixels, or has more than 400 million.
+
     Parameters
     ----------
     frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
         In any memory layout and byte order.
-
-    Raises
-    ------
-    InputError
-        If it is not such an array, has no pixels, or has more than 400 million.
     """
     if not isinstance(frame, np.ndarray):
         raise InputError("an image as a numpy array", _named(frame), _made_array(frame))
@@ -256,10 +250,8 @@ def find_images(patterns: Sequence[str | Path], warn: Callable[[str], None] | No
     A folder or a glob stands for its image files, sorted by name, without hidden ones. The path of an image
     that does not exist is returned, too; reading it will report that. `warn` gets the HEIC files beside images.
 
-    Raises
-    ------
-    InputError
-        If a folder or a glob has no image, a folder does not exist or cannot be read, or nothing is given.
+    Raises InputError if a folder or a glob has no image, a folder does not exist or cannot be read, or nothing is
+    given.
     """
     if not patterns:
         raise InputError("one or more images", "none", "name image files or a folder")

@@ -27,10 +27,7 @@ _SPEC = re.compile(rb"^\s*(n|radius|boundary|dot|title|objective|tag|poses|resta
 def kinds_of(path: Path) -> list[str]:
     """Return the kinds of a file, of `KINDS`: nerf's transforms.json has a camera and poses.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, is none of these, or is the calibration of a program that is not read.
+    Raises InputError if it cannot be read, is none of these, or is the calibration of a program that is not read.
     """
     name, data = read(split(path)[0], "file")
     content = _json(data)

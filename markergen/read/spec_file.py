@@ -275,10 +275,7 @@ _KEPT = {field.name for field in fields(Spec)}
 def spec_of(marker: Marker) -> Spec | None:
     """Return the spec that a marker was designed with; None if its file has none.
 
-    Raises
-    ------
-    InputError
-        If the stored value is not a valid spec.
+    Raises InputError if the stored value is not a valid spec.
     """
     stored = marker.provenance.get("spec")
     return None if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
@@ -291,10 +288,8 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     does not keep, such as the paper, are checked and dropped. `name` is the name of the source in messages. If
     `stored`, as in a marker.json, the values name no other files, and none is read.
 
-    Raises
-    ------
-    InputError
-        If it is not a mapping, has unknown keys or invalid values; all of them are listed, each with its path.
+    Raises InputError if it is not a mapping, has unknown keys or invalid values; all of them are listed, each with its
+    path.
     """
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")

@@ -14,10 +14,7 @@ from markergen.guard import read, text_of
 def read_template(name: str) -> dict[str, Any]:
     """Read the values of a template: the name of a shipped one (see `shipped_templates`), or the path of a TOML file.
 
-    Raises
-    ------
-    InputError
-        If there is no such template or the file is not TOML.
+    Raises InputError if there is no such template or the file is not TOML.
     """
     try:
         return tomllib.loads(template_text(name))

@@ -82,15 +82,12 @@ def is_video(source: str | Path | int) -> bool:
 def open_video(source: str | Path | int, size: tuple[int, int] | None = None) -> "Video":
     """Open a video file, a camera by its number, the address of a stream, or a GStreamer pipeline that ends in appsink.
 
+    Raises InputError if it cannot be opened.
+
     Parameters
     ----------
     size : (width, height) in px, or None
         Asked of a camera, which may still deliver another.
-
-    Raises
-    ------
-    InputError
-        If it cannot be opened.
     """
     import cv2
 

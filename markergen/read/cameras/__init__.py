@@ -119,11 +119,8 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     ``path#640x480`` gives the size of the images to a file without it. The principal point is converted to the
     convention of `Camera`: pixel centers at integers. The names of `NAMED_CAMERAS` stand for typical cameras.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has no known format, or is incomplete or inconsistent; the message names file and
-        key.
+    Raises InputError if the file cannot be read, has no known format, or is incomplete or inconsistent; the message
+    names file and key.
     """
     if str(path) in NAMED_CAMERAS:
         return NAMED_CAMERAS[str(path)]

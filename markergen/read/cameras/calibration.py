@@ -277,11 +277,8 @@ def make_camera(
 ) -> Camera:
     """Make a camera from an image size and (fx, fy, cx, cy); `place` and `size_place` locate them in the file.
 
-    Raises
-    ------
-    InputError
-        As `Camera` does, if the focal lengths are implausible, or if the principal point is outside the image: then
-        size and matrix belong to different cameras or resolutions, or width and height are swapped.
+    Raises InputError as `Camera` does, if the focal lengths are implausible, or if the principal point is outside the
+    image: then size and matrix belong to different cameras or resolutions, or width and height are swapped.
     """
     fx, fy, cx, cy = matrix
     with with_place(size_place):
@@ -306,10 +303,8 @@ def make_camera(
 def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float, float]:
     """Return (fx, fy, cx, cy) from the nine entries of a camera matrix, row by row.
 
-    Raises
-    ------
-    InputError
-        If it is not of the form [fx 0 cx; 0 fy cy; 0 0 1]: skew is not modeled, and Matlab's matrix is the transpose.
+    Raises InputError if it is not of the form [fx 0 cx; 0 fy cy; 0 0 1]: skew is not modeled, and Matlab's matrix is
+    the transpose.
     """
     if len(matrix) != 9:
         raise InputError(f"a 3x3 camera matrix at {place}", f"{len(matrix)} numbers", "correct the file")

@@ -70,11 +70,8 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     or commas, comments after #) or .npy. Text and .npy hold one row of k standard deviations or k rows of a covariance;
     if k is 4, the distortion is taken as exact. An array holds the same.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has another number of parameters, or is not a covariance: not finite, not symmetric,
-        or with a negative eigenvalue; or if it is a camera file without one.
+    Raises InputError if the file cannot be read, has another number of parameters, or is not a covariance: not finite,
+    not symmetric, or with a negative eigenvalue; or if it is a camera file without one.
     """
     if isinstance(source, Path | str):
         path, choice = split(Path(source))

@@ -114,10 +114,7 @@ def _of_text(document: Document) -> tuple[str, Values]:
 def values_of(document: Document) -> tuple[str, Values]:
     """Return the name of the program that a file with keys is of, and its keys and values, as the program means them.
 
-    Raises
-    ------
-    InputError
-        If it has no keys and values, or the program's are incomplete.
+    Raises InputError if it has no keys and values, or the program's are incomplete.
     """
     name, values = _of_text(document)
     if not name:

@@ -116,10 +116,7 @@ def lens_name(text: str) -> str | None:
 def stated_lens(table: Fields) -> tuple[str, str]:
     """Return the lens that some key names, and its place: "" without a name, `BY_COUNT`, or a model.
 
-    Raises
-    ------
-    InputError
-        If two keys name different lenses, or one names a lens that is not known or not modeled.
+    Raises InputError if two keys name different lenses, or one names a lens that is not known or not modeled.
     """
     stated: dict[str, str] = {}
     unknown: list[tuple[str, str]] = []

@@ -14,23 +14,18 @@ from markergen.files import write_atomic
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.endings import by_ending
 
 
 def camera_file(
-    camera: Camera,
-    path: str | os.PathLike[str],
-    covariance: ArrayLike | None = None,
-    rms: float | None = None,
+    camera: Camera, path: str | os.PathLike[str], covariance: ArrayLike | None = None, rms: float | None = None
 ) -> None:
     """Write a camera to a file; see `Camera.save`."""
     write_atomic(Path(path), camera_bytes(camera, path, covariance, rms))
 
 
 def camera_bytes(
-    camera: Camera,
-    path: str | os.PathLike[str],
-    covariance: ArrayLike | None = None,
-    rms: float | None = None,
+    camera: Camera, path: str | os.PathLike[str], covariance: ArrayLike | None = None, rms: float | None = None
 ) -> bytes:
     """Return what `camera_file` writes, for a caller that replaces several files together."""
     form, ending = check_camera_path(path)
@@ -53,23 +48,6 @@ def camera_bytes(
 
 
 def check_camera_path(path: str | os.PathLike[str]) -> tuple[CameraFormat, str]:
-    """Return the format that a file name stands for, and its ending, before any work is done for it.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message lists the known endings.
-    """
-    name = Path(path).name
-    for ending, form in _written():
-        if name.lower().endswith(ending):
-            return form, ending
-    endings = ", ".join(sorted(ending for ending, _ in _written()))
-    raise InputError("a name for a camera file", brief(name), f"known endings: {endings}")
-
-
-def _written() -> list[tuple[str, CameraFormat]]:
-    """Endings of file names with their formats, the longest first."""
+    """Return the format that a file name stands for, and its ending, before any work is done for it."""
     forms = [CAMERA_FORMATS[name] for name in CAMERA_FORMATS]
-    pairs = [(ending, form) for form in forms if form.write for ending in form.endings]
-    return sorted(pairs, key=lambda pair: -len(pair[0]))
+    return by_ending(((end, form) for form in forms if form.write for end in form.endings), Path(path), "a camera file")

@@ -58,6 +58,10 @@ def read_contours(
     50 mm. Outer outlines run counterclockwise, holes clockwise: an outline inside an odd number of others is a hole.
     Pieces whose ends lie within 1 um (3 millionths of the drawing above 0.3 m) are joined.
 
+    Raises InputError if the file cannot be read or is damaged, refers to other files, states no unit, or has an
+    implausible size; if there is no outline, or one is open, has no area, or intersects itself or another. Messages
+    give places in the file's own coordinates, in m or mm.
+
     Parameters
     ----------
     unit : str, optional
@@ -67,13 +71,6 @@ def read_contours(
         Read this layer only, visible or not; by default all visible layers, and Edge.Cuts of KiCad.
     ignore_open : bool
         Leave out lines that bound nothing, and list them in a warning.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is damaged, refers to other files, states no unit, or has an implausible size; if
-        there is no outline, or one is open, has no area, or intersects itself or another. Messages give places in the
-        file's own coordinates, in m or mm.
     """
     return outline_reading(path, unit, layer, ignore_open).contours
 
@@ -242,6 +239,8 @@ def parse_boundary(
 ) -> Boundary:
     """Make a boundary from text: a radius ``0.15``, ``circle:R``, ``rect:WxH``, or the path of an outline file.
 
+    Raises InputError if it is none of these, a dimension is not above 0, or the file has no usable outline.
+
     Parameters
     ----------
     text : str or path
@@ -251,11 +250,6 @@ def parse_boundary(
         For files, as in `read_contours`.
     origin : {"center", "file"}
         Move the origin to the center of the smallest enclosing circle, or keep that of the file.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, a dimension is not above 0, or the file has no usable outline.
     """
     if origin not in ("center", "file"):
         raise InputError("an origin of center or file", brief(origin), "use --origin center or --origin file")
@@ -341,10 +335,7 @@ def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
 
     It is stored explicitly, since a drawn rectangle equals one that was given by its dimensions.
 
-    Raises
-    ------
-    InputError
-        If there is an edge but no outline for the plate.
+    Raises InputError if there is an edge but no outline for the plate.
     """
     if values.get("outline") is not None:
         return dict(values)

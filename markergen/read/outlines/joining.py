@@ -43,10 +43,7 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str, igno
     file in messages. Beside closed contours, shapes of zero area and lone straight lines that cross a contour are left
     out with a warning.
 
-    Raises
-    ------
-    InputError
-        If an end meets no other or more than one, or no outline has an area; the message says where.
+    Raises InputError if an end meets no other or more than one, or no outline has an area; the message says where.
     """
     rings: list[tuple[int, Track]] = []
     open_tracks: list[tuple[int, Track]] = []

@@ -373,10 +373,8 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
 
     The later of two rules for one selector wins.
 
-    Raises
-    ------
-    InputError
-        If a sheet uses another kind of selector for an evaluated property, or moves shapes; no editor writes these.
+    Raises InputError if a sheet uses another kind of selector for an evaluated property, or moves shapes; no editor
+    writes these.
     """
     rules: Sheet = {}
     if sum(len(style.text or "") for style in root.iter("style")) > LARGEST_SHEET:
@@ -454,10 +452,8 @@ def _zero(value: str) -> bool:
 def parse_svg(file: OutlineFile) -> Element:
     """Parse the tree; names are ``namespace name``, without a namespace for SVG itself.
 
-    Raises
-    ------
-    InputError
-        If it is not XML, declares entities or its own document type, or has too many or too deeply nested elements.
+    Raises InputError if it is not XML, declares entities or its own document type, or has too many or too deeply nested
+    elements.
     """
     builder = TreeBuilder()
     # A blank, which is valid in neither namespaces nor names, joins the two.

@@ -9,28 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError
 from markergen.geometry.contour import Contour, box, mirrored, placed, radius_of
 from markergen.geometry.outlines import polygons_of
+from markergen.read.endings import by_ending
 from markergen.read.outlines.dxf import without_time
 
 
 def outline_bytes(contours: Sequence[Contour], path: Path) -> bytes:
     """Return contours in m as a file, in mm with its unit; GeoJSON, which has none, in m and without arcs.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, or the format has no arcs and the contours have.
+    Raises InputError if the ending is unknown, or the format has no arcs and the contours have.
     """
     return check_outline_path(path)(contours).encode()
 
 
 def check_outline_path(path: Path) -> Callable[[Sequence[Contour]], str]:
     """Return the writer that a file's name stands for, before any work is done for it; raises InputError."""
-    if path.suffix.lower() not in WRITERS:
-        raise InputError("a name for an outline", brief(path.name), f"known endings: {', '.join(WRITERS)}")
-    return WRITERS[path.suffix.lower()]
+    return by_ending(WRITERS.items(), path, "an outline")[0]
 
 
 def _svg(contours: Sequence[Contour]) -> str:

@@ -14,6 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
 from markergen.model.poses import PoseDistribution, RecordedPoses, is_named, named_poses, pose_forms
+from markergen.read.endings import by_ending
 from markergen.read.poses.conventions import (
     MARKER_IN_CAMERA,
     READING,
@@ -22,7 +23,6 @@ from markergen.read.poses.conventions import (
     marker_in_camera,
     settled_frame,
 )
-from markergen.read.poses.images_bin import is_images
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile, numbers_of
 from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
@@ -70,10 +70,7 @@ def poses_from(source: Any) -> PoseDistribution:
     A distribution is returned unchanged, and a path object is always a file. In a text, a file with the name of a
     preset needs its folder: ``./paper``. Values are those of `Poses.load`.
 
-    Raises
-    ------
-    InputError
-        If it is none of these, or as the readers raise.
+    Raises InputError if it is none of these, or as the readers raise.
     """
     if isinstance(source, PoseDistribution):
         return source
@@ -114,10 +111,7 @@ def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
 def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
     """Return poses read as the options `READING` say; unchanged if none of them is given.
 
-    Raises
-    ------
-    InputError
-        If one is given and the poses are not those of a file, or as `read_poses` does.
+    Raises InputError if one is given and the poses are not those of a file, or as `read_poses` does.
     """
     option = next((key for key in READING if options.get(key) is not None), None)
     if option is None:
@@ -171,11 +165,8 @@ def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> Rec
 
     The `which_way` of each format describes the direction of its poses, which the `convention` may replace.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose is invalid;
-        the message names file and line. If the poses may be those of a body, or the file contradicts itself.
+    Raises InputError if the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose
+    is invalid; the message names file and line. If the poses may be those of a body, or the file contradicts itself.
     """
     return pose_reading(path, convention).poses
 
@@ -198,7 +189,7 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReadi
         text = text.replace(b"\r", b"\n")
     file = RowsFile(name, text, convention)
     refuse_unreadable(file.name, text, "poses")
-    if b"\0" in data and not is_images(data):
+    if b"\0" in data and not POSE_FORMATS["colmap"].fits(file):
         raise InputError(f"text in {name}", "bytes that are not text", "write the poses as text")
     for kind in POSE_FORMATS:
         if POSE_FORMATS[kind].fits(file):
@@ -215,14 +206,7 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReadi
 def pose_format_of(path: Path | str) -> tuple[PoseFormat, str]:
     """Return the format that a file's name stands for, and its ending; raises InputError if none is written."""
     forms = [POSE_FORMATS[name] for name in POSE_FORMATS]
-    pairs = sorted(
-        ((end, form) for form in forms if form.write for end in form.endings), key=lambda pair: -len(pair[0])
-    )
-    name = Path(path).name
-    for ending, form in pairs:
-        if name.lower().endswith(ending):
-            return form, ending
-    raise InputError("a name for a file of poses", brief(name), f"known endings: {', '.join(end for end, _ in pairs)}")
+    return by_ending(((end, form) for form in forms if form.write for end in form.endings), path, "a file of poses")
 
 
 def _digest(data: bytes, convention: PoseConvention) -> str:

@@ -7,7 +7,7 @@ or contradicts the format, is refused; body frames are asked about, never assume
 # tests: tests/read/test_pose_conventions.py
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -143,12 +143,13 @@ def is_body(name: str) -> bool:
     return BODY_COLUMN.match(name.strip().lstrip("#").strip().lower()) is not None
 
 
-def unit_of(columns: Mapping[str, Column], names: Sequence[str], place: str) -> str:
-    """Return the unit that these columns share; "" if none states one."""
-    units = {columns[name].unit for name in names} - {""}
-    known = {length_unit(unit) for unit in units}
+def unit_of(units: Iterable[str], place: str) -> str:
+    """Return the unit of length that columns share; "" if none states one."""
+    stated_units = set(units) - {""}
+    known = {length_unit(unit) for unit in stated_units}
     if len(known) > 1 or None in known:
-        raise InputError(f"one known unit of length at {place}", brief(", ".join(sorted(units))), "correct the header")
+        problem = brief(", ".join(sorted(stated_units)))
+        raise InputError(f"one known unit of length at {place}", problem, "correct the header")
     return str(known.pop()) if known else ""
 
 
@@ -190,12 +191,9 @@ def stated(texts: Iterable[str], place: str) -> dict[str, str]:
                 raise InputError(f"a known unit of length in {place}", brief(word), f"known: {', '.join(METERS)[2:]}")
             here += [("unit", unit)] if unit else []
         for aspect, value in here:
-            if statements.setdefault(aspect, value) != value:
-                raise InputError(
-                    f"one {aspect} of the poses in {place}",
-                    f"{statements[aspect]} and {value}",
-                    "remove the wrong comment",
-                )
+            if (before := statements.setdefault(aspect, value)) != value:
+                problem = f"{before} and {value}"
+                raise InputError(f"one {aspect} of the poses in {place}", problem, "remove the wrong comment")
     return statements
 
 
@@ -209,6 +207,14 @@ def scale_of(convention: PoseConvention, unit: str, place: str) -> float:
     return float(METERS[unit or convention.unit or ""])
 
 
+REASONS = {
+    BODY: "poses that may be those of a body or of a camera",
+    MARKER_IN_CAMERA: "a comment about world to camera",
+    CAMERA_IN_MARKER: "a comment about camera to world",
+}
+"""Why users are asked for the frame, by what a file states."""
+
+
 def settled_frame(
     convention: PoseConvention, raw: RawPoses, statements: Mapping[str, str], file: str
 ) -> tuple[str, str]:
@@ -216,16 +222,8 @@ def settled_frame(
     frame, axes = convention.frame or raw.frame, convention.axes or raw.axes
     if convention.frame is None and (raw.frame == ASKED or statements.get("frame", frame) != frame):
         reason = statements.get("frame", "body" if raw.frame == ASKED else frame)
-        words = {
-            BODY: "poses that may be those of a body or of a camera",
-            MARKER_IN_CAMERA: "a comment about world to camera",
-            CAMERA_IN_MARKER: "a comment about camera to world",
-        }
-        raise InputError(
-            f"--poses-frame for {file}",
-            words[reason],
-            f"give {MARKER_IN_CAMERA}, {CAMERA_IN_MARKER}, or body with --camera-in-body FILE",
-        )
+        remedy = f"give {MARKER_IN_CAMERA}, {CAMERA_IN_MARKER}, or body with --camera-in-body FILE"
+        raise InputError(f"--poses-frame for {file}", REASONS[reason], remedy)
     if convention.axes is None and statements.get("axes", axes) != axes:
         raise InputError(f"--poses-axes for {file}", f"a comment about {statements['axes']}", "give opencv or opengl")
     return frame, axes

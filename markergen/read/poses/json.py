@@ -8,6 +8,7 @@ nerf's transforms.json has ``frames`` with a ``transform_matrix``: the camera in
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,9 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, scale_of, stated
+from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, stated
 from markergen.read.poses.csv import frame_of
-from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, numbers_of
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, table_poses
 from markergen.read.remarks import remark_unused
 
 NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
@@ -42,24 +43,23 @@ def _read(file: RowsFile) -> RawPoses:
     lines = {key: f"{key}: {value}" for key, value in around.items() if not (is_nerf and NERF.fullmatch(key))}
     file.stated.update(stated(lines.values(), file.name))
     remark_unused(file.name, [key for key, line in lines.items() if not stated([line], file.name)])
+    file, statements = replace(file, row="pose"), file.stated
+    file.stated.update(statements)
     flat = [_flat({NERF_KEY: pose.get(NERF_KEY)} if is_nerf else pose) for pose in poses]
     names = list(flat[0])
     for index, pose in enumerate(flat):
         if odd := set(pose) ^ set(names):
             problem = f"{brief(next(iter(odd)))} differs"
-            raise InputError(f"the keys of pose 0 at {_place(file, index)}", problem, "correct the file")
-    columns, count, unit = columns_of(names, _place(file, 0))
-    values = np.array(
-        [[_number(pose[names[k]], f"{names[k]} of {_place(file, i)}") for k in columns] for i, pose in enumerate(flat)]
-    )
-    scale = scale_of(file.convention, unit or file.stated.get("unit", ""), file.name)
-    numbers = numbers_of(values[:, :count] * scale, values[:, count:], lambda index: _place(file, index))
+            raise InputError(f"the keys of pose 0 at {file.place(index)}", problem, "correct the file")
+    used = [names[column] for column in columns_of(names, file.place(0))[0]]
+    rows = ((index, [_number(pose[name], f"{name} of {file.place(index)}") for name in used])
+            for index, pose in enumerate(flat))  # fmt: skip
+    numbers = table_poses(file, used, rows, file.place(0))
     if is_nerf:
         return RawPoses(numbers, CAMERA_IN_MARKER, "opengl")
     # A matrix alone may be the pose of anything in anything, unless its key says it.
     keys = [key for key in poses[0] if key not in flat[0]] if set(MATRIX_COLUMNS) <= set(names) else []
-    ways = stated(keys, file.name).get("frame", ASKED) if keys else frame_of(names)
-    return RawPoses(numbers, ways)
+    return RawPoses(numbers, stated(keys, file.name).get("frame", ASKED) if keys else frame_of(names))
 
 
 def _flat(pose: dict[str, Any]) -> dict[str, Any]:
@@ -100,9 +100,8 @@ def _listed(content: Any, name: str) -> Any:
 def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the poses, and what stands beside them."""
     if len(file.data) > LARGEST_JSON:
-        raise InputError(
-            f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}", "more", "write this many poses as CSV"
-        )
+        most = f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}"
+        raise InputError(most, "more", "write this many poses as CSV")
     try:
         content = json.loads(file.data.decode(), object_pairs_hook=_distinct)
     except UnicodeDecodeError:
@@ -113,11 +112,11 @@ def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise InputError(f"complete JSON in {file.name}", brief(str(error)), "correct the file") from None
     around: dict[str, Any] = {}
     content = _listed(content, file.name)
-    if isinstance(content, list) and content and all(isinstance(pose, list) for pose in content):
-        content = [{"matrix": pose} for pose in content]
     if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
         around = {name: value for name, value in content.items() if name != key}
         content = content[key]
+    if isinstance(content, list) and content and all(isinstance(pose, list) for pose in content):
+        content = [{"matrix": pose} for pose in content]
     if not (isinstance(content, list) and content and all(isinstance(pose, dict) for pose in content)):
         raise InputError(f"an array of poses in {file.name}", "something else", f"each is an object with {WANTED}")
     return content, around
@@ -139,10 +138,6 @@ def _number(value: object, place: str) -> float:
     raise InputError(f"a number for {place}", brief(value), "correct the file")
 
 
-def _place(file: RowsFile, index: int) -> str:
-    return f"pose {index} of {file.name}"
-
-
 def _write(numbers: Array, ending: str) -> str:
     if ending == NERF_NAME:
         return _nerf(numbers)
@@ -153,14 +148,9 @@ def _write(numbers: Array, ending: str) -> str:
 def _nerf(numbers: Array) -> str:
     from scipy.spatial.transform import Rotation
 
-    matrices = np.zeros((len(numbers), 4, 4))
-    back = camera_in_marker(numbers, "opengl")
-    matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = (
-        Rotation.from_quat(back[:, 3:]).as_matrix(),
-        back[:, :3],
-        1,
-    )
-    return json.dumps({"frames": [{"transform_matrix": matrix} for matrix in matrices.tolist()]}, indent=1) + "\n"
+    back, matrices = camera_in_marker(numbers, "opengl"), np.tile(np.eye(4), (len(numbers), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = Rotation.from_quat(back[:, 3:]).as_matrix(), back[:, :3]
+    return json.dumps({"frames": [{NERF_KEY: matrix} for matrix in matrices.tolist()]}, indent=1) + "\n"
 
 
 POSE_FORMATS.register("json")(

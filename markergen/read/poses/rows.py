@@ -10,10 +10,11 @@ import csv
 import io
 import re
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -80,6 +81,7 @@ class RowsFile:
     name: str
     data: bytes
     convention: PoseConvention = field(default_factory=PoseConvention)
+    row: str = "line"
 
     def lines(self, blank: bool = False) -> Iterator[tuple[int, bytes]]:
         """Yield stripped lines with their numbers, from 1, without comments and (unless `blank`) empty lines."""
@@ -150,7 +152,7 @@ class RowsFile:
 
     def place(self, number: int) -> str:
         """Return line and file, for messages."""
-        return f"line {number} of {self.name}"
+        return f"{self.row} {number} of {self.name}"
 
     def table(self) -> Iterator[tuple[int, list[str]]]:
         """Yield rows with line numbers, split at commas, semicolons, tabs or blanks as the first line is.
@@ -183,39 +185,6 @@ class RowsFile:
             ) from None
 
 
-@dataclass
-class Rows:
-    """Rows of numbers collected from a file, each with its line."""
-
-    file: RowsFile
-    width: int
-    _numbers: "array[float]" = field(default_factory=lambda: array("d"))
-    _lines: "array[int]" = field(default_factory=lambda: array("l"))
-
-    def add(self, line: int, cells: Sequence[str]) -> None:
-        """Add a row of `width` words at `line`."""
-        try:
-            self._numbers.extend(map(float, cells))
-        except ValueError:
-            bad = next(word for word in cells if not _is_number(word))
-            raise InputError(f"numbers at {self.file.place(line)}", brief(bad), "correct the line") from None
-        if self.file.odd and any("_" in word for word in cells):
-            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(cells)), "remove the _")
-        if len(self._lines) == MOST_ROWS:
-            raise InputError(f"at most {MOST_ROWS} poses in {self.file.name}", "more", "take every tenth pose")
-        self._lines.append(line)
-
-    def values(self) -> Array:
-        """Return array (P, width); raises InputError if there are no rows."""
-        if not self._lines:
-            raise InputError(f"at least one pose in {self.file.name}", "none", "check the file")
-        return np.frombuffer(self._numbers, dtype=float).reshape(-1, self.width)
-
-    def place(self, index: int) -> str:
-        """Return the place of row `index`."""
-        return self.file.place(self._lines[index])
-
-
 def _is_number(word: str) -> bool:
     try:
         float(word)
@@ -228,15 +197,11 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     return [cell.strip().strip('"') for cell in line.split(delimiter)]
 
 
-def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int, str]:
-    """Indices of the pose's columns, translation first, the number of those of the translation, and its unit or "".
+def columns_of(names: Sequence[str], place: str) -> tuple[list[int], str]:
+    """Indices of the pose's columns, those of the translation first, and its unit or "".
 
-    Columns that are neither used nor known to be irrelevant are reported.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or duplicate, a unit is not known, or there is more than one rotation.
+    Columns that are neither used nor known to be irrelevant are reported. Raises InputError if a column is missing or
+    duplicate, a unit is not known, or there is more than one rotation.
     """
     columns = {name: column_of(name) for name in names}
     kinds = [columns[name].kind for name in names]
@@ -251,47 +216,46 @@ def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int, str]:
         problem = " and ".join(rotation[0] for rotation in rotations) or none
         raise InputError(f"one kind of rotation at {place}", problem, f"the columns are {WANTED}")
     wanted = (*TRANSLATION, *rotations[0])
-    missing = [name for name in wanted if name not in kinds]
-    if missing:
+    if missing := [name for name in wanted if name not in kinds]:
         raise InputError(f"the columns {' '.join(wanted)} at {place}", f"no {' '.join(missing)}", "add them")
     remark_unused(place, (f"column {name}" for name, kind in zip(names, kinds, strict=True) if not kind))
-    of = {column.kind: name for name, column in columns.items()}
+    used = {kind: columns[names[kinds.index(kind)]].unit for kind in wanted}
     for kind in rotations[0]:
-        if columns[of[kind]].unit not in ("", "-", "1", "rad") or (kind[0] == "q" and columns[of[kind]].unit == "rad"):
-            raise InputError(f"a rotation in rad at {place}", brief(columns[of[kind]].unit), "convert it to rad")
-    return (
-        [kinds.index(name) for name in wanted],
-        len(TRANSLATION),
-        unit_of(columns, [of[name] for name in TRANSLATION], place),
-    )
+        if used[kind] not in ("", "-", "1", "rad") or (kind[0] == "q" and used[kind] == "rad"):
+            raise InputError(f"a rotation in rad at {place}", brief(used[kind]), "convert it to rad")
+    return [kinds.index(name) for name in wanted], unit_of([used[kind] for kind in TRANSLATION], place)
 
 
-def table_poses(file: RowsFile, names: Sequence[str], rows: Iterator[tuple[int, list[str]]], place: str) -> Array:
-    """Read the numbers (P, 7) of rows whose columns have these names, in m."""
-    columns, count, unit = columns_of(names, place)
-    if column_of(names[columns[count]]).kind == "rx" and "angle" in file.stated:
+def table_poses(file: RowsFile, names: Sequence[str], rows: Iterable[tuple[int, Sequence[Any]]], place: str) -> Array:
+    """Read the numbers (P, 7) of rows whose columns have these names, in m; `place` is that of the names."""
+    columns, unit = columns_of(names, place)
+    kinds = [column_of(name).kind for name in names]
+    if "rx" in kinds and "angle" in file.stated:
         raise InputError(f"a rotation in rad in {file.name}", "a comment about degrees", "convert it to rad")
-    order = [column_of(names[column]).kind[1] for column in columns[count:]]
-    written = "".join(kind[1] for kind in (column_of(name).kind for name in names) if kind[:1] == "q")
-    if len(order) == len(ROTATIONS[0]) and file.stated.get("order", written) != written:
-        raise InputError(
-            f"one order of the quaternion in {file.name}", f"{written} and {file.stated['order']}", "correct it"
-        )
-    return rows_poses(file, rows, columns, count, unit or file.stated.get("unit", ""), len(names))
-
-
-def rows_poses(
-    file: RowsFile, rows: Iterator[tuple[int, list[str]]], columns: Sequence[int], count: int, unit: str, width: int
-) -> Array:
-    """Read the numbers (P, 7) of rows of `width` cells: translation and rotation in these columns."""
-    numbers = Rows(file, len(columns))
+    order = "".join(kind[1] for kind in kinds if kind[:1] == "q")
+    if order and file.stated.get("order", order) != order:
+        problem = f"{order} and {file.stated['order']}"
+        raise InputError(f"one order of the quaternion in {file.name}", problem, "correct it")
+    numbers, lines = array("d"), array("l")
     for line, cells in rows:
-        if len(cells) != width:
-            raise InputError(f"{width} values at {file.place(line)}", str(len(cells)), "correct the line")
-        numbers.add(line, [cells[column] for column in columns])
-    values = numbers.values()
-    scale = scale_of(file.convention, unit, file.name)
-    return numbers_of(values[:, :count] * scale, values[:, count:], numbers.place)
+        if len(cells) != len(names):
+            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
+        picked = [cells[column] for column in columns]
+        try:
+            numbers.extend(map(float, picked))
+        except ValueError:
+            bad = brief(next(word for word in picked if not _is_number(word)))
+            raise InputError(f"numbers at {file.place(line)}", bad, "correct the line") from None
+        if file.odd and any("_" in str(word) for word in picked):
+            raise InputError(f"numbers at {file.place(line)}", brief(" ".join(picked)), "remove the _")
+        if len(lines) == MOST_ROWS:
+            raise InputError(f"at most {MOST_ROWS} poses in {file.name}", "more", "take every tenth pose")
+        lines.append(line)
+    if not lines:
+        raise InputError(f"at least one pose in {file.name}", "none", "check the file")
+    values = np.frombuffer(numbers, dtype=float).reshape(-1, len(columns))
+    scale = scale_of(file.convention, unit or file.stated.get("unit", ""), file.name)
+    return numbers_of(values[:, :3] * scale, values[:, 3:], lambda index: file.place(lines[index]))
 
 
 def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
@@ -300,11 +264,8 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
     Quaternions are x y z w, rotation vectors are in rad, matrices are row by row. Of q and -q, which are the same
     rotation, the one with w >= 0 is returned.
 
-    Raises
-    ------
-    InputError
-        If a number is not finite, a translation exceeds 1 km, a quaternion is not normalized, a rotation vector
-        exceeds a full turn, or a matrix is not a rotation.
+    Raises InputError if a number is not finite, a translation exceeds 1 km, a quaternion is not normalized, a rotation
+    vector exceeds a full turn, or a matrix is not a rotation.
     """
     for values in (translation, rotation):
         _refuse(np.any(~np.isfinite(values), axis=-1), "finite numbers", values, place)

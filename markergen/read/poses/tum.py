@@ -22,7 +22,7 @@ from markergen.read.poses.conventions import (
     camera_in_marker,
     is_body,
 )
-from markergen.read.poses.rows import MATRIX_COLUMNS, WANTED, RowsFile, lines_of, rows_poses, table_poses
+from markergen.read.poses.rows import MATRIX_COLUMNS, WANTED, RowsFile, lines_of, table_poses
 from markergen.read.remarks import remark
 
 WHICH_WAY = (
@@ -63,17 +63,17 @@ def _read(file: RowsFile) -> RawPoses:
             if len(devices) > 1:
                 remark(f"{file.name}: the poses of {len(devices)} devices are taken for those of one camera")
         return RawPoses(table_poses(file, names, file.table(), f"a comment of {file.name}"), frame)
+    order = file.stated.get("order", "xyzw")
+    names = FORM.split()[:4] + [f"q{axis}" for axis in order]
+    return RawPoses(table_poses(file, names, _eight(file), file.name), CAMERA_IN_MARKER)
+
+
+def _eight(file: RowsFile) -> Iterator[tuple[int, list[str]]]:
     for line, cells in file.table():
         if len(cells) != 8:
-            raise InputError(
-                f"8 numbers {FORM} at {file.place(line)}",
-                str(len(cells)),
-                f"for T_camera_marker write a header of {WANTED}",
-            )
-    order = file.stated.get("order", "xyzw")
-    columns = [1, 2, 3, *(4 + order.index(axis) for axis in "xyzw")]
-    unit = file.stated.get("unit", "")
-    return RawPoses(rows_poses(file, file.table(), columns, 3, unit, 8), CAMERA_IN_MARKER)
+            remedy = f"for T_camera_marker write a header of {WANTED}"
+            raise InputError(f"8 numbers {FORM} at {file.place(line)}", str(len(cells)), remedy)
+        yield line, cells
 
 
 def _read_kitti(file: RowsFile) -> RawPoses:
