@@ -128,11 +128,8 @@ def read_layout(path: Any) -> Rows:
         if match and match[1].lower() in AXES:
             columns[match[1].lower()] = index, UNITS[match[2].lower()] if match[2] else 1.0
     if not {"x", "y"} <= set(columns):
-        raise InputError(
-            f"the columns x, y and perhaps z at line {line} of {content.name}",
-            "others",
-            "name them, with their unit, as in x_mm,y_mm",
-        )
+        expected = f"the columns x, y and perhaps z at line {line} of {content.name}"
+        raise InputError(expected, "others", "name them, with their unit, as in x_mm,y_mm")
     used = [columns[axis] for axis in AXES if axis in columns]
     points = []
     for number, cells in body:
@@ -140,9 +137,8 @@ def read_layout(path: Any) -> Rows:
             points.append([float(cells[index]) * unit for index, unit in used])
         except (ValueError, IndexError):
             place = f"line {number} of {content.name}"
-            raise InputError(
-                f"numbers for {', '.join(columns)} at {place}", brief(",".join(cells)), "correct it"
-            ) from None
+            expected = f"numbers for {', '.join(columns)} at {place}"
+            raise InputError(expected, brief(",".join(cells)), "correct it") from None
     # A flat marker's own table has z = 0.
     flat = len(used) == 3 and not any(row[2] for row in points)
     return parsed_layout([row[:2] for row in points] if flat else points)

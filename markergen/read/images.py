@@ -116,15 +116,11 @@ def read_image(path: Path) -> Image:
     except Exception as error:  # Decoders raise all kinds of exceptions for broken files.
         raise InputError(f"a complete {_KNOWN} image in {path}", _brief(error), "export the image again") from None
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", "convert the image to 8 or 16 bit grey"
-        )
+        remedy = "convert the image to 8 or 16 bit grey"
+        raise InputError(f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", remedy)
     if pixels.shape[1::-1] != (header.width, header.height):
-        raise InputError(
-            f"{header.width}x{header.height} px in {path}, as its header says",
-            f"{pixels.shape[1]}x{pixels.shape[0]} px",
-            "export the image again",
-        )
+        expected = f"{header.width}x{header.height} px in {path}, as its header says"
+        raise InputError(expected, f"{pixels.shape[1]}x{pixels.shape[0]} px", "export the image again")
     if header.format == "TIFF":
         pixels = _UNDO.get(header.orientation, _UNDO[1])(pixels)
     transparent = _transparent(pixels)
@@ -185,18 +181,12 @@ def check_frame(frame: object) -> NDArray[Any]:
     if kind not in (np.uint8, np.uint16):
         raise InputError("an image of uint8 or uint16", str(kind), _made_integer(kind))
     if not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (1, 3, 4))) or not frame.size:
-        raise InputError(
-            "a grey image (h, w), or one in color, (h, w, 3) BGR or (h, w, 4) BGRA",
-            f"shape {frame.shape}",
-            _reshaped(frame.shape),
-        )
+        expected = "a grey image (h, w), or one in color, (h, w, 3) BGR or (h, w, 4) BGRA"
+        raise InputError(expected, f"shape {frame.shape}", _reshaped(frame.shape))
     height, width = frame.shape[:2]
     if height * width > LARGEST_FRAME:
-        raise InputError(
-            f"an image of at most {LARGEST_FRAME // 10**6} megapixels",
-            f"{width}x{height} px",
-            "reduce its size, or cut out the part with the marker",
-        )
+        expected = f"an image of at most {LARGEST_FRAME // 10**6} megapixels"
+        raise InputError(expected, f"{width}x{height} px", "reduce its size, or cut out the part with the marker")
     return frame
 
 
@@ -293,9 +283,8 @@ def _content(path: Path) -> bytes:
     if "\0" in str(path):
         raise InputError(f"a readable image at {path}", "an invalid name", "check the path")
     if exists(path) and path.is_dir():
-        raise InputError(
-            f"a readable image at {path}", "a folder", "name its files, or give it where folders are accepted"
-        )
+        remedy = "name its files, or give it where folders are accepted"
+        raise InputError(f"a readable image at {path}", "a folder", remedy)
     return read(path, "image").data
 
 
@@ -351,9 +340,8 @@ def _examine(path: Path, data: bytes) -> _Header:
                     "convert the image to 8 bit grey",
                 )
             if min(width, height) < LEAST_SIDE:
-                raise InputError(
-                    f"at least {LEAST_SIDE}x{LEAST_SIDE} px in {path}", f"{width}x{height} px", "give a larger image"
-                )
+                expected = f"at least {LEAST_SIDE}x{LEAST_SIDE} px in {path}"
+                raise InputError(expected, f"{width}x{height} px", "give a larger image")
             if image.format == "PNG":
                 # EXIF may follow the pixels: finding it reads them, and would swallow an error.
                 image.load()

@@ -72,9 +72,8 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
         content: Any = _rows(text, name) if path.suffix.lower() == ".csv" else _table(text, path)
         plates = _Plates.model_validate(content).plates
     except ValidationError as error:
-        raise InputError(
-            f"a list of plates in {name}", in_one_line(findings_of(error)), "correct these places"
-        ) from None
+        problem = in_one_line(findings_of(error))
+        raise InputError(f"a list of plates in {name}", problem, "correct these places") from None
     findings, faces, markers = list[str](), list[Face](), dict[int, Marker]()
     for k, plate in enumerate(plates):
         try:

@@ -258,17 +258,8 @@ _DECLARED: dict[str, Any] = {
     STORED.get(name, name): (_FILED[option.kind], ABSENT)
     for name, option in declared(DesignKeywords).items()
     if name not in (*OUTSIDE_SPEC, *PLATE)
-} | {
-    "boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT),
-    "clearance": (Length | None, ABSENT),
-}
-_SpecFile: Any = create_model(
-    "_SpecFile",
-    __base__=_Table,
-    title=(str, ABSENT),
-    substrate=(Plate, ABSENT),
-    **_DECLARED,
-)
+} | {"boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT), "clearance": (Length | None, ABSENT)}
+_SpecFile: Any = create_model("_SpecFile", __base__=_Table, title=(str, ABSENT), substrate=(Plate, ABSENT), **_DECLARED)
 _KEPT = {field.name for field in fields(Spec)}
 
 
@@ -440,10 +431,7 @@ def spec_schema() -> dict[str, Any]:
             "substrate": {
                 "type": "object",
                 "description": "The plate: the same keys as outside of this table, and its holes one by one.",
-                "properties": {
-                    **plate,
-                    "holes": {"type": "array", "items": hole},
-                },
+                "properties": {**plate, "holes": {"type": "array", "items": hole}},
                 "additionalProperties": False,
             },
         },

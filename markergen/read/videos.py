@@ -127,11 +127,8 @@ def open_capture(source: str, kind: str) -> Capture:
     # FFmpeg reads it when it is first used.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if kind == "pipeline" and "GStreamer:                   YES" not in cv2.getBuildInformation():
-        raise InputError(
-            "an OpenCV with GStreamer for a pipeline",
-            f"OpenCV {cv2.__version__} without it",
-            "give a file, an address or a camera's number, or install an OpenCV that was built with it",
-        )
+        remedy = "give a file, an address or a camera's number, or install an OpenCV that was built with it"
+        raise InputError("an OpenCV with GStreamer for a pipeline", f"OpenCV {cv2.__version__} without it", remedy)
     with quiet:
         if kind == "pipeline":
             capture = cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
@@ -206,9 +203,8 @@ class Video:
         while True:
             with self._changed:
                 if not self._changed.wait_for(lambda: self._ready or self._ended, STALLED if self.live else None):
-                    raise InputError(
-                        f"a frame from {self.name}", f"none for {STALLED:.0f} s", "check the camera and its connection"
-                    )
+                    remedy = "check the camera and its connection"
+                    raise InputError(f"a frame from {self.name}", f"none for {STALLED:.0f} s", remedy)
                 if not self._ready:
                     break
                 frame = self._ready.popleft()

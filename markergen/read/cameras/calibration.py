@@ -208,15 +208,11 @@ def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[floa
     matrix = table.fields(key)
     rows, columns, data = matrix.whole("rows"), matrix.whole("cols"), matrix.numbers("data")
     if rows * columns != len(data):
-        raise InputError(
-            f"rows times cols numbers at {matrix.place('data')}",
-            f"{rows} x {columns} and {len(data)} numbers",
-            "correct the file",
-        )
+        expected = f"rows times cols numbers at {matrix.place('data')}"
+        raise InputError(expected, f"{rows} x {columns} and {len(data)} numbers", "correct the file")
     if shape is not None and (rows, columns) != shape:
-        raise InputError(
-            f"{shape[0]} rows and {shape[1]} cols at {table.place(key)}", f"{rows} x {columns}", "correct the file"
-        )
+        expected = f"{shape[0]} rows and {shape[1]} cols at {table.place(key)}"
+        raise InputError(expected, f"{rows} x {columns}", "correct the file")
     if shape is None and len(data) and 1 not in (rows, columns):
         raise InputError(f"one row or one column at {table.place(key)}", f"{rows} x {columns}", "correct the file")
     return data
@@ -246,11 +242,8 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
     with with_place(place):
         if len(cut) in (12, 14) and model == "rational":
-            raise InputError(
-                "no thin prism and no tilted sensor, coefficients 9 to 14",
-                f"{len(cut)} coefficients that are not 0",
-                "calibrate without these terms",
-            )
+            expected = "no thin prism and no tilted sensor, coefficients 9 to 14"
+            raise InputError(expected, f"{len(cut)} coefficients that are not 0", "calibrate without these terms")
         return Distortion(model, tuple(cut))
 
 
@@ -286,17 +279,11 @@ def make_camera(
     with with_place(place):
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
         if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
-            raise InputError(
-                f"focal lengths in px plausible for an image of {width}x{height} px",
-                f"fx={fx}, fy={fy}",
-                "check the camera matrix; are these mm?",
-            )
+            expected = f"focal lengths in px plausible for an image of {width}x{height} px"
+            raise InputError(expected, f"fx={fx}, fy={fy}", "check the camera matrix; are these mm?")
         if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
-            raise InputError(
-                f"a principal point inside the image of {width}x{height} px",
-                f"cx={cx}, cy={cy}",
-                "give the calibration of this image size",
-            )
+            expected = f"a principal point inside the image of {width}x{height} px"
+            raise InputError(expected, f"cx={cx}, cy={cy}", "give the calibration of this image size")
     return camera
 
 

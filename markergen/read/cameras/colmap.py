@@ -96,11 +96,8 @@ def _read(document: Document, choice: str | None) -> Camera:
         raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "remove one")
     if choice is None and len(rows) > 1:
         names = ", ".join(brief(key) for key in list(rows)[:10])
-        raise InputError(
-            f"the camera's number after the path, such as {document.name}#{next(iter(rows))[:20]}",
-            f"{len(rows)} cameras: {names}",
-            "choose one",
-        )
+        expected = f"the camera's number after the path, such as {document.name}#{next(iter(rows))[:20]}"
+        raise InputError(expected, f"{len(rows)} cameras: {names}", "choose one")
     number = next(iter(rows)) if choice is None else choice
     if number not in rows:
         names = ", ".join(brief(key) for key in list(rows)[:10])
@@ -111,9 +108,8 @@ def _read(document: Document, choice: str | None) -> Camera:
 def _camera(cells: Sequence[str], file: str, number: str) -> Camera:
     place = f"camera {number[:20]}"
     if len(cells) < 4:
-        raise InputError(
-            f"CAMERA_ID MODEL WIDTH HEIGHT PARAMS at {place} in {file}", brief(" ".join(cells)), "correct it"
-        )
+        expected = f"CAMERA_ID MODEL WIDTH HEIGHT PARAMS at {place} in {file}"
+        raise InputError(expected, brief(" ".join(cells)), "correct it")
     _, model, width, height, *parameters = cells
     if model not in MODELS:
         raise InputError(f"a known camera model at {place} in {file}", brief(model), f"known: {', '.join(MODELS)}")

@@ -81,9 +81,8 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
             values = _npy(path)
         elif _is_camera(document):
             if (stored := _stored(document, choice, camera)) is None:
-                raise InputError(
-                    f"the key {COVARIANCE} in {name}", "a camera without one", "give a file with its covariance"
-                )
+                expected = f"the key {COVARIANCE} in {name}"
+                raise InputError(expected, "a camera without one", "give a file with its covariance")
             return stored
         else:
             values = _text(document)
@@ -95,11 +94,8 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     count = max(values.shape)
     if count not in counts or values.shape not in ((1, count), (count, 1), (count, count)):
         sizes = " or ".join(f"{k} standard deviations or {k}x{k} numbers" for k in counts)
-        raise InputError(
-            f"{sizes} in {name}",
-            f"{values.shape[0]} rows of {values.shape[1]}",
-            f"the parameters are {' '.join(names)}",
-        )
+        problem = f"{values.shape[0]} rows of {values.shape[1]}"
+        raise InputError(f"{sizes} in {name}", problem, f"the parameters are {' '.join(names)}")
     if not np.isfinite(values).all():
         raise InputError(f"finite numbers in {name}", "nan or inf", "correct it")
     result = np.zeros((len(names), len(names)))
@@ -135,11 +131,8 @@ def _stored(document: Document, choice: str | None, camera: Camera) -> Array | N
     covariance = _checked(np.array(values).reshape(len(rows), -1), table.place(key), tuple(rows))
     here = [row in names for row in rows]
     if covariance[np.logical_not(here)].any():
-        raise InputError(
-            f"a covariance of {' '.join(names)} at {table.place(key)}",
-            brief(" ".join(rows)),
-            "give that of the same lens model",
-        )
+        expected = f"a covariance of {' '.join(names)} at {table.place(key)}"
+        raise InputError(expected, brief(" ".join(rows)), "give that of the same lens model")
     result = np.zeros((len(names), len(names)))
     places = [names.index(row) for row in rows if row in names]
     result[np.ix_(places, places)] = covariance[np.ix_(here, here)]
@@ -154,9 +147,8 @@ def _of_deviations(table: Fields, camera: Camera) -> Array | None:
     for keys, first, last in ((DEVIATIONS, 0, 4), (LENS_DEVIATIONS, 4, len(sigmas))):
         values = entries(table, table.key(*keys), None) if table.find(*keys) else []
         if any(values[last - first :]):
-            raise InputError(
-                f"{last - first} standard deviations at {table.place(keys[0])}", str(len(values)), "correct the file"
-            )
+            expected = f"{last - first} standard deviations at {table.place(keys[0])}"
+            raise InputError(expected, str(len(values)), "correct the file")
         sigmas[first : first + len(values)] = values[: last - first]
     return _of_sigmas(sigmas, table.place(DEVIATIONS[0]))
 
@@ -178,9 +170,8 @@ def _checked(covariance: Array, name: str, names: tuple[str, ...]) -> Array:
     correlation = covariance * inverse[:, None] * inverse
     uncertain = scale > 0
     if covariance[~uncertain].any() or covariance[:, ~uncertain].any() or np.abs(correlation).max() > 1 + TOLERANCE:
-        raise InputError(
-            f"a covariance in {name}", "one that exceeds its variances", "correct it; are these correlations?"
-        )
+        remedy = "correct it; are these correlations?"
+        raise InputError(f"a covariance in {name}", "one that exceeds its variances", remedy)
     if np.abs(correlation - correlation.T).max() > TOLERANCE:
         raise InputError(f"a symmetric covariance in {name}", "an asymmetric one", "correct it")
     if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -TOLERANCE:
@@ -198,11 +189,8 @@ def _text(document: Document) -> Array:
                 raise InputError(f"rows of numbers in {document.name}", "text", "check the path")
             rows.append(Fields(document.name, {f"line {index + 1}": numbers}).numbers(f"line {index + 1}"))
     if not rows or len({len(row) for row in rows}) > 1:
-        raise InputError(
-            f"rows of equal length in {document.name}",
-            f"rows of {brief(sorted({len(row) for row in rows}))} numbers",
-            "correct the file",
-        )
+        problem = f"rows of {brief(sorted({len(row) for row in rows}))} numbers"
+        raise InputError(f"rows of equal length in {document.name}", problem, "correct the file")
     return np.array(rows)
 
 
@@ -233,9 +221,6 @@ def _npy(path: Path) -> Array:
         # The header is Python code, whose parsers raise a dozen kinds of errors and warnings on damaged text.
         raise InputError(f"a .npy of numbers at {path}", brief(str(error)), "write it with numpy.save") from None
     if values.dtype.kind not in "fiu" or values.ndim not in (1, 2) or values.size > 10_000:
-        raise InputError(
-            f"a .npy of numbers in one or two dimensions at {path}",
-            f"{values.dtype} {brief(values.shape)}",
-            "write it with numpy.save",
-        )
+        expected = f"a .npy of numbers in one or two dimensions at {path}"
+        raise InputError(expected, f"{values.dtype} {brief(values.shape)}", "write it with numpy.save")
     return np.atleast_2d(np.array(values, dtype=float))

@@ -158,9 +158,8 @@ class Fields:
             raise InputError(f"the key {' or '.join(names[:2])} in {self.place()}", "none", "add it, or check the path")
         for key in keys[1:]:
             if _bare(self.values[key]) != _bare(self.values[keys[0]]):
-                raise InputError(
-                    f"one value at {self.place(keys[0])}", f"another at {brief(key)}", "remove the wrong one"
-                )
+                expected = f"one value at {self.place(keys[0])}"
+                raise InputError(expected, f"another at {brief(key)}", "remove the wrong one")
         self.used.update(self.path_of(key) for key in keys)
         return keys[0]
 

@@ -142,9 +142,8 @@ def _matlab(document: Document, values: Values) -> Values:
     radial, tangential = table.numbers("RadialDistortion"), table.numbers("TangentialDistortion")
     numbers, size = table.numbers(*KEYS["matrix"]), table.numbers("ImageSize")
     if (len(numbers), len(size), len(tangential)) != (9, 2, 2):
-        raise InputError(
-            f"K, ImageSize and TangentialDistortion of MATLAB in {document.name}", "others", "write it again"
-        )
+        expected = f"K, ImageSize and TangentialDistortion of MATLAB in {document.name}"
+        raise InputError(expected, "others", "write it again")
     matrix = np.reshape(numbers, (3, 3))
     matrix = matrix if matrix[0, 2] else matrix.T
     # Rows come before columns, and the first pixel is (1, 1).

@@ -22,12 +22,7 @@ from markergen.read.cameras.names import KEYS
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
 """Relevant fields of a message, in ROS 1 and 2."""
 
-MODELS = {
-    "none": "plumb_bob",
-    "radtan": "plumb_bob",
-    "rational": "rational_polynomial",
-    "equidistant": "equidistant",
-}
+MODELS = {"none": "plumb_bob", "radtan": "plumb_bob", "rational": "rational_polynomial", "equidistant": "equidistant"}
 """Names that sensor_msgs has for our lens models."""
 
 

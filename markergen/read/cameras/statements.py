@@ -135,11 +135,8 @@ def stated_lens(table: Fields) -> tuple[str, str]:
         names = ", ".join(dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases)))
         kind = REFUSED.get(plain(name)) or REFUSED.get(_PREFIX.sub("", plain(name)), "")
         remedy = "calibrate with one of these, or remove the key if it names no lens"
-        raise InputError(
-            f"a known distortion model at {place}",
-            f"{brief(name)}{kind and f', a {kind}'}",
-            f"known: {names}; {remedy}",
-        )
+        problem = f"{brief(name)}{kind and f', a {kind}'}"
+        raise InputError(f"a known distortion model at {place}", problem, f"known: {names}; {remedy}")
     best = next(iter([*definite, *models, *stated]), "")
     return ("" if best == ANY else best), stated.get(best, "")
 

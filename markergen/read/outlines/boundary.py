@@ -174,11 +174,8 @@ def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -
     """Return m per unit, as given by the user or else the file, if the resulting size is plausible."""
     scale = UNITS[unit] * (drawing.pixels if unit == "px" else 1.0) if unit else drawing.scale
     if scale is None:
-        raise file.unreadable(
-            "a unit of length",
-            f"none: the drawing is {size:.6g} units across",
-            f"give --boundary-unit, one of {', '.join(UNITS)}{drawing.hint}",
-        )
+        remedy = f"give --boundary-unit, one of {', '.join(UNITS)}{drawing.hint}"
+        raise file.unreadable("a unit of length", f"none: the drawing is {size:.6g} units across", remedy)
     if not SMALLEST <= size * scale <= LARGEST:
         remedy = f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}"
         if size * min(UNITS.values()) > LARGEST:
@@ -256,11 +253,8 @@ def parse_boundary(
     shape = _SHAPE.fullmatch(str(text).strip())
     is_file = is_drawing(text)
     if not is_file and (unit is not None or layer is not None or ignore_open):
-        raise InputError(
-            "--boundary-unit, --layer and --ignore-open with an outline file only",
-            brief(text),
-            "write the unit with the number",
-        )
+        expected = "--boundary-unit, --layer and --ignore-open with an outline file only"
+        raise InputError(expected, brief(text), "write the unit with the number")
     if is_file:
         return polygon_from(read_contours(text, unit, layer, ignore_open), origin)
     kind, measures, place = shape.groups() if shape is not None else ("circle", str(text), None)

@@ -1,8 +1,9 @@
 """Curves of drawings, and their approximation by polylines within a tolerance."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import asin, ceil, pi, sqrt, tan
+from typing import Self
 
 import numpy as np
 
@@ -41,18 +42,22 @@ class Curve(ABC):
 
 
 @dataclass(frozen=True)
-class Polyline(Curve):
-    """Line segments between points (m, d)."""
+class PointCurve(Curve):
+    """A curve that follows its points (m, d), also through affine maps."""
 
     points: Array
 
-    def mapped(self, matrix: Array) -> "Polyline":
+    def mapped(self, matrix: Array) -> Self:
         """See `Curve.mapped`."""
-        return Polyline(_map(matrix, self.points))
+        return replace(self, points=_map(matrix, self.points))
 
     def sketch(self) -> Array:
         """See `Curve.sketch`."""
         return self.points
+
+
+class Polyline(PointCurve):
+    """Line segments between points (m, d)."""
 
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`."""
@@ -60,19 +65,8 @@ class Polyline(Curve):
         return self.points
 
 
-@dataclass(frozen=True)
-class Bezier(Curve):
+class Bezier(PointCurve):
     """A Bezier curve of any degree, given by control points (degree + 1, d)."""
-
-    points: Array
-
-    def mapped(self, matrix: Array) -> "Bezier":
-        """See `Curve.mapped`."""
-        return Bezier(_map(matrix, self.points))
-
-    def sketch(self) -> Array:
-        """See `Curve.sketch`."""
-        return self.points
 
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`; a chord over a step h deviates by at most h^2 / 8 times the maximum of f''."""
@@ -140,24 +134,15 @@ class Arc(Curve):
 
 
 @dataclass(frozen=True)
-class Spline(Curve):
+class Spline(PointCurve):
     """A B-spline, rational if weights differ: control points (n, d), weights (n,) above 0, knots (n + degree + 1,).
 
     Its domain is from ``knots[degree]`` to ``knots[n]``.
     """
 
-    points: Array
     weights: Array
     knots: Array
     degree: int
-
-    def mapped(self, matrix: Array) -> "Spline":
-        """See `Curve.mapped`."""
-        return Spline(_map(matrix, self.points), self.weights, self.knots, self.degree)
-
-    def sketch(self) -> Array:
-        """See `Curve.sketch`."""
-        return self.points
 
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`: steps are halved until three points between their ends are near the chord.
@@ -217,11 +202,8 @@ def _map(matrix: Array, points: Array) -> Array:
 
 def _steps(count: float) -> int:
     if not count <= MOST_POINTS:
-        raise InputError(
-            f"curves that {MOST_POINTS} points can approximate to the tolerance",
-            "a larger or more winding one",
-            "simplify the outline, or give its --boundary-unit",
-        )
+        expected = f"curves that {MOST_POINTS} points can approximate to the tolerance"
+        raise InputError(expected, "a larger or more winding one", "simplify the outline, or give its --boundary-unit")
     return max(ceil(count), 1)
 
 

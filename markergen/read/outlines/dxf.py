@@ -109,9 +109,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     # Infinite and nan coordinates are reported later, with the piece's name.
     if np.isfinite(points).all() and np.ptp(points[:, 2]) > 1e-6 * np.ptp(points, axis=0).max():
         low, high = points[:, 2].min(), points[:, 2].max()
-        raise file.unreadable(
-            "a flat outline", f"heights z from {low:.6g} to {high:.6g}", "draw it in one plane, or choose its --layer"
-        )
+        remedy = "draw it in one plane, or choose its --layer"
+        raise file.unreadable("a flat outline", f"heights z from {low:.6g} to {high:.6g}", remedy)
     flat = [
         OutlinePiece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in pieces
     ]
@@ -203,15 +202,11 @@ class DxfReader:
         if block is None:
             raise self.file.unreadable("all blocks", f"an INSERT of {brief(name)}, which is missing", "write it again")
         if block.block is not None and block.block.is_xref:
-            raise self.file.unreadable(
-                "no references to other files", f"the block {brief(name)}", "bind it, or remove it"
-            )
+            expected = "no references to other files"
+            raise self.file.unreadable(expected, f"the block {brief(name)}", "bind it, or remove it")
         if name in blocks or len(blocks) >= DEEPEST:
-            raise self.file.unreadable(
-                f"blocks at most {DEEPEST} deep",
-                f"the block {brief(name)} inside itself or deeper",
-                "explode the blocks",
-            )
+            problem = f"the block {brief(name)} inside itself or deeper"
+            raise self.file.unreadable(f"blocks at most {DEEPEST} deep", problem, "explode the blocks")
         for copy in self._copies(insert):
             # ezdxf multiplies rows from the left, so its matrices are transposed.
             placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T[:3]
@@ -421,11 +416,8 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
         and bool((weights > 0).all())
     )
     if not sound:
-        raise file.unreadable(
-            "a valid spline",
-            f"a degree above {HIGHEST_DEGREE}, or inconsistent points, knots and weights in {name}",
-            "write it again",
-        )
+        problem = f"a degree above {HIGHEST_DEGREE}, or inconsistent points, knots and weights in {name}"
+        raise file.unreadable("a valid spline", problem, "write it again")
     yield [Spline(points, weights, knots, degree)], False
 
 

@@ -172,12 +172,7 @@ class Shapes:
         return [OutlinePiece(name, (Arc(center, np.array([rx, 0.0]), np.array([0.0, ry])),), True)]
 
     def length(
-        self,
-        text: str | None,
-        name: str,
-        viewport: tuple[float, float],
-        key: str,
-        default: float = 0.0,
+        self, text: str | None, name: str, viewport: tuple[float, float], key: str, default: float = 0.0
     ) -> float:
         """Length in user units; percentages refer to the viewport's width, height or, for other keys, diagonal."""
         if text is None or text.strip() in ("", "auto"):
@@ -203,9 +198,8 @@ class Shapes:
         """Affine map (2, 3) from the transform attribute."""
         text = element.get("transform", "")
         if moved_by_style(element):
-            raise self.file.unreadable(
-                "transforms as attributes", f"one in the style of {name}", "save it as plain SVG"
-            )
+            problem = f"one in the style of {name}"
+            raise self.file.unreadable("transforms as attributes", problem, "save it as plain SVG")
         self._count(text)
         if not _TRANSFORMS.fullmatch(text):
             raise self.file.unreadable("a transform", f"{brief(text)} at {name}", "correct the file")
@@ -242,9 +236,8 @@ class Shapes:
             raise self.file.too_much(f"at most {most} lines and curves")
         # svgelements searches back to the last move at each close.
         if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
-            raise self.file.unreadable(
-                f"path data with at most {MOST_CLOSES} closes after a move", f"more in {name}", "correct the path"
-            )
+            expected = f"path data with at most {MOST_CLOSES} closes after a move"
+            raise self.file.unreadable(expected, f"more in {name}", "correct the path")
         if (plain := _plain_path(data, name)) is not None:
             self.segments += sum(len(piece.curves) for piece in plain)
             return plain
@@ -390,11 +383,8 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
             values = _declarations(body)
             for selector in selectors.split(",") if values else []:
                 if not _SELECTOR.fullmatch(selector.strip()):
-                    raise file.unreadable(
-                        "style sheets for .class, #id or a kind of shape",
-                        brief(selector.strip()),
-                        "save it as plain SVG",
-                    )
+                    expected = "style sheets for .class, #id or a kind of shape"
+                    raise file.unreadable(expected, brief(selector.strip()), "save it as plain SVG")
                 rules.setdefault(selector.strip(), {}).update(values)
     return rules
 
@@ -462,11 +452,8 @@ def parse_svg(file: OutlineFile) -> Element:
     depth = count = 0
 
     def refuse(*_: object) -> NoReturn:
-        raise file.unreadable(
-            "plain SVG without a document type of its own",
-            "entity declarations or another document type",
-            "save it again as plain SVG",
-        )
+        expected = "plain SVG without a document type of its own"
+        raise file.unreadable(expected, "entity declarations or another document type", "save it again as plain SVG")
 
     def doctype(_: str, system: str | None, public: str | None, internal: int) -> None:
         # The W3C's own document type adds nothing and is never fetched; Illustrator and matplotlib write it.
@@ -709,9 +696,8 @@ class _SvgReader:
         """Refuse outlines whose visible shape differs because a mask or a clip cuts them."""
         cuts = style["clip-path"] != "none" or style["mask"] != "none"
         if cuts and pieces and not (style["mask"] == "none" and self._holds(style["clip-path"], pieces, place)):
-            raise self.file.unreadable(
-                "outlines drawn as they are", f"{name} cut by a clip or mask", "cut the shape itself, or release it"
-            )
+            remedy = "cut the shape itself, or release it"
+            raise self.file.unreadable("outlines drawn as they are", f"{name} cut by a clip or mask", remedy)
 
     def _holds(self, url: str, pieces: list[OutlinePiece], place: _Place) -> bool:
         """Tell whether a clip leaves pieces uncut; many editors clip everything to the page."""

@@ -144,9 +144,8 @@ def settled_poses(wish: str) -> str | RecordedPoses:
         return named_poses(wish).name
     path = Path(wish)
     if not path.name or not (path.suffix or len(path.parts) > 1 or exists(path)):
-        raise InputError(
-            "a known pose distribution", brief(wish), f"known: {', '.join(pose_forms())}, and files of poses"
-        )
+        remedy = f"known: {', '.join(pose_forms())}, and files of poses"
+        raise InputError("a known pose distribution", brief(wish), remedy)
     return read_poses(path)
 
 
@@ -181,9 +180,8 @@ def pose_reading(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> P
 def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReading:
     """Read the poses of a file's content."""
     if data.count(b"\n") > MOST_LINES:
-        raise InputError(
-            f"at most {MOST_ROWS} poses in {name}", f"more than {MOST_LINES} lines", "take every tenth pose"
-        )
+        expected = f"at most {MOST_ROWS} poses in {name}"
+        raise InputError(expected, f"more than {MOST_LINES} lines", "take every tenth pose")
     text = data.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")

@@ -139,9 +139,8 @@ class RowsFile:
                 remark(f"{self.name}: a comment about columns is not understood, and not followed: {brief(text)}")
             if is_whole:
                 if len(names) != len(cells):
-                    raise InputError(
-                        f"{len(names)} columns as a comment says in {self.name}", str(len(cells)), "correct it"
-                    )
+                    expected = f"{len(names)} columns as a comment says in {self.name}"
+                    raise InputError(expected, str(len(cells)), "correct it")
                 return names
         return []
 
@@ -174,15 +173,13 @@ class RowsFile:
     def text(self, number: int, line: bytes) -> str:
         """Decode a line."""
         if len(line) > LONGEST_LINE:
-            raise InputError(
-                f"at most {LONGEST_LINE} characters at {self.place(number)}", str(len(line)), "check the file"
-            )
+            expected = f"at most {LONGEST_LINE} characters at {self.place(number)}"
+            raise InputError(expected, str(len(line)), "check the file")
         try:
             return line.decode()
         except UnicodeDecodeError:
-            raise InputError(
-                f"text at {self.place(number)}", "bytes that are not UTF-8 text", "write the file as UTF-8"
-            ) from None
+            expected = f"text at {self.place(number)}"
+            raise InputError(expected, "bytes that are not UTF-8 text", "write the file as UTF-8") from None
 
 
 def _is_number(word: str) -> bool:
