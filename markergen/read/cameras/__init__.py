@@ -52,16 +52,6 @@ class CameraRecord:
         return extras
 
 
-def _no_table(document: Document, choice: str | None) -> Fields:
-    del choice
-    return Fields(document.name, {})
-
-
-def _anything(record: CameraRecord) -> bool:
-    del record
-    return True
-
-
 @dataclass(frozen=True)
 class CameraFormat:
     """A calibration file format.
@@ -87,9 +77,9 @@ class CameraFormat:
     signs: str
     fits: Callable[[Document], bool]
     read: Callable[[Document, str | None], Camera]
-    table: Callable[[Document, str | None], Fields] = _no_table
+    table: Callable[[Document, str | None], Fields] = lambda document, _: Fields(document.name, {})
     endings: tuple[str, ...] = ()
-    holds: Callable[[CameraRecord], bool] = _anything
+    holds: Callable[[CameraRecord], bool] = lambda _: True
     write: Callable[[CameraRecord, str], str] | None = None
 
 

@@ -222,20 +222,6 @@ class Fields:
             raise InputError(f"keys and values at {self.place(key)}", brief(value), "correct the file")
         return Fields(self.file, value, self.path_of(key), self.used, self.size)
 
-    def text(self, *names: str) -> str:
-        """Return one piece of text."""
-        key = self.key(*names)
-        value = self.values[key]
-        if not isinstance(value, str):
-            raise InputError(f"text at {self.place(key)}", brief(value), "correct the file")
-        return value.strip().strip('"')
-
-    def only(self, *keys: str) -> None:
-        """Refuse keys other than these."""
-        unknown = [key for key in self.values if key not in keys]
-        if unknown:
-            raise InputError(f"only {', '.join(keys)} in {self.place()}", brief(unknown[0]), "correct the key")
-
     @cached_property
     def _keys(self) -> dict[str, list[str]]:
         keys: dict[str, list[str]] = {}
@@ -333,24 +319,19 @@ def _yaml(text: str, name: str) -> Any:
                     remark(f"not used of {name}: all documents but the first")
                     break
                 continue
-            if isinstance(event, yaml.ScalarEvent):
-                value: Any = event.value
-            elif isinstance(event, yaml.SequenceStartEvent):
-                value = []
-            elif isinstance(event, yaml.MappingStartEvent):
-                value = {}
-            elif isinstance(event, yaml.AliasEvent):
+            if isinstance(event, yaml.DocumentEndEvent):
+                ended = True
+            elif isinstance(event, yaml.CollectionEndEvent):
+                stack.pop()
+            if not isinstance(event, yaml.NodeEvent):
+                continue
+            if isinstance(event, yaml.AliasEvent):
                 if event.anchor not in anchors:
                     raise _damaged("YAML or JSON", name, f"line {event.start_mark.line + 1}: an alias of nothing")
-                value = anchors[event.anchor]
-            elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
-                stack.pop()
-                continue
-            elif isinstance(event, yaml.DocumentEndEvent):
-                ended = True
-                continue
+                value: Any = anchors[event.anchor]
             else:
-                continue
+                value = event.value if isinstance(event, yaml.ScalarEvent) else []
+                value = {} if isinstance(event, yaml.MappingStartEvent) else value
             problem: str | None = _put(value, *stack[-1])
             if not isinstance(event, yaml.AliasEvent):
                 if event.anchor:

@@ -208,11 +208,6 @@ def _realsense(document: Document, values: Values) -> Values:
     return values
 
 
-def _as_it_is(document: Document, values: Values) -> Values:
-    del document
-    return values
-
-
 def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
     return lambda values: set(keys) <= values.keys()
 
@@ -230,13 +225,8 @@ class Program(NamedTuple):
 
     signs: str
     fits: Callable[[Mapping[str, Any]], bool]
-    fix: Callable[[Document, Values], Values] = _as_it_is
+    fix: Callable[[Document, Values], Values] = lambda _, values: values
     corner: float = 0.0
-
-
-def _never(values: Mapping[str, Any]) -> bool:
-    del values
-    return False
 
 
 OWN = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "camera_parameters", "camera_covariance",
@@ -269,7 +259,7 @@ PROGRAMS: dict[str, Program] = {
         lambda values: _any("camera_info")(values) or (_any(*KEYS["matrix"])(values) and _any(*KEYS["model"])(values))),
     "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*KEYS["matrix"])),
     "orb-slam": Program("Camera.fx, Camera.width", _any("Camera.fx", "Camera1.fx")),
-    **{name: Program(name, _never) for name in TEXTS},
+    **{name: Program(name, lambda _: False) for name in TEXTS},
     "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),
 }  # fmt: skip
 """Programs by name; the last takes what no other has."""

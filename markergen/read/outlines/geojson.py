@@ -3,10 +3,10 @@
 # tests: tests/read/outlines/test_files.py
 
 import json
+from itertools import count
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.errors import brief
 from markergen.model.json_text import distinct
@@ -34,26 +34,25 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     pieces: list[OutlinePiece] = []
     others: list[str] = []
     todo: list[tuple[Any, str]] = [(_json(file), "file")]
-    steps = 0
-    while todo:
+    for steps in count(1):
+        if not todo:
+            break
         node, name = todo.pop()
-        steps += 1
         if steps > MOST_PIECES:
             raise file.too_much(f"at most {MOST_PIECES} polygons")
         if not isinstance(node, dict):
             raise file.unreadable("a GeoJSON object", f"{name}: {brief(node)}", "correct the file")
         others += [f"the key {key}" for key in node if key not in KEYS]
         kind = node.get("type")
-        if kind == "FeatureCollection":
-            todo += _each(file, node, "features", name)
-        elif kind == "GeometryCollection":
-            todo += _each(file, node, "geometries", name)
+        if kind in ("FeatureCollection", "GeometryCollection"):
+            key = "features" if kind == "FeatureCollection" else "geometries"
+            # Reversed, since the last is taken first.
+            todo += _items(file, node.get(key), f"{name}.{key}")[::-1]
         elif kind == "Feature":
             if node.get("geometry") is not None:  # A feature without a geometry has null.
                 todo.append((node["geometry"], f"{name}.geometry"))
         elif kind in ("Polygon", "MultiPolygon"):
-            place = f"{name}.coordinates"
-            parts = node.get("coordinates")
+            place, parts = f"{name}.coordinates", node.get("coordinates")
             polygons = [(parts, place)] if kind == "Polygon" else _items(file, parts, place)
             rings = [ring for polygon in polygons for ring in _items(file, *polygon)]
             pieces += [_piece(file, *ring) for ring in rings if ring[0] != []]
@@ -61,34 +60,22 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
             others.append(kind)
         else:
             raise file.unreadable("a GeoJSON type", f"{name}.type {brief(kind)}", "correct the file")
-    hint = "; longitude and latitude are not lengths: export them in m"
-    return Drawing(pieces, None, others=others, hint=hint)
+    return Drawing(pieces, None, others=others, hint="; longitude and latitude are not lengths: export them in m")
 
 
 def _piece(file: OutlineFile, ring: Any, name: str) -> OutlinePiece:
-    points = _points(ring)
-    if points is None:
+    # A third number is a height; booleans are numbers only to Python.
+    if not isinstance(ring, list) or not all(
+        isinstance(position, list) and len(position) >= 2 and all(type(x) in (int, float) for x in position)
+        for position in ring
+    ):
         raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file")
+    try:
+        points = np.array([position[:2] for position in ring], dtype=float).reshape(-1, 2)
+    except OverflowError:
+        raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file") from None
     # Rings repeat their first position; a ring that does not is open, and reported like any other gap.
     return OutlinePiece(name, (Polyline(points),), False)
-
-
-def _points(ring: Any) -> NDArray[np.float64] | None:
-    if not isinstance(ring, list):
-        return None
-    for position in ring:
-        # A third number is a height; booleans are numbers only to Python.
-        if not (isinstance(position, list) and len(position) >= 2 and all(type(x) in (int, float) for x in position)):
-            return None
-    try:
-        return np.array([position[:2] for position in ring], dtype=float).reshape(-1, 2)
-    except OverflowError:
-        return None
-
-
-def _each(file: OutlineFile, node: dict[str, Any], key: str, name: str) -> list[tuple[Any, str]]:
-    # Reversed, since the caller pops from the end.
-    return _items(file, node.get(key), f"{name}.{key}")[::-1]
 
 
 def _items(file: OutlineFile, value: Any, name: str) -> list[tuple[Any, str]]:

@@ -76,10 +76,6 @@ def _eight(file: RowsFile) -> Iterator[tuple[int, list[str]]]:
         yield line, cells
 
 
-def _read_kitti(file: RowsFile) -> RawPoses:
-    return RawPoses(table_poses(file, MATRIX_COLUMNS, _matrices(file), file.name), CAMERA_IN_MARKER)
-
-
 def _matrices(file: RowsFile) -> Iterator[tuple[int, list[str]]]:
     """Yield the twelve numbers of each matrix, from one line or from four, which Open3D's logs precede by numbers."""
     rows: list[str] = []
@@ -119,7 +115,7 @@ POSE_FORMATS.register("kitti")(
         "lines of 12 or 16 numbers [R t], or matrices in 4 lines",
         WHICH_WAY.replace("the camera in the world", "[R t] row by row"),
         _is_matrices,
-        _read_kitti,
+        lambda file: RawPoses(table_poses(file, MATRIX_COLUMNS, _matrices(file), file.name), CAMERA_IN_MARKER),
         (".kitti", ".kitti.txt"),
         _write_kitti,
     )
