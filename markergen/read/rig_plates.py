@@ -38,6 +38,9 @@ class _PlateEntry(BaseModel):
     marker: str | None = None
     radius: Length | None = None
     boundary: str | None = None
+    boundary_unit: str | None = None
+    layer: str | None = None
+    ignore_open: bool = False
     translation: Annotated[list[Length], Three] = [0.0, 0.0, 0.0]
     rotation_vector: Annotated[list[Finite], Three] | None = None
     euler_deg: Annotated[list[Finite], Three] | None = None
@@ -54,8 +57,9 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     """Read a list of plates.
 
     TOML and JSON have a table ``plates`` with ``name``; ``marker``, a marker.json beside the list, or ``radius`` or
-    ``boundary``, such as ``rect:0.2x0.1``, in which one is designed; ``translation`` in m or with units; and
-    ``rotation_vector`` in rad, ``euler_deg``, turns about the rig's x, then y, then z axis, or ``matrix``, row by row.
+    ``boundary``, in which one is designed, such as ``rect:0.2x0.1`` or a drawing with its ``boundary_unit``, ``layer``
+    and ``ignore_open``; ``translation`` in m or with units; and ``rotation_vector`` in rad, ``euler_deg``, turns about
+    the rig's x, then y, then z axis, or ``matrix``, row by row.
     In CSV the columns are `COLUMNS`, of which those that are needed are given: rx, ry, rz in rad, or roll, pitch, yaw
     in degrees.
 
@@ -138,7 +142,9 @@ def _boundary(plate: _PlateEntry, marker: Marker | None) -> Boundary:
         raise InputError("a marker, a radius or a boundary", " and ".join(keys) or "none", "give one of them")
     if marker is not None:
         return marker.boundary
-    return parse_boundary(plate.boundary) if plate.boundary else Circle(plate.radius or 0.0)
+    if not plate.boundary:
+        return Circle(plate.radius or 0.0)
+    return parse_boundary(plate.boundary, plate.boundary_unit, plate.layer, ignore_open=plate.ignore_open)
 
 
 def _rotation(plate: _PlateEntry) -> tuple[tuple[float, ...], ...]:

@@ -112,6 +112,22 @@ def open_video(source: str | Path | int, size: tuple[int, int] | None = None) ->
     )
 
 
+def size_in_video(path: Path) -> tuple[int, int] | None:
+    """Return width and height in px of the frames of a file, as they are read; None for what is live or unreadable."""
+    import cv2
+
+    try:
+        capture = open_capture(str(path), "file") if _kind(str(path)) == "file" else None
+    except InputError:  # `open_video` says why.
+        return None
+    if capture is None:
+        return None
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    capture.release()
+    return size if min(size) > 0 else None
+
+
 def open_capture(source: str, kind: str) -> Capture:
     """Open a source with OpenCV, which then says nothing; raises InputError if that fails."""
     import cv2

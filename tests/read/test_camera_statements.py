@@ -188,3 +188,18 @@ def test_the_size_of_a_photograph_where_the_file_has_none(tmp_path):
     assert not remarks
     with pytest.raises(InputError, match="image_width"):
         read_camera(sized(tmp_path / "without.json", None))
+
+
+def test_the_size_of_a_video_where_the_file_has_none(tmp_path):
+    import cv2
+
+    writer = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 5, (320, 240))
+    writer.write(np.zeros((240, 320, 3), np.uint8))
+    writer.release()
+    (tmp_path / "k.json").write_text(json.dumps({"K": TABLE["camera_matrix"], "D": [0.0] * 5}))
+    with collected_remarks() as remarks:
+        source = sized(tmp_path / "k.json", None, [tmp_path / "walk.avi"])
+    assert str(source).endswith("#320x240")
+    assert remarks
+    assert sized(tmp_path / "k.json", None, ["0"]) == tmp_path / "k.json"
+    assert sized(tmp_path / "k.json", None, [tmp_path / "none.avi"]) == tmp_path / "k.json"

@@ -10,6 +10,7 @@ from markergen.errors import InputError
 from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle
 from markergen.model.marker import build_marker
+from markergen.read.remarks import collected_remarks
 from markergen.read.rig_plates import read_plates
 
 SQUARE = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
@@ -100,3 +101,18 @@ def test_a_rig_from_a_list_keeps_the_markers_that_it_names(folder):
     assert "the given markers" in str(found)
     with pytest.raises(InputError, match="--edge"):
         mg.rig(str(folder / "p.csv"), edge="10mm")
+
+
+def test_a_plate_as_a_drawing(folder):
+    shape = '<path d="M0,0 h200 v100 h-200 z"/><path d="M9,9 L50,60 L70,20" fill="none" stroke="#000"/>'
+    drawing = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 100">{shape}</svg>'
+    (folder / "plate.svg").write_text(drawing)
+    text = f'[[plates]]\nname = "a"\nboundary = "{folder / "plate.svg"}"\nboundary_unit = "mm"\n'
+    (folder / "open.toml").write_text(text)
+    with pytest.raises(InputError, match="ignore-open"):
+        read_plates(folder / "open.toml")
+    (folder / "open.toml").write_text(text + "ignore_open = true\n")
+    with collected_remarks() as remarks:
+        (face,) = read_plates(folder / "open.toml")[0].faces
+    assert "left out" in remarks[0]
+    np.testing.assert_allclose(np.ptp(face.boundary.outlines()[0], axis=0), [0.2, 0.1])

@@ -71,7 +71,7 @@ def detect(
     from markergen.read.cameras import sized
     from markergen.read.videos import is_video
 
-    camera = sized(camera, image_size, [image for image in images if not is_video(image)])
+    camera = sized(camera, image_size, images)
     # While the progress bar is shown, it replaces the stream.
     stdout = sys.stdout
     to_stdout = console.is_stdout(json)

@@ -19,6 +19,7 @@ from markergen.read.cameras.statements import refuse_lenses, remark_doubts, rema
 from markergen.read.images import find_images, size_in_file
 from markergen.read.remarks import collected_remarks, remark
 from markergen.read.unreadable import refuse_unreadable
+from markergen.read.videos import is_video, size_in_video
 from markergen.registry import Registry
 
 __all__ = ["CAMERA_FORMATS", "CameraFormat", "CameraRecord", "load_camera", "read_camera"]
@@ -135,17 +136,19 @@ _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
 def sized(source: Any, size: str | None, photos: Sequence[Any] = ()) -> Any:
-    """Return the path of a camera's file with the size of its images: the one given, or that of photographs.
+    """Return the path of a camera's file with the size of its images: the one given, or that of photographs or a video.
 
-    The first photograph's counts only for a file without a size; raises InputError.
+    The first one's counts only for a file without a size; raises InputError.
     """
     if size is None and photos and isinstance(source, str | os.PathLike):
         try:
             with collected_remarks():
                 load_camera(source)
         except NoSizeError:
-            paths = find_images([Path(photo) for photo in photos[:1] if isinstance(photo, str | os.PathLike)])
-            if sides := size_in_file(paths[0]) if paths else None:
+            paths = [Path(photo) for photo in photos[:1] if isinstance(photo, str | os.PathLike)]
+            is_film = bool(paths) and is_video(paths[0])
+            paths = paths if is_film else find_images(paths)
+            if sides := (size_in_video if is_film else size_in_file)(paths[0]):
                 size = f"{sides[0]}x{sides[1]}"
                 remark(f"{os.fspath(source)}: without a size of images, taken for {size} px of {paths[0].name}")
         except InputError:  # Shown where the camera is read.
