@@ -21,6 +21,7 @@ from markergen.comparison.contestants import KINDS, Arena, Choice, Contestant
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.printed import Squares
 from markergen.comparison.series import TUNING, VIEWS, Observation, Series, observe_chunk, shared, tune_chunk
+from markergen.comparison.tuning import POSE
 from markergen.errors import InputError
 from markergen.files import make_folder, write_atomic
 from markergen.model.body_json import load_marker_or_rig
@@ -51,7 +52,7 @@ levels are those of all our views; the protocol's have none but that of rounding
 POSES = "view:distance=0.5..1.5m,tilt=0..60,margin=0%"
 OPPONENTS = ("aruco:DICT_4X4_50", "apriltag:36h11", "pupil:36h11", "stag:HD21")
 """Opponents of a single contestant."""
-TUNING_VIEWS = 40
+TUNING_VIEWS = 24
 """Number of views, from a sequence with another start, for choosing each rival's settings."""
 PART = 100
 """Number of views of a part, which is kept as soon as it is finished."""
@@ -130,7 +131,8 @@ def fmac(
 ) -> dict[str, Any]:
     """Judge markers by the protocol.
 
-    Rivals are tuned as in `compare`, by RMS rotation error in `TUNING_VIEWS` other views.
+    Rivals are tuned as in `compare`, but by the product of RMS errors of rotation and translation, with
+    flips as misses, in `TUNING_VIEWS` other views.
 
     Parameters
     ----------
@@ -210,7 +212,9 @@ def _made_of(contestant: Contestant) -> list[Any]:
 def _tuned(shelf: Shelf, series: Series, task: tuple[list[Any], int, range]) -> tuple[Choice, list[Any]]:
     identity, who, views = task
     tables = {name: list(table) for name, table in series.contestants[who].settings.items()}
-    choice, rows = shelf.take(["tuning", identity, len(views), tables], lambda: tune_chunk(series, (who, views))[1:])
+    choice, rows = shelf.take(
+        ["tuning", identity, len(views), tables, POSE], lambda: tune_chunk(series, (who, views), POSE)[1:]
+    )
     return choice, rows
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from markergen.arrays import Array, Indices
 from markergen.comparison.contestants import Choice, Contestant, Image, Pose, Sighting
 from markergen.comparison.photometric import photometric_fit
-from markergen.comparison.tuning import BUDGET, tune
+from markergen.comparison.tuning import BUDGET, POSE, ROTATION, tune
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import logarithm, turn_z
@@ -203,16 +203,22 @@ def observe_chunk(series: Series, task: tuple[int, Choice, range]) -> list[Obser
     return [series.observe(contestant, choice, view, series.photograph(contestant, view)) for view in views]
 
 
-def tune_chunk(series: Series, task: tuple[int, range]) -> tuple[Contestant, Choice, list[dict[str, Any]]]:
+def tune_chunk(
+    series: Series, task: tuple[int, range], errors: Sequence[str] = ROTATION
+) -> tuple[Contestant, Choice, list[dict[str, Any]]]:
     """Best variant and setting of a contestant, and a row for each that was tried."""
     who, views = task
     variants = series.contestants[who].variants
     images = [[series.photograph(variant, view) for view in views] for variant in variants]
 
     def observe(variant: int, choice: Choice) -> list[Observation]:
-        return [series.observe(variants[variant], choice, view, images[variant][view]) for view in views]
+        seen = [series.observe(variants[variant], choice, view, images[variant][view]) for view in views]
+        if errors == ROTATION:
+            return seen
+        # Where each error counts, flips are misses: one outweighs all that a setting does to the others.
+        return [replace(observation, failed=observation.failed or observation.mirrored) for observation in seen]
 
-    best, tried = tune({"pattern": range(len(variants)), **variants[0].settings}, observe, BUDGET)
+    best, tried = tune({"pattern": range(len(variants)), **variants[0].settings}, observe, BUDGET, errors)
     rows = [
         {"size": variants[variant].size, "setting": variants[variant].describe(setting), **_tuning_row(column)}
         for (variant, setting), column in tried
@@ -221,8 +227,9 @@ def tune_chunk(series: Series, task: tuple[int, range]) -> tuple[Contestant, Cho
 
 
 def _tuning_row(column: Sequence[Observation]) -> dict[str, Any]:
-    errors = statistics(np.array([observation.rotation_deg for observation in column if observation.counts]))
+    counted = [observation for observation in column if observation.counts]
+    errors = {name: statistics(np.array([getattr(observation, name) for observation in counted])) for name in POSE}
     return {
-        "rate": sum(observation.counts for observation in column) / len(column),
-        "rotation_deg": {key: errors[key] for key in ("rms", "median")},
+        "rate": len(counted) / len(column),
+        **{name: {key: values[key] for key in ("rms", "median")} for name, values in errors.items()},
     }

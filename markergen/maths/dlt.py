@@ -84,6 +84,32 @@ def condition_and_gradient(
     return value, object_gradient[..., :2], image_gradient
 
 
+def relative_error_bounds(object_points: Array, exact: Array, noisy: Array) -> tuple[Array, Array, Array]:
+    """Relative error of the DLT's h, and the lower and upper bound of Acuna & Willert 2018, section III, for it.
+
+    |h - h'| / |h'| with the singular vectors h and h' of A and A' for the smallest singular value, of one sign; at
+    least |A' (h - h')| / (|A'| |h'|), and to first order at most c(A) |A - A'| / |A| = |A - A'| / s8, with spectral
+    norms.
+
+    Parameters
+    ----------
+    object_points, exact, noisy : arrays (..., n, 2)
+        The last two are images, both in the same coordinates.
+
+    Returns
+    -------
+    error, lower, upper : arrays (...)
+    """
+    matrix, disturbed = dlt_matrix(object_points, exact), dlt_matrix(object_points, noisy)
+    h, h_hat = (np.linalg.svd(a)[2][..., 8, :] for a in (matrix, disturbed))
+    h_hat = h_hat * np.where(np.sum(h * h_hat, axis=-1) < 0, -1.0, 1.0)[..., None]
+    # With n = 4 the eighth singular value is the last one.
+    eighth = np.linalg.svd(matrix, compute_uv=False)[..., 7]
+    moved = np.linalg.norm(np.einsum("...ij,...j->...i", disturbed, h - h_hat), axis=-1)
+    lower = moved / np.linalg.norm(disturbed, 2, axis=(-2, -1))
+    return np.linalg.norm(h - h_hat, axis=-1), lower, np.linalg.norm(matrix - disturbed, 2, axis=(-2, -1)) / eighth
+
+
 def normal_matrix(object_points: Array, image_points: Array) -> Array:
     """A'A, shape (..., 9, 9), from moments of the points; only the lower triangle of blocks is filled.
 

@@ -7,8 +7,10 @@ import io
 import json
 import os
 import zipfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -29,8 +31,11 @@ DIGEST = 64
 LARGEST_IDENTITY = 10_000_000
 """Maximum size of the identity file, bytes."""
 
-MEASURED_FROM = 0.1
-"""Part of the cost from which on the time left is measured: 40 min of the paper were 3 h by the first cells."""
+SECONDS = "seconds"
+"""Name under which a worker adds the time that a cell took to its arrays, until they are stored."""
+FIRST_PART = 0.005
+"""Part of the cost by which a kind of cells is expected to err as all do: with 0.02 a kind that takes ten times as long
+is noticed too late, with none a single cell decides."""
 
 CellProgress = Callable[[int, int, float], None]
 """Takes the number of finished cells, the number of all cells, and the seconds left, nan while unknown."""
@@ -170,7 +175,7 @@ def run_cells(
         Plain JSON values that identify the study.
     progress : callable or None
     cost : callable or None
-        Relative cost of a cell, to estimate the time left; equal for all if None.
+        Cost of a cell, about its seconds on one core, to estimate the time left; equal for all if None.
 
     Returns
     -------
@@ -209,28 +214,73 @@ def compute(
     """
     every = list(dict.fromkeys(cells))
     missing = [cell for cell in every if not store.holds(cell)]
-    left = {cell: cost(cell) if cost else 1.0 for cell in missing}
-    everything = sum(left.values())
-    begin = perf_counter()
+    forecast = _Forecast({cell: cost(cell) if cost else 1.0 for cell in missing}, later[1])
 
     def tell() -> None:
         if progress:
-            rest = sum(left.values())
-            done = everything - rest
-            is_measured = done > MEASURED_FROM * everything
-            seconds = (perf_counter() - begin) * (rest + later[1]) / done if is_measured else float("nan")
-            if not (left or later[0]):
-                seconds = 0.0
-            progress(before + len(every) - len(left), before + len(every) + later[0], seconds)
+            left = len(forecast.left)
+            seconds = forecast.seconds() if left or later[0] else 0.0
+            progress(before + len(every) - left, before + len(every) + later[0], seconds)
 
     tell()
     if missing:
-        with closing(engine.run(work, missing)) as finished:
+        with closing(engine.run(partial(_timed, work), _of_all_kinds(missing))) as finished:
             for cell, result in finished:
+                forecast.finished(cell, float(result.pop(SECONDS)))
                 store.write(cell, result)
-                del left[cell]
                 tell()
     return Results(store, every)
+
+
+def _timed(work: Work, cell: Cell) -> Result:
+    begin = perf_counter()
+    result = work(cell)
+    return {**result, SECONDS: np.array(perf_counter() - begin)}
+
+
+def _kind(cell: Cell) -> str:
+    """Cells whose costs are wrong by about the same factor: of one kind, with the same words in their settings."""
+    return canonical_text([cell.kind, *(value for value in cell.settings.values() if isinstance(value, str))])
+
+
+def _of_all_kinds(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells in an order in which every kind comes first once, so that the time of each is soon measured."""
+    first = {_kind(cell): cell for cell in reversed(cells)}
+    ahead = set(first.values())
+    return [cell for cell in cells if cell in ahead] + [cell for cell in cells if cell not in ahead]
+
+
+class _Forecast:
+    """Time left, from what the finished cells of each kind took against their costs."""
+
+    def __init__(self, costs: Mapping[Cell, float], later: float) -> None:
+        self.left, self._later, self._begin = dict(costs), later, perf_counter()
+        self._first = FIRST_PART * sum(costs.values())
+        self._done: dict[str, float] = defaultdict(float)
+        self._took: dict[str, float] = defaultdict(float)
+        self._elapsed = 0.0
+
+    def finished(self, cell: Cell, seconds: float) -> None:
+        """Take note of a finished cell, and the time that its worker needed."""
+        self._done[_kind(cell)] += self.left.pop(cell)
+        self._took[_kind(cell)] += seconds
+        self._elapsed = perf_counter() - self._begin
+
+    def seconds(self) -> float:
+        """Seconds left; nan before the first cell has finished."""
+        took, done = sum(self._took.values()), sum(self._done.values())
+        if not took:
+            return float("nan")
+        left: dict[str, float] = defaultdict(float)
+        for cell, cost in self.left.items():
+            left[_kind(cell)] += cost
+        usual = took / done
+        needed = sum(
+            cost * (self._took[kind] + usual * self._first) / (self._done[kind] + self._first)
+            for kind, cost in left.items()
+        )
+        # As many cells at once as in the time that has passed.
+        return (needed + usual * self._later) * self._elapsed / took
 
 
 def cell_bytes(cell: Cell, result: Result) -> bytes:

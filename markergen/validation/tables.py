@@ -10,6 +10,7 @@ from markergen.model.sight import distance_table
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS
+from markergen.validation.relative_error import relative_error_sentence
 from markergen.validation.sentences import SOURCES
 from markergen.validation.view_records import DETECTOR
 
@@ -127,6 +128,8 @@ def homography_table(results: Mapping[str, Any]) -> Table:
         for name, row in results["homography"].items()
     ]
     caption = "HE is over a grid half as wide again as the marker; its root in px beside it."
+    if results.get("relative_error"):
+        caption += f" {relative_error_sentence(results['relative_error'])}"
     return Table("Homography error HE, px^2, and its root, px", header, rows, caption)
 
 

@@ -150,7 +150,7 @@ class TrialResults:
         """Return the results as plain JSON values, with None for undefined numbers.
 
         The parts are JSON values computed elsewhere, to be included: criteria, comparisons, views, budget, labels,
-        dots, headline, expected, and coverage only if there is one.
+        dots, headline, expected, relative_error, and coverage only if there is one.
         """
         experiment = self.experiment
         poses, summarized = experiment.poses, partial(pose_summary, experiment.bounds)
@@ -173,6 +173,7 @@ class TrialResults:
             "runs": experiment.runs,
             "seed": experiment.seed,
             "condition": _range(self.condition),
+            "relative_error": parts.get("relative_error"),
             "homography": {
                 name: _by_group(_homography, errors, by_polar_angle)
                 for name, errors in self.errors.items()

@@ -23,6 +23,7 @@ from markergen.presentation.results import plain
 from markergen.validation import error_to_plan_with
 from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.expectation import expect, without_calibration
+from markergen.validation.relative_error import relative_error_of
 from markergen.validation.report.subject import mean_diameters
 from markergen.validation.trials import TrialResults, rig_trials, run_experiment
 from markergen.validation.view_records import DETECTOR, Record, stress, summarize, summarize_rig, take_records
@@ -145,7 +146,7 @@ def _of_marker(
     covered = _coverage(marker, setting, expected.rotation_deg, records) if setting.sight else None
     return measurements.as_dict(
         criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots,
-        headline=claim, expected=expected.as_dict(), coverage=covered,
+        headline=claim, expected=expected.as_dict(), coverage=covered, relative_error=relative_error_of(measurements),
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from markergen.comparison.series import Observation
-from markergen.comparison.tuning import best_of, tune
+from markergen.comparison.tuning import POSE, best_of, tune
 
 TABLES = {"pattern": range(2), "detector": ["a", "b", "c"], "image": ["1", "2", "3"]}
 
@@ -42,3 +42,10 @@ def test_no_more_than_the_budget_is_tried():
     best, tried = search(lambda variant, detector, image: -ord(detector) - int(image) - variant, budget=5)
     assert len(tried) == 5
     assert best in [candidate for candidate, _ in tried]
+
+
+def test_of_two_errors_the_product_counts():
+    turned_right = [Observation(rotation_deg=1.0, translation_pct=9.0)] * 3
+    balanced = [Observation(rotation_deg=2.0, translation_pct=2.0)] * 3
+    assert best_of([turned_right, balanced]) == 0
+    assert best_of([turned_right, balanced], POSE) == 1

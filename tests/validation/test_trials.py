@@ -263,6 +263,7 @@ STATS = {"count", "mean", "std", "rms", "median", "p95", "max"}
 KEYS = {
     "headline", "expected",
     "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
+    "relative_error",
     "homography", "estimators", "bound", "budget", "labels", "dots", "views",
 }  # fmt: skip
 

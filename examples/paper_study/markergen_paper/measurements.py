@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import markergen as mg
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
 from markergen.estimators.base import rotated
-from markergen.maths.dlt import condition, dlt_matrix, normalization
+from markergen.maths.dlt import condition, normalization, relative_error_bounds
 from markergen.maths.information import flip_separation
 from markergen.maths.projection import from_pixels, project, to_camera
 from markergen.model.poses import PoseDistribution
@@ -142,9 +142,7 @@ def bound_ratios(
 ) -> tuple[Array, Array]:
     """Relative error of the DLT's h (B,) over the paper's upper bound, and the paper's lower bound over that error.
 
-    xi = |h - h_hat| / |h_hat|, at most c(A) |A - A~| / |A| and at least |A~ (h - h_hat)| / (|A~| |h_hat|), with
-    spectral norms and h, h_hat the singular vectors of A, A~ for the smallest singular value, with the same sign. A
-    ratio above 1 violates a bound.
+    See `relative_error_bounds`; a ratio above 1 violates a bound.
 
     Parameters
     ----------
@@ -152,15 +150,7 @@ def bound_ratios(
     exact, noisy : arrays (B, n, 2), px
     """
     objects, clean, noised = written(coordinates, points, np.stack([exact, noisy]), pose, camera)
-    matrix, disturbed = dlt_matrix(objects, clean), dlt_matrix(objects, noised)
-    h, h_hat = (np.linalg.svd(a)[2][..., 8, :] for a in (matrix, disturbed))
-    h_hat *= np.where(np.sum(h * h_hat, axis=-1) < 0, -1.0, 1.0)[:, None]
-    error = np.linalg.norm(h - h_hat, axis=-1)
-    singular = np.linalg.svd(matrix, compute_uv=False)
-    # |A - A~| c / |A| = |A - A~| / s8; with n = 4 the eighth singular value is the last one.
-    upper = np.linalg.norm(matrix - disturbed, 2, axis=(-2, -1)) / singular[..., 7]
-    moved = np.linalg.norm(np.einsum("bij,bj->bi", disturbed, h - h_hat), axis=-1)
-    lower = moved / np.linalg.norm(disturbed, 2, axis=(-2, -1))
+    error, lower, upper = relative_error_bounds(objects, clean, noised)
     return error / upper, lower / error
 
 

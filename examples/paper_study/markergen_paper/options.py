@@ -89,8 +89,12 @@ class PaperOptions:
 
     @property
     def azimuths(self) -> int:
-        """Azimuths of each distance and polar angle: the root of the scale, so that poses and starts shrink alike."""
-        return max(1, round(AZIMUTHS * self.scale**0.5))
+        """Azimuths of each distance and polar angle: the root of the scale, so that poses and starts shrink alike.
+
+        One instead of two: what a pose costs, however few its starts are, would be most of it.
+        """
+        azimuths = round(AZIMUTHS * self.scale**0.5)
+        return azimuths if azimuths > 2 else 1
 
     @property
     def poses(self) -> list[int]:
@@ -105,19 +109,29 @@ class PaperOptions:
 
     @property
     def fewer_poses(self) -> list[int]:
-        """Indices of three in twenty of the poses, for comparisons outside the paper's own setting."""
-        kept = max(1, 3 * self.azimuths // AZIMUTHS)
-        return np.reshape(self.poses, (GROUPS, -1))[:, :: self.azimuths // kept][:, :kept].ravel().tolist()
+        """Indices of three in twenty of the poses, for comparisons outside the paper's own setting.
+
+        Where that is less than one at each distance and polar angle, one at each polar angle, farther with the angle.
+        """
+        kept = 3 * self.azimuths // AZIMUTHS
+        blocks = np.reshape(self.poses, (GROUPS, -1))
+        if not kept:
+            return blocks[[0, 6, 12, 18, 4], 0].tolist()
+        return blocks[:, :: self.azimuths // kept][:, :kept].ravel().tolist()
 
     @property
     def fewer(self) -> int:
         """Number of starts outside the paper's own setting, for other coordinates, objectives, and noise."""
-        return max(4, self.starts // 10)
+        return max(2, self.starts // 10)
 
     @property
     def step_runs(self) -> int:
         """Noisy runs of each step of the descent."""
-        return max(100, round(STEP_RUNS * self.scale**0.5))
+        return self.reduced(STEP_RUNS, 100)
+
+    def reduced(self, number: int, least: int) -> int:
+        """Share of a number that goes with the root of the scale, as poses do, and is at least `least`."""
+        return max(least, round(number * self.scale**0.5))
 
     def as_dict(self) -> dict[str, float]:
         """Return the options as plain JSON values."""

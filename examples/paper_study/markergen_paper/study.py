@@ -1,6 +1,7 @@
 """The entire study: its cells and their costs, then tables, figures, claims, and a page."""
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,9 @@ from markergen_paper.experiments import (
     LIMITS,
     METHODS,
     RANDOM,
+    RELIEF_STARTS,
     RELIEFS,
-    ROUTINES,
+    RESTARTS,
     SETTLING,
     work,
 )
@@ -43,13 +45,14 @@ from markergen_paper.options import (
 from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv, tables_of
 from markergen_paper.results import PaperResults, gather
 
-TRIAL_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.08, 1e-3, 70
-"""Seconds on one core for a trial with all estimators, for the descents under one pose together, and for each of them;
-number of steps of the displayed descent.
+TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.013, 0.02, 1e-3, 70
+"""Seconds on one core for a trial with all estimators, for a set of layouts under one pose however few they are, for
+the descents under one pose together, and for each of them; number of steps of the displayed descent.
 """
 
-SEARCH_S, AUTOGRAD_S = 0.025, 13.0
-"""Seconds on one core for one pose of a search over many, and for a search that needs autograd, for any poses."""
+SEARCH_S = {"metric": 0.03, "unit": 0.03, "pixel": 0.09, "hartley": 0.01, "pose": 0.01, "homography": 0.01}
+AUTOGRAD_S = 20.0
+"""Seconds on one core for one pose of a search over many, by what is minimized, and for one that needs autograd."""
 
 CELL_S = 25.0
 """Target duration of a cell in s: short enough to lose little, long enough to make its overhead negligible."""
@@ -57,8 +60,10 @@ CELL_S = 25.0
 FURTHER_S = 2.6e-4
 """Seconds on one core for a trial with all estimators of `methods`."""
 
-STEP_S = 2e-5
-"""Seconds on one core for a step of a descent."""
+STEPS_S, STEP_S = 1.4e-4, 7e-6
+"""Seconds on one core for a step of all descents under a pose together, and for each of them."""
+SETTLING_STEPS = 1000
+"""Number of steps of all routines together."""
 
 EARLY_NUMBERS, EARLY_STARTS, METHODS_STARTS, SETTLING_STARTS = (4, 6, 8), 10, 5, 10
 JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
@@ -159,7 +164,9 @@ def cells_of(options: PaperOptions) -> list[Cell]:
         *_joint(options),
         *_methods(options),
         *(
-            _cell(SETTLING, options, n=n, poses=options.poses[::2], starts=min(SETTLING_STARTS, options.starts))
+            _cell(
+                SETTLING, options, n=n, poses=list(chain(*_half(options))), starts=min(SETTLING_STARTS, options.fewer)
+            )
             for n in NUMBERS
         ),
         *(
@@ -181,15 +188,20 @@ def _conditioned(
 
 
 def _methods(options: PaperOptions) -> list[Cell]:
-    """Cells of one distance and polar angle each, at every second azimuth."""
-    blocks = np.reshape(options.poses, (GROUPS, -1))[:, ::2].tolist()
+    """Cells of one distance and polar angle each."""
     settings = {"runs": options.runs, "starts": min(METHODS_STARTS, options.fewer)}
     return [
         _cell(METHODS, options, n=n, poses=block, noise_px=noise_px, **settings)
         for noise_px in (NOISE_PX, QUIET_PX, LEAST_PX)
         for n in NUMBERS
-        for block in blocks
+        for block in _half(options)
     ]
+
+
+def _half(options: PaperOptions) -> list[list[int]]:
+    """Poses at every second azimuth by distance and polar angle, or, of one azimuth, at every second of these."""
+    blocks = np.reshape(options.poses, (GROUPS, -1))
+    return (blocks[:, ::2] if options.azimuths > 1 else blocks[::2]).tolist()
 
 
 def _random_only(options: PaperOptions) -> list[Cell]:
@@ -214,27 +226,28 @@ def seconds_of(cell: Cell) -> float:
         optimized = settings["optimized"]
         descents = sum(optimized.values())
         trials = (settings["starts"] * 1.2 + descents) * settings["runs"]
-        return len(settings["poses"]) * (trials * TRIAL_S + len(optimized) * DESCENTS_S + descents * DESCENT_S)
+        fixed = (len(optimized) + 2) * SET_S + len(optimized) * DESCENTS_S
+        return len(settings["poses"]) * (trials * TRIAL_S + fixed + descents * DESCENT_S)
     if cell.kind == DESCENT:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY:
         return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
     if cell.kind == METHODS:
         trials = 3 * settings["starts"] * settings["runs"]
-        return len(settings["poses"]) * (trials * FURTHER_S + DESCENTS_S + settings["starts"] * DESCENT_S)
+        fixed = 2 * SET_S + DESCENTS_S
+        return len(settings["poses"]) * (trials * FURTHER_S + fixed + settings["starts"] * DESCENT_S)
     if cell.kind == SETTLING:
-        return len(settings["poses"]) * settings["starts"] * len(ROUTINES) * 300 * STEP_S
+        return len(settings["poses"]) * SETTLING_STEPS * (STEPS_S + settings["starts"] * STEP_S)
     if cell.kind == LIMITS:
         return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
-    searched = SEARCH_S * len(settings["poses"]) if settings["layout"] in OBJECTIVE_OF else 0.0
-    if settings["layout"] == "hartley":
-        searched = AUTOGRAD_S
-    return len(settings["poses"]) * layouts * settings["runs"] * TRIAL_S + searched
+    each = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
+    needs_autograd = settings["layout"] == "hartley" and settings["restarts"] > 1
+    return len(settings["poses"]) * each + AUTOGRAD_S * needs_autograd
 
 
 def _early(options: PaperOptions) -> list[Cell]:
-    starts = min(EARLY_STARTS, options.starts)
+    starts = min(EARLY_STARTS, options.fewer)
     return [
         _cell(EARLY, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
         for name in COORDINATES
@@ -245,8 +258,9 @@ def _early(options: PaperOptions) -> list[Cell]:
 def _joint(options: PaperOptions) -> list[Cell]:
     cells = []
     for name in ("ngon", "random", *OBJECTIVE_OF, *RELIEFS):
-        runs = JOINT_RANDOM_RUNS if name == "random" else JOINT_RUNS
-        settings = {"layout": name, "poses": options.poses, "runs": runs, "noise_px": QUIET_PX}
+        runs = options.reduced(JOINT_RANDOM_RUNS if name == "random" else JOINT_RUNS, 2)
+        restarts = options.reduced(RELIEF_STARTS if name in RELIEFS else RESTARTS, 1)
+        settings = {"layout": name, "poses": options.poses, "runs": runs, "restarts": restarts, "noise_px": QUIET_PX}
         cells += [_cell(JOINT, options, n=n, **settings) for n in JOINT_NUMBERS]
     return cells
 
