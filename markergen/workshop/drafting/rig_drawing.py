@@ -535,7 +535,7 @@ SMALLEST = 12.0
 
 
 def rig_page(work: RigWork, options: SheetOptions) -> FrontPage:
-    """Draw the views on the first usual paper that shows them at 1 : 2 or more, or else at the largest scale.
+    """Draw the views on the first usual paper that shows them at 1 : 1 or more, or else at the largest scale.
 
     Raises
     ------
@@ -606,7 +606,7 @@ def _grid(work: RigWork, scale: float, style: Style, first: bool) -> tuple[dict[
 
 def _air(style: Style) -> tuple[float, float]:
     """Room beside each view for sizes, and above and below it together."""
-    return 14 * style.scale, 26 * style.scale
+    return 10.5 * style.scale, 26 * style.scale
 
 
 def _draw(

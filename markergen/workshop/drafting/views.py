@@ -70,8 +70,8 @@ USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
 LOOSE = 0.85
 """Maximum part of the column that callouts take before larger paper is tried."""
 
-GOOD = 0.5
-"""Scale from which no larger paper is tried."""
+GOOD = 1.0
+"""Scale from which no larger paper is tried: at 0.5 a plate of 100 mm leaves half of an A4 page empty."""
 
 SHORT = 0.01
 """Distance in mm of the origin from an edge below which it is not dimensioned."""
@@ -113,7 +113,7 @@ class FrontPage:
 def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
     """Draw the front and side views, with dimensions, numbers and callouts, on paper that shows them large enough.
 
-    The default paper is A4, or A3 if A4 allows only a scale below 1 : 2 and A3 a larger one.
+    The default paper is A4, or A3 if A4 allows only a scale below 1 : 1 and A3 a larger one.
 
     Raises
     ------
