@@ -26,6 +26,8 @@ LEAST = 0.1
 """Least rank correlation that stands out: of 10,000 views 0.04 is significant, and 0.1 explains 1 % of the variance."""
 SCATTERED = 600
 """Maximum number of views that a plot shows as points."""
+DRAWN = 100
+"""The same where each is a path of its own."""
 
 
 def pose_degrees(rotation: Array, translation: Array) -> Array:
@@ -178,7 +180,10 @@ def standing_out(correlations: Array, count: int) -> list[dict[str, Any]]:
 
 
 def draw_degrees(
-    figure: "Figure | SubFigure", entry: DegreeErrors, bins: Sequence[Sequence[Mapping[str, Any]]] | None = None
+    figure: "Figure | SubFigure",
+    entry: DegreeErrors,
+    bins: Sequence[Sequence[Mapping[str, Any]]] | None = None,
+    as_pixels: bool = True,
 ) -> None:
     """Draw the 36 plots of pose against error: views, and of each bin mean, spread, and the spread that is claimed.
 
@@ -188,9 +193,11 @@ def draw_degrees(
     ----------
     bins : sequence
         See `DegreeErrors.bins`; by default, of the views themselves.
+    as_pixels : bool
+        Views are pixels of a picture inside the drawing, or else a few of them drawn.
     """
     axes = figure.subplots(6, 6, sharex="col", sharey="row")
-    shown = np.arange(len(entry.errors))[:: max(1, len(entry.errors) // SCATTERED)]
+    shown = np.arange(len(entry.errors))[:: max(1, len(entry.errors) // (SCATTERED if as_pixels else DRAWN))]
     limits = [float(np.quantile(np.abs(column), 0.99)) * 1.15 or 1.0 for column in entry.errors.T]
     for j, (column, parts_of) in enumerate(zip(entry.degrees.T, bins or entry.bins(), strict=True)):
         at = [part["at"] for part in parts_of]
@@ -199,7 +206,7 @@ def draw_degrees(
         )
         for i, limit in enumerate(limits):
             ax = axes[i, j]
-            ax.plot(column[shown], entry.errors[shown, i], ".", markersize=1, color="#9db4cc", rasterized=True)
+            ax.plot(column[shown], entry.errors[shown, i], ".", markersize=1, color="#9db4cc", rasterized=as_pixels)
             ax.plot(at, mean[:, i], color=INK, linewidth=0.9)
             for sign in (-1, 1):
                 ax.plot(at, mean[:, i] + sign * std[:, i], color=SERIES[0]["color"], linewidth=0.8)
@@ -211,6 +218,13 @@ def draw_degrees(
                 ax.set_ylabel(ERRORS[i], fontsize=6)
             if i == 5:
                 ax.set_xlabel(DEGREES[j], fontsize=6)
+
+
+def correlation_sentence(pairs: Sequence[dict[str, Any]], count: int) -> str:
+    """State which errors go with which degree of freedom of the pose in `count` views."""
+    if not pairs:
+        return f"In {count} views no error goes with a degree of freedom of the pose beyond chance."
+    return f"In {count} views errors go with the pose beyond chance: {correlation_words(pairs)}."
 
 
 def correlation_words(pairs: Sequence[dict[str, Any]]) -> str:

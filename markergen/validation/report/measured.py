@@ -9,11 +9,19 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.presentation.pages import Section
-from markergen.presentation.plots import Plot, plot
+from markergen.presentation.plots import Plot, inline, plot, svg_bytes
 from markergen.presentation.tables import Table
 from markergen.render import Optics
 from markergen.validation import tables
 from markergen.validation.bounds import image_covariance
+from markergen.validation.degrees import (
+    BINS,
+    DegreeErrors,
+    correlation_sentence,
+    draw_degrees,
+    in_units,
+    pose_degrees,
+)
 from markergen.validation.error_to_plan_with import middle
 from markergen.validation.metrics import rms
 from markergen.validation.report.plots import (
@@ -143,7 +151,34 @@ def views(subject: Subject) -> Section:
                 f"Distribution of the {name} error over {len(values)} rendered views.",
             )
         )
+    by_degree = _by_degree(subject, samples)
+    if by_degree:
+        section.folded.append(("Errors against poses, by degree of freedom", by_degree))
     return section
+
+
+def _by_degree(subject: Subject, samples: Sequence[Results]) -> Section | None:
+    """The 36 plots of pose against error, and correlations that stand out; None of too few views."""
+    kept = [sample for sample in samples if np.isfinite(np.array(sample["translation_error_mm"], dtype=float)).all()]
+    predicted = subject.predicted
+    if len(kept) < BINS or predicted is None:
+        return None
+    at = np.array([sample["pose"] for sample in kept])
+    poses = subject.setting.poses
+    errors = DegreeErrors(
+        pose_degrees(poses.rotation[at], poses.translation[at]),
+        np.array([[*sample["translation_error_mm"], *sample["rotation_vector_deg"]] for sample in kept]),
+        in_units(np.sqrt(np.diagonal(predicted.covariance[at], axis1=1, axis2=2))),
+    )
+    drawing = inline(
+        svg_bytes(partial(draw_degrees, entry=errors, as_pixels=False), (9.0, 9.0)),
+        "by-degree",
+        "Each error of the pose over each of its degrees of freedom, in 36 plots.",
+        "Errors in the camera frame over position, tilt and roll. Of each eighth: mean, black; mean and spread, "
+        "blue; the spread that is predicted, dashed.",
+        "wide",
+    )
+    return Section([correlation_sentence(errors.summary()["standing_out"], len(kept))], [drawing])
 
 
 def ellipses(subject: Subject) -> Section:
