@@ -71,8 +71,9 @@ $(VENV)/python:
 	touch $@
 
 $(VENV)/installed: $(VENV)/python pyproject.toml detector/pyproject.toml constraints.txt
-	@echo "Installing markergen and what it needs (about 2.5 GB the first time, a few minutes)..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ./detector --editable '.[all]'
+	@echo "Installing markergen and what it needs (about 2 GB the first time, a few minutes)..."
+	@# Python compiles what it imports; compiling all 2 GB beforehand took longer than the rest of the installation.
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ./detector --editable '.[all]'
 	touch $@
 
 # The detector's compiled core, once more after a change; where there is no compiler, the package ziglang is one.
