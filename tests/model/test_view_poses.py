@@ -1,8 +1,11 @@
 """Poses with the marker anywhere in the view: OpenCV's pixels of it, how they fill the image, and what takes them."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
+from html_pages import Page
 
 import markergen as mg
 from markergen.errors import InputError
@@ -103,6 +106,14 @@ def test_design_and_validate_take_them(tmp_path):
     assert "40 poses" in repr(validation)
     # Oblique to the optical axis, most of the poses have their marker off the center.
     seen = named_poses(text).seen_whole(Circle(0.06), PAPER_CAMERA)
+    (div,) = (
+        attributes
+        for attributes in Page((tmp_path / "report.html").read_bytes()).of("div")
+        if "data-dome" in attributes
+    )
+    dome = json.loads(div["data-dome"])["poses"]
+    eyes = -np.einsum("pji,pj->pi", seen.rotation, seen.translation)
+    np.testing.assert_allclose(np.column_stack([dome[axis] for axis in "xyz"]), eyes, rtol=1e-3, atol=1e-4)
     centers = PAPER_CAMERA.project(np.zeros((1, 2)), seen.rotation, seen.translation)[:, 0]
     assert np.median(np.abs(centers - [320, 240]).max(axis=1)) > 50
     other = mg.validate(tmp_path / "m.json", poses="view:distance=0.5,tilt=0..30,count=20", runs=10, views=4, workers=1)
