@@ -172,7 +172,7 @@ class SheetOptions:
     Raises
     ------
     InputError
-        If the orientation is unknown, or margin or overlap is not a nonnegative length.
+        If paper or orientation are unknown, or margin or overlap is not a nonnegative length.
     """
 
     paper: str | None = None
@@ -186,6 +186,8 @@ class SheetOptions:
     def __post_init__(self) -> None:
         if self.orientation not in ("", "portrait", "landscape"):
             raise InputError("portrait or landscape", repr(self.orientation), "choose one of these")
+        if self.paper is not None:
+            find_paper(self.paper, self.orientation)
         for name, article, value in (("margin", "a", self.margin), ("overlap", "an", self.overlap)):
             if value is not None and not 0 <= value < float("inf"):
                 raise InputError(f"{article} {name} from 0", f"{name}={value}", "give a length such as 10mm")

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markergen.drawing.paper import find_paper
 from markergen.drawing.sheet_layout import check_paper
 from markergen.errors import InputError, OutputError
 from markergen.exporters import (
@@ -191,11 +190,8 @@ def holds_light(exporter: Exporter) -> bool:
 
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
-    sheet = options.sheet
-    if sheet.paper is not None:
-        find_paper(sheet.paper, sheet.orientation)
     if spec is not None:
-        check_paper(spec.boundary, sheet, exporter.many_pages)  # A format of one page cannot hold tiles.
+        check_paper(spec.boundary, options.sheet, exporter.many_pages)  # A format of one page cannot hold tiles.
 
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:

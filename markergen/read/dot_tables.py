@@ -65,6 +65,8 @@ def rows_of(content: Content) -> list[tuple[int, list[str]]]:
 def _columns(cells: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
     """Index and unit size in m of each column by name; 1 without a unit, and for id and rho."""
     columns: dict[str, tuple[int, float]] = {}
+    if not any(match[1].lower() in _FORMS[1] | _FORMS[3] for word in cells if (match := COLUMN.fullmatch(word))):
+        raise InputError(f"the columns {WANTED} at {place}", "others", "name them, as in id,x_mm,y_mm")
     for index, word in enumerate(cells):
         match = COLUMN.fullmatch(word)
         name = match[1].lower() if match else ""

@@ -74,6 +74,8 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     text, name = text_of(read(path, "list")), str(path)
     try:
         content: Any = _rows(text, name) if path.suffix.lower() == ".csv" else _table(text, path)
+        if not isinstance(content, dict) or "plates" not in content:  # What is no list of plates is not quoted.
+            raise InputError(f"a table plates in {name}", "none", "write [[plates]] for each; see docs/rigs.md")
         plates = _Plates.model_validate(content).plates
     except ValidationError as error:
         problem = in_one_line(findings_of(error))
@@ -115,6 +117,8 @@ def _table(text: str, path: Path) -> Any:
 def _rows(text: str, name: str) -> dict[str, Any]:
     lines = csv.reader(StringIO("\n".join(line for line in text.splitlines() if not line.startswith("#"))))
     header, *rows = [[cell.strip() for cell in line] for line in lines if any(line)] or [[]]
+    if not set(header) & set(COLUMNS):
+        raise InputError(f"columns of plates in {name}", "others", f"known: {', '.join(COLUMNS)}")
     for column in header:
         if column not in COLUMNS:
             raise InputError(f"a column of plates in {name}", repr(column), among(column, COLUMNS))

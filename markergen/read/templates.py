@@ -9,6 +9,12 @@ from typing import Any
 from markergen.errors import InputError
 from markergen.files import shipped_folder
 from markergen.guard import read, text_of
+from markergen.options import declared
+from markergen.options.declarations import DesignKeywords
+from markergen.options.rig import RigKeywords
+
+OTHERS = ("title", "shape", "substrate", "study", "grid", "keep_outs", "tag_side")
+"""Keys of specs besides the options of `design` and `rig`."""
 
 
 def read_template(name: str) -> dict[str, Any]:
@@ -17,11 +23,15 @@ def read_template(name: str) -> dict[str, Any]:
     Raises InputError if there is no such template or the file is not TOML.
     """
     try:
-        return tomllib.loads(template_text(name))
+        values = tomllib.loads(template_text(name))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"TOML in {name}", str(error), "correct the file") from None
     except (ValueError, RecursionError):
         raise InputError(f"TOML in {name}", "an endless number or endless nesting", "correct the file") from None
+    # What is no spec is not quoted.
+    if values and values.keys().isdisjoint({*OTHERS, *declared(DesignKeywords), *declared(RigKeywords)}):
+        raise InputError(f"a spec in {name}", "none of its keys", "check the path; markergen templates shows specs")
+    return values
 
 
 def template_text(name: str) -> str:

@@ -68,9 +68,16 @@ READERS = {"camera": (CAMERAS, camera), "poses": (POSES, poses), "outline": (OUT
 WORD = re.compile(r"(?<![\w.])[A-Za-z_][A-Za-z_.\-]*[A-Za-z_]")
 
 
+def span(text):
+    """Where words are changed: of a DXF in its blocks and entities, since all have the same header and tables."""
+    start, end = text.find("\nBLOCKS\n"), text.find("\nENDSEC", text.find("\nENTITIES\n"))
+    is_first = text == OUTLINES["lwpolyline mm"][0]
+    return (start, end) if 0 <= start < end and not is_first else (0, len(text))
+
+
 def misspelled(text):
     """Yield texts with one word changed: a letter left out, doubled, or exchanged with the next."""
-    for match in WORD.finditer(text):
+    for match in WORD.finditer(text, *span(text)):
         word, middle = match[0], len(match[0]) // 2
         for other in (
             word[:middle] + word[middle + 1 :],

@@ -3,7 +3,10 @@
 import pytest
 
 from markergen.errors import InputError
+from markergen.read.dot_tables import read_measured
 from markergen.read.kinds import kinds_of
+from markergen.read.rig_plates import read_plates
+from markergen.read.templates import read_template
 
 FILE = "file.bin"
 FILES = {
@@ -32,3 +35,15 @@ def test_none_of_them_is_quoted(write, text):
 def test_a_program_that_is_not_read_is_named(write):
     with pytest.raises(InputError, match="NumPy"):
         kinds_of(write(b"\x93NUMPY\x01\x00"))
+
+
+@pytest.mark.parametrize("text", ['password = "hunter2"\n', "password,user\nhunter2,me\n", '{"password": "hunter2"}'])
+def test_what_is_no_spec_list_or_table_is_not_quoted(tmp_path, text):
+    for ending, read in ((".toml", read_template), (".toml", read_plates), (".json", read_plates),
+                         (".csv", read_plates), (".csv", read_measured)):  # fmt: skip
+        (tmp_path / f"a{ending}").write_text(text)
+        path = tmp_path / f"a{ending}"
+        with pytest.raises(InputError) as caught:
+            read(str(path) if read is read_template else path)
+        assert "hunter2" not in str(caught.value)
+        assert "password" not in str(caught.value)
