@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
-from markergen.calibration.network import Network, PlatePoses, Views, moved_camera
+from markergen.calibration.network import JointRows, Joints, Network, PlatePoses, Views, moved_camera
 from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
@@ -68,8 +68,8 @@ class Adjustment:
         Cost at the minimum, with the weights of the image alone.
     degrees_of_freedom : int
         Measurements less unknowns: the expected value of chi2 if the covariances are right.
-    plate_poses : PlatePoses or None
-        With the adjusted poses of the plates.
+    joints : Joints or None
+        With the adjusted poses that views share.
     """
 
     network: Network
@@ -80,7 +80,7 @@ class Adjustment:
     residual: Array
     chi2: float
     degrees_of_freedom: int
-    plate_poses: PlatePoses | None = None
+    joints: Joints | None = None
 
     @property
     def variance_factor(self) -> float:
@@ -100,8 +100,7 @@ class Adjustment:
     @cached_property
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
-        parts = normal_equations(self.network, self.views, self.places, self.camera, self.weights)
-        return parts if self.plate_poses is None else parts.of_bodies(self.views, self.plate_poses)
+        return normal_equations(self.network, self.views, self.places, self.camera, self.weights, joints=self.joints)
 
     @cached_property
     def unscaled(self) -> Array:
@@ -157,6 +156,14 @@ class Adjustment:
         first = self.normal.dots + len(self.network.freedom)
         return block_diag(np.zeros((6, 6)), self.scale * self.unscaled[first:, first:])
 
+    @cached_property
+    def pose_covariances(self) -> tuple[Array, Array]:
+        """Covariances, unscaled, of the poses that are eliminated (v, 6, 6), and of them with the others (v, 6, q)."""
+        inverse = np.linalg.inv(self.normal.pose)
+        through = inverse @ self.normal.cross
+        mixed = -through @ self.unscaled
+        return inverse - mixed @ through.swapaxes(-1, -2), mixed
+
     def residual_covariance(self) -> Array:
         """Covariance (v, n, 2, 2) of the residuals, px^2, unscaled.
 
@@ -164,11 +171,8 @@ class Adjustment:
         S + (1 - 2 w) J C J'.
         """
         parts, unscaled = self.normal, self.unscaled
-        pose_covariance = np.linalg.inv(parts.pose)
         # Blocks of the covariance of a view's pose (6), a dot (3) and the camera (r).
-        through = pose_covariance @ parts.cross
-        mixed = -through @ unscaled
-        poses = pose_covariance - mixed @ through.swapaxes(-1, -2)
+        poses, mixed = self.pose_covariances
         v, n = self.views.seen.shape
         size, r = parts.dots, parts.rest.shape[0] - parts.dots
         predicted = parts.rows_pose @ poses[:, None] @ parts.rows_pose.swapaxes(-1, -2)
@@ -199,7 +203,7 @@ class NormalEquations:
     pose : array (v, 6, 6)
         Of the views or, where plates move together, of the body in its photographs.
     cross : array (v, 6, q)
-        Poses with the q = 3 n + r other unknowns, to which those of plates are added.
+        Poses with the q = 3 n + r other unknowns, to which those of `Joints` are added.
     rest : array (q, q)
     dots : int
         3 n, or 0 if the dots are held.
@@ -222,6 +226,20 @@ class NormalEquations:
         root = np.linalg.inv(np.linalg.cholesky(self.pose)) @ self.cross
         flat = root.reshape(6 * len(root), -1)
         return self.rest - flat.T @ flat
+
+    def with_rows(self, rows: JointRows) -> "NormalEquations":
+        """Normal equations with measurements of the poses of views and of further unknowns."""
+        lowered = rows.by_pose.swapaxes(-1, -2) * rows.weight[:, None]
+        heavy = rows.by_joints.swapaxes(-1, -2) * rows.weight[:, None]
+        residual = rows.residual[..., None]
+        return replace(
+            self,
+            pose=self.pose + lowered @ rows.by_pose,
+            cross=np.concatenate([self.cross, lowered @ rows.by_joints], axis=-1),
+            rest=block_diag(self.rest, (heavy @ rows.by_joints).sum(axis=0) + rows.precision),
+            gradient_pose=self.gradient_pose + (lowered @ residual)[..., 0],
+            gradient_rest=np.r_[self.gradient_rest, (heavy @ residual).sum(axis=0)[:, 0]],
+        )
 
     def of_bodies(self, views: Views, plate_poses: PlatePoses) -> "NormalEquations":
         """Normal equations of the poses of bodies and plates in the place of those of the views: L'N L."""
@@ -278,15 +296,15 @@ def adjust(
         float(information.sum() / len(network.design))
         * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
-    problem = _Adjusting(network, views, factors, stiffness, tolerance)
+    problem, joints = _Adjusting(network, views, factors, stiffness, tolerance), network.joints
     start = (
-        *((views.rotation, views.translation) if network.plate_poses is None else network.plate_poses.bodies(views)),
+        *((views.rotation, views.translation) if joints is None else joints.bodies(views)),
         network.design if places is None or not network.free else places.copy(),
         np.zeros(len(network.freedom)),
-        *(() if network.plate_poses is None else (network.plate_poses.rotation, network.plate_poses.translation)),
+        *(() if joints is None else (getattr(joints, name) for name in joints.ADJUSTED)),
     )
     unknowns, cost = levenberg_marquardt(problem, tuple(block[None] for block in start), DAMPING, STEPS)
-    adjusted, places, moved, plate_poses = problem.state(unknowns)
+    adjusted, places, moved, joints = problem.state(unknowns)
     camera = moved_camera(network.camera, network.freedom.directions @ moved)
     residual = residuals(network.radii, adjusted, places, camera)[0]
     if not np.isfinite(cost[0]):
@@ -295,15 +313,17 @@ def adjust(
         # So weak that the image's residuals have the degrees of freedom that they have without it.
         off = (network.design - places).ravel()
         cost = cost - off @ network.looseness(places) @ off
-    poses = len(unknowns[0][0]) + (0 if plate_poses is None else len(plate_poses.rotation) - 1)
-    freedom = _freedom(network, int(np.count_nonzero(factors)), poses)
-    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, plate_poses)
+    freedom = _freedom(network, int(np.count_nonzero(factors)), len(unknowns[0][0]))
+    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, joints)
 
 
 def _freedom(network: Network, measured: int, poses: int) -> int:
     """Measurements less unknowns; what is known before counts as measurements."""
     measurements_before = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
     unknown = 6 * poses + len(network.freedom)
+    if network.joints is not None:
+        unknown += network.joints.count
+        measurements_before += network.joints.measured
     if network.free:
         unknown += 3 * len(network.design) - network.gauge(network.design).shape[1]
         measurements_before += len(network.lengths)
@@ -329,22 +349,23 @@ class _Adjusting(LeastSquares):
     stiffness: float
     tolerance: float
 
-    def state(self, unknowns: Arrays) -> tuple[Views, Array, Array, PlatePoses | None]:
-        """Return the views with their poses, the dots' places, u, and the poses of the plates."""
-        rotation, translation, places, moved, *plates = (block[0] for block in unknowns)
-        if self.network.plate_poses is None:
+    def state(self, unknowns: Arrays) -> tuple[Views, Array, Array, Joints | None]:
+        """Return the views with their poses, the dots' places, u, and what binds the poses."""
+        rotation, translation, places, moved, *bound = (block[0] for block in unknowns)
+        if self.network.joints is None:
             return replace(self.views, rotation=rotation, translation=translation), places, moved, None
-        plate_poses = replace(self.network.plate_poses, rotation=plates[0], translation=plates[1])
-        return plate_poses.composed(self.views, (rotation, translation)), places, moved, plate_poses
+        joints = replace(self.network.joints, **dict(zip(self.network.joints.ADJUSTED, bound, strict=True)))
+        return joints.composed(self.views, (rotation, translation)), places, moved, joints
 
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
-        views, places, moved, _ = self.state(unknowns)
+        views, places, moved, joints = self.state(unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
         residual, front = residuals(self.network.radii, views, places, camera)
         inverse = np.linalg.inv(self.views.covariance) * self.weights[..., None, None]
         cost = float(np.einsum("vni,vnij,vnj->", residual, inverse, residual))
         cost += float(moved @ self.network.freedom.precision @ moved) + dots_prior(self.network, places)[0]
+        cost += 0.0 if joints is None or isinstance(joints, PlatePoses) else joints.rows(views).cost
         if self.network.free:
             cost += self.stiffness * float(np.sum((self.gauge.T @ (places - self.network.design).ravel()) ** 2))
         return np.array([cost if front and cost < np.inf else np.inf]), residual[None]
@@ -356,15 +377,15 @@ class _Adjusting(LeastSquares):
 
     def jacobian(self, unknowns: Arrays, evaluated: Arrays) -> Any:
         """See `LeastSquares.jacobian`: here the normal equations in blocks."""
-        views, places, moved, plate_poses = self.state(unknowns)
+        views, places, moved, joints = self.state(unknowns)
         camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
-        parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0])
-        size = parts.dots
-        parts.gradient_rest[size:] -= self.network.freedom.precision @ moved
+        parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0], joints)
+        size, after = parts.dots, parts.dots + len(moved)
+        parts.gradient_rest[size:after] -= self.network.freedom.precision @ moved
         if size:
             off = self.gauge.T @ (self.network.design - places).ravel()
             parts.gradient_rest[:size] += self.stiffness * self.gauge @ off
-        return parts if plate_poses is None else parts.of_bodies(views, plate_poses)
+        return parts
 
     def damped_step(self, jacobian: Any, residual: Array, strength: Array, ridge: float) -> Array:
         """See `LeastSquares.damped_step`, by Schur's complement."""
@@ -390,15 +411,17 @@ class _Adjusting(LeastSquares):
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
-        rotation, translation, places, moved, *plates = (block[0] for block in unknowns)
+        rotation, translation, places, moved, *bound = (block[0] for block in unknowns)
         poses, size, camera = 6 * len(rotation), places.size if self.network.free else 0, len(moved)
-        of_poses, of_dots, of_camera, of_plates = np.split(step[0], np.cumsum([poses, size, camera]))
+        of_poses, of_dots, of_camera, of_joints = np.split(step[0], np.cumsum([poses, size, camera]))
         rotation, translation = apply_pose_step(rotation, translation, of_poses.reshape(-1, 6))
         if size:
             places = places + of_dots.reshape(-1, 3)
-        if plates:
-            plates = list(apply_pose_step(plates[0], plates[1], np.r_[np.zeros(6), of_plates].reshape(-1, 6)))
-        return tuple(block[None] for block in (rotation, translation, places, moved + of_camera, *plates))
+        if self.network.joints is not None:
+            names = self.network.joints.ADJUSTED
+            joints = replace(self.network.joints, **dict(zip(names, bound, strict=True))).stepped(of_joints)
+            bound = [getattr(joints, name) for name in names]
+        return tuple(block[None] for block in (rotation, translation, places, moved + of_camera, *bound))
 
     def converged(self, attempt: Attempt) -> Mask:
         """See `LeastSquares.converged`; from a start that sees nothing there is no way."""
@@ -429,6 +452,7 @@ def normal_equations(
     camera: Camera,
     weights: Array,
     residual: Array | None = None,
+    joints: Joints | None = None,
 ) -> NormalEquations:
     """Normal equations of views at their poses, with the gradient if residuals (v, n, 2) in px are given.
 
@@ -466,7 +490,10 @@ def normal_equations(
         rest[:size, :size] += matrix
         if residual is not None:
             gradient_rest[:size] = (turned @ residual[..., None]).sum(axis=0).ravel() + gradient
-    return NormalEquations(pose, cross, rest, size, rows, dots, moved, gradient_pose, gradient_rest)
+    parts = NormalEquations(pose, cross, rest, size, rows, dots, moved, gradient_pose, gradient_rest)
+    if isinstance(joints, PlatePoses):
+        return parts.of_bodies(views, joints)
+    return parts if joints is None else parts.with_rows(joints.rows(views))
 
 
 def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, Array | float]:

@@ -433,19 +433,9 @@ def calibrate_bodies(
     report("adjusting", 0, 1)
     whole = network_of(designs, knowledge, camera, () if knowledge.camera else BASE)
     whole = replace(whole, lengths=(*knowledge.lengths, *ruled))
-    choice: CameraChoice | NotJudged | None = None
     try:
-        cleaned = _unflipped(whole, sightings.views)
-        noisy = _with_noise(whole, sightings, cleaned)
+        cleaned, noisy, choice = adjust_photographs(whole, sightings, knowledge.camera is None)
         is_noisy, sightings = noisy is not sightings, noisy
-        if is_noisy:
-            cleaned = adjust_robustly(whole, _started(sightings.views, cleaned))
-        if knowledge.camera is None:
-            adjusted, photo = cleaned.adjustment, sightings.photo[cleaned.used]
-            choice = choose_camera(adjusted.network, adjusted.views, photo, adjusted.weights)
-            if isinstance(choice, CameraChoice) and choice.names != BASE:
-                whole = replace(whole, camera=choice.camera, freedom=choice.freedom)
-                cleaned = adjust_robustly(whole, sightings.views)
         _ = cleaned.adjustment.unscaled
         off = knowledge.errors.contradictions(designs, cleaned.adjustment, knowledge.print_sigma)
         if any(off):
@@ -469,6 +459,35 @@ def calibrate_bodies(
     result = _result(designs, knowledge, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
     report("judging", 1, 1)
     return result
+
+
+def adjust_photographs(
+    network: Network, sightings: PhotographedDots, choose: bool
+) -> tuple[Cleaned, PhotographedDots, CameraChoice | NotJudged | None]:
+    """Adjust without outliers; return also the sightings with the noise that they show, and the camera's parameters.
+
+    Parameters
+    ----------
+    choose : bool
+        Take as many parameters of the camera as the photographs need.
+
+    Raises
+    ------
+    UndeterminedError
+        If the photographs do not determine the unknowns.
+    """
+    cleaned = _unflipped(network, sightings.views)
+    noisy = _with_noise(network, sightings, cleaned)
+    if noisy is not sightings:
+        cleaned = adjust_robustly(network, _started(noisy.views, cleaned))
+    choice = None
+    if choose:
+        adjusted, photo = cleaned.adjustment, noisy.photo[cleaned.used]
+        choice = choose_camera(adjusted.network, adjusted.views, photo, adjusted.weights)
+        if isinstance(choice, CameraChoice) and choice.names != BASE:
+            network = replace(network, camera=choice.camera, freedom=choice.freedom)
+            cleaned = adjust_robustly(network, noisy.views)
+    return cleaned, noisy, choice
 
 
 def _with_markers(body: Body, markers: Sequence[Marker], relation: Array | None = None) -> Body:

@@ -4,12 +4,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.maths.batched import Batched
+from markergen.maths.information import apply_pose_step
 from markergen.maths.rotation import skew
 from markergen.model.camera import Camera, Distortion
 
@@ -45,25 +47,98 @@ class Views(Batched):
         return replace(self, pixels=self.pixels[:, kept], covariance=self.covariance[:, kept], seen=self.seen[:, kept])
 
 
+class JointRows(NamedTuple):
+    """Measurements of the poses of v views and of s further unknowns.
+
+    Attributes
+    ----------
+    residual, weight : arrays (v, m)
+        Measured minus predicted, and inverse variances.
+    by_pose, by_joints : arrays (v, m, 6) and (v, m, s)
+        Derivatives of what is predicted by (w, dt) of the views' poses, and by the unknowns.
+    precision : array (s, s)
+        Information about the unknowns before the measurements, at their present values.
+    """
+
+    residual: Array
+    weight: Array
+    by_pose: Array
+    by_joints: Array
+    precision: Array
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return float(np.sum(self.weight * self.residual**2))
+
+
 @dataclass(frozen=True, eq=False)
-class PlatePoses:
+class Joints:
+    """What binds the poses of views to each other: k further poses, which are adjusted with them.
+
+    Attributes
+    ----------
+    rotation, translation : arrays (k, 3, 3) and (k, 3), m
+    """
+
+    rotation: Array
+    translation: Array
+    ADJUSTED: ClassVar[tuple[str, ...]] = ("rotation", "translation")
+
+    @property
+    def measured(self) -> int:
+        """Number of measurements beside the photographs."""
+        return 0
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return 6 * len(self.rotation)
+
+    def stepped(self, step: Array) -> Self:
+        """Apply a step (s,) to the unknowns, (w, dt) of each pose in turn: exp([w]x) R and t + dt."""
+        rotation, translation = apply_pose_step(self.rotation, self.translation, step.reshape(-1, 6))
+        return replace(self, rotation=rotation, translation=translation)
+
+    def bodies(self, views: Views) -> Pose:
+        """Poses (p, 3, 3) and (p, 3) that are eliminated: those of the views, unless some hang together."""
+        return views.rotation, views.translation
+
+    def composed(self, views: Views, bodies: Pose) -> Views:
+        """Views with the poses that follow from those that are eliminated."""
+        return replace(views, rotation=bodies[0], translation=bodies[1])
+
+    def rows(self, views: Views) -> JointRows:
+        """Measurements beside the photographs."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class PlatePoses(Joints):
     """Markers that move together, as plates of a body: a view has the body's pose in its photograph times its plate's.
 
     Attributes
     ----------
-    photo, plate : arrays (v,) of int
-        Photograph and plate of each view.
     rotation, translation : arrays (k, 3, 3) and (k, 3), m
         Poses T_body_plate; the first is held.
+    photo, plate : arrays (v,) of int
+        Photograph and plate of each view.
     """
 
     photo: Indices
     plate: Indices
-    rotation: Array
-    translation: Array
+
+    @property
+    def count(self) -> int:
+        """See `Joints.count`."""
+        return 6 * len(self.rotation) - 6
+
+    def stepped(self, step: Array) -> Self:
+        """See `Joints.stepped`."""
+        return super().stepped(np.r_[np.zeros(6), step])
 
     def bodies(self, views: Views) -> Pose:
-        """Poses (p, 3, 3) and (p, 3) of the body in each photograph, by the view of it that shows the most dots."""
+        """Poses of the body in each photograph, by the view of it that shows the most dots."""
         order = np.argsort(views.seen.sum(axis=1), kind="stable")
         best = np.zeros(int(self.photo.max()) + 1, dtype=np.intp)
         best[self.photo[order]] = order
@@ -72,7 +147,7 @@ class PlatePoses:
         return rotation, views.translation[best] - np.einsum("pij,pj->pi", rotation, self.translation[plate])
 
     def composed(self, views: Views, bodies: Pose) -> Views:
-        """Views with the poses that follow from those of the body."""
+        """See `Joints.composed`."""
         rotation, translation = (pose[self.photo] for pose in bodies)
         translation = translation + np.einsum("vij,vj->vi", rotation, self.translation[self.plate])
         return replace(views, rotation=rotation @ self.rotation[self.plate], translation=translation)
@@ -187,7 +262,7 @@ class Network:
     loose : (float, float), m, optional
         Standard deviations of printed dots about the design, in the marker plane and in height, as weak knowledge: it
         keeps dots that few photographs show near the design, and tells nothing of what the gauge fixes.
-    plate_poses : PlatePoses, optional
+    joints : Joints, optional
         How the poses of views hang together; each view has its own if not given.
     """
 
@@ -200,7 +275,7 @@ class Network:
     lengths: tuple[Length, ...] = ()
     prior: Array | None = field(default=None)
     loose: tuple[float, float] | None = None
-    plate_poses: PlatePoses | None = None
+    joints: Joints | None = None
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
@@ -240,7 +315,7 @@ class Network:
             turns = [np.cross(axis, centered) for axis in np.eye(3)]
             columns += [*shifts, *turns]
             growths += [] if self.scale_known(number) else [centered]
-        if self.plate_poses is not None:
+        if isinstance(self.joints, PlatePoses):
             growths = [np.sum(growths, axis=0)] if len(columns) == 6 * len(growths) else []
         columns += growths
         matrix = np.array([column.ravel() for column in columns]).T

@@ -102,13 +102,13 @@ def relate(body: Body, adjustment: Adjustment, photo: Indices, print_sigma: floa
     """
     views, photo = adjustment.views, np.unique(photo, return_inverse=True)[1]
     plate = adjustment.network.marker[np.argmax(adjustment.weights > 0, axis=1)]
-    plate_poses = PlatePoses(photo, plate, *_plate_poses(body, views, photo, plate))
+    plate_poses = PlatePoses(*_plate_poses(body, views, photo, plate), photo, plate)
     network = replace(
-        adjustment.network, camera=adjustment.camera, plate_poses=plate_poses, loose=(print_sigma, print_sigma)
+        adjustment.network, camera=adjustment.camera, joints=plate_poses, loose=(print_sigma, print_sigma)
     )
     together = adjust(network, views, adjustment.weights, adjustment.places)
-    assert together.plate_poses is not None
-    poses = together.plate_poses.rotation, together.plate_poses.translation
+    assert together.joints is not None
+    poses = together.joints.rotation, together.joints.translation
     (rotations, translations), spread = _as_designed(body, poses, together.plate_covariance)
     plates = [
         Plate(plate.name, plate.marker, tuple(map(tuple, rotation)), tuple(translation))

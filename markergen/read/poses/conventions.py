@@ -122,12 +122,17 @@ class Column(NamedTuple):
     unit: str
 
 
+def plain_name(name: str) -> tuple[str, str]:
+    """Return the name of a column in lower case without its unit, and the unit or ""."""
+    plain = name.strip().strip("\"'#").strip().lower()
+    if (match := _UNIT.search(plain)) and match.start() > 0:
+        return plain[: match.start()].strip(), (match[1] if match[1] is not None else match[2]).strip()
+    return plain, ""
+
+
 def column_of(name: str) -> Column:
     """Return what a column holds, from its name in any program's spelling."""
-    plain = name.strip().strip("\"'#").strip().lower()
-    unit = ""
-    if (match := _UNIT.search(plain)) and match.start() > 0:
-        unit, plain = (match[1] if match[1] is not None else match[2]).strip(), plain[: match.start()].strip()
+    plain, unit = plain_name(name)
     for pattern, prefix in ((_PLACE, "t"), (_TURN, "q"), (_AXIS, "r")):
         if (match := pattern.fullmatch(plain)) and (plain != "t" or prefix != "t"):
             return Column(prefix + next(filter(None, match.groups())), unit)

@@ -38,7 +38,7 @@ def _fits(file: RowsFile) -> bool:
 
 
 def _read(file: RowsFile) -> RawPoses:
-    poses, around = _poses(file)
+    poses, around = records(file)
     is_nerf = NERF_KEY in poses[0]
     lines = {key: f"{key}: {value}" for key, value in around.items() if not (is_nerf and NERF.fullmatch(key))}
     file.stated.update(stated(lines.values(), file.name))
@@ -97,7 +97,7 @@ def _listed(content: Any, name: str) -> Any:
     return [{"R": item.get(BOP[0]), **dict(zip(axes, item[BOP[1]], strict=False))} for item in objects]
 
 
-def _poses(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def records(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the poses, and what stands beside them."""
     if len(file.data) > LARGEST_JSON:
         most = f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}"

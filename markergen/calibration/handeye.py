@@ -1,0 +1,388 @@
+"""Where a camera is on a robot, or beside it, from photographs of a marker and the robot's poses in them.
+
+The robot measures G_k = T_base_flange of each photograph k, with errors of its own. With the pose M_k of what moves
+with respect to the camera, and s the length of the marker's meter in the robot's,
+
+    G_k = F M_k C^-1,
+
+of a camera on the hand M = T_marker_camera, F = T_base_marker and C = T_flange_camera, of one beside the robot
+M = T_camera_marker, F = T_base_camera and C = T_flange_marker. For two photographs, P = G_j^-1 G_i and Q = M_j^-1 M_i
+have P C = C Q, which is linear in s R_C and t_C,
+
+    R_P (s R_C) = (s R_C) R_Q,    (R_P - I) t_C - (s R_C) t_Q = -t_P,
+
+and gives the start, by all pairs; F follows. Then F, C, s, the poses of all photographs, the dots and the camera are
+adjusted together: to the squares of the photographs come those of the robot's poses, e'e / sigma^2 with
+
+    e = (log(R_G R'), t_G - t),    R, t of F M C^-1,
+
+and the standard deviations sigma of the robot's rotations and translations are those with which the squares of each
+are what is expected of them (W. Foerstner, 1979). Photographs from one pose of the robot count as one measurement.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import ClassVar, Self
+
+import numpy as np
+
+from markergen.arrays import Array, Indices
+from markergen.calibration.adjustment import Adjustment, adjust
+from markergen.calibration.network import JointRows, Joints, Pose, Views
+from markergen.errors import InputError
+from markergen.maths.rotation import logarithm, skew
+
+LEAST, UNKNOWNS = 3, 13
+PARALLEL_DEG = 2.0
+"""RMS angle by which the robot has to turn about a second axis. With 1 degree, a camera is known to centimeters from
+a robot that is good to 0.1 mm."""
+
+CLEARLY = 0.1
+"""Ratio of squares to which another assignment of poses has to lower them."""
+
+HOPELESS_DEG = 10.0
+"""RMS residual of rotations from which the poses are not those of the photographs: hobby arms are good to 2 degrees."""
+
+SCALES = (0.5, 2.0)
+"""Scales beyond which a unit is wrong, not a print."""
+
+SUSPECTS = 8
+"""Number of photographs of the largest residuals that may be exchanged, or left out."""
+
+SAME_RAD, SAME_M = 1e-5, 1e-5
+"""Differences of poses up to which the robot did not move: numbers are written with five digits or more."""
+
+FLOOR = 1e-6
+"""Least standard deviation of the robot, rad and m."""
+
+BROAD = 10.0
+"""Standard deviation of what is known of F and C before, rad and m: directions that the poses leave open stay put."""
+
+OPEN_SHARE, OPEN_RAD = 0.05, np.deg2rad(2.0)
+"""Standard deviation of a place as a share of its distance, and of a rotation, from which a direction is open."""
+
+ROUNDS, SETTLED = 12, 0.02
+ADVICE = "take ten or more, turned by 20 to 60 deg about several axes between them"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotPoses(Joints):
+    """A robot's poses, and what they say of the poses of views.
+
+    Attributes
+    ----------
+    rotation, translation : arrays (2, 3, 3) and (2, 3), robot's m
+        F and C.
+    log_scale : array (1,)
+        Logarithm of s.
+    flange : (array (v, 3, 3), array (v, 3)), robot's m
+        T_base_flange of each view.
+    on_hand : bool
+        True if the flange carries the camera.
+    sigma : (float, float), rad and m
+        Standard deviations of `flange` along each axis.
+    """
+
+    log_scale: Array
+    flange: Pose
+    on_hand: bool
+    sigma: tuple[float, float] = (1e-3, 1e-3)
+    ADJUSTED: ClassVar[tuple[str, ...]] = ("rotation", "translation", "log_scale")
+
+    @property
+    def count(self) -> int:
+        """See `Joints.count`."""
+        return UNKNOWNS
+
+    @property
+    def measured(self) -> int:
+        """See `Joints.measured`."""
+        return round(6 * float(self.share.sum()))
+
+    @cached_property
+    def share(self) -> Array:
+        """Shares (v,) of the photographs in the measurement that those from one pose of the robot are together."""
+        turned = np.linalg.norm(self.flange[0][:, None] - self.flange[0], axis=(-2, -1)) < SAME_RAD
+        moved = np.linalg.norm(self.flange[1][:, None] - self.flange[1], axis=-1) < SAME_M
+        return np.asarray(1 / (turned & moved).sum(axis=1))
+
+    def stepped(self, step: Array) -> Self:
+        """See `Joints.stepped`; the last is added to log s."""
+        return replace(super().stepped(step[:-1]), log_scale=self.log_scale + step[-1:])
+
+    def take(self, order: Array) -> Self:
+        """Return the robot's poses of views in another order, or of some."""
+        return replace(self, flange=(self.flange[0][order], self.flange[1][order]))
+
+    def moving(self, views: Views) -> tuple[Pose, Array]:
+        """Poses M (v), and their derivatives (v, 6, 6) by (w, dt) of the views' poses."""
+        scale = float(np.exp(self.log_scale[0]))
+        by_view = np.zeros((len(views), 6, 6))
+        if not self.on_hand:
+            by_view[:] = np.diag([1.0] * 3 + [scale] * 3)
+            return (views.rotation, scale * views.translation), by_view
+        back = views.rotation.swapaxes(-1, -2)
+        by_view[:, :3, :3], by_view[:, 3:, 3:] = -back, -scale * back
+        by_view[:, 3:, :3] = -scale * back @ skew(views.translation)
+        return inverse((views.rotation, scale * views.translation)), by_view
+
+    def rows(self, views: Views) -> JointRows:
+        """See `Joints.rows`: (w, dt) of the flange in the base."""
+        (rotation, translation), by_view = self.moving(views)
+        (fixed, carried), (fixed_at, carried_at) = self.rotation, self.translation
+        flange = fixed @ rotation @ carried.T
+        lever = rotation @ (-carried.T @ carried_at)
+        reach = (lever + translation) @ fixed.T
+        by_moving, by_joints = np.zeros((len(views), 6, 6)), np.zeros((len(views), 6, UNKNOWNS))
+        by_moving[:, :3, :3] = by_moving[:, 3:, 3:] = fixed
+        by_moving[:, 3:, :3] = -fixed @ skew(lever)
+        by_joints[:, :3, :3] = by_joints[:, 3:, 3:6] = np.eye(3)
+        by_joints[:, 3:, :3] = -skew(reach)
+        by_joints[:, :3, 6:9] = by_joints[:, 3:, 9:12] = -flange
+        by_joints[:, 3:, 6:9] = -flange @ skew(carried_at)
+        by_joints[:, 3:, 12] = translation @ fixed.T
+        turned = logarithm(self.flange[0] @ flange.swapaxes(-1, -2))
+        residual = np.concatenate([turned, self.flange[1] - reach - fixed_at], axis=-1)
+        weight = self.share[:, None] / np.repeat(self.sigma, 3) ** 2
+        return JointRows(residual, weight, by_moving @ by_view, by_joints, np.eye(UNKNOWNS) / BROAD**2)
+
+
+def inverse(poses: Pose) -> Pose:
+    """Invert poses (..., 3, 3) and (..., 3)."""
+    back = poses[0].swapaxes(-1, -2)
+    return back, -np.einsum("...ij,...j->...i", back, poses[1])
+
+
+def product(first: Pose, second: Pose) -> Pose:
+    """Compose poses: first after second."""
+    return first[0] @ second[0], np.einsum("...ij,...j->...i", first[0], second[1]) + first[1]
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeFit:
+    """Camera and marker on a robot.
+
+    Attributes
+    ----------
+    robot : RobotPoses
+        As adjusted.
+    adjustment : Adjustment
+        Of photographs and robot together.
+    covariance : array (13, 13), rad and m
+        Of (w, dt) of F and of C, R <- exp([w]x) R, and of log s.
+    left_out : array (v, 6), rad and m
+        Pose of the flange less the one predicted without it, from its photograph and all others.
+    """
+
+    robot: RobotPoses
+    adjustment: Adjustment
+    covariance: Array
+    left_out: Array
+
+    def open_directions(self) -> list[tuple[int, bool, Array, float]]:
+        """Directions that the poses leave open: in F or C, 0 or 1; a rotation or not; unit vector; sigma, rad or m."""
+        distance = float(np.linalg.norm(self.robot.translation, axis=1).min())
+        directions = []
+        for k, is_turn in ((0, True), (0, False), (1, True), (1, False)):
+            start, limit = 6 * k + (0 if is_turn else 3), OPEN_RAD if is_turn else OPEN_SHARE * distance
+            variances, vectors = np.linalg.eigh(self.covariance[start : start + 3, start : start + 3])
+            for variance, vector in zip(variances, vectors.T, strict=True):
+                directions += [(k, is_turn, vector, float(np.sqrt(variance)))] if variance > limit**2 else []
+        return directions
+
+
+def started(views: Views, flange: Pose, on_hand: bool) -> RobotPoses:
+    """F, C and s from all pairs of photographs in closed form, and by least squares; the least where they are open."""
+    first, second = np.array(list(combinations(range(len(views)), 2))).T
+    robot = RobotPoses(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros(1), flange, on_hand)
+    moving, _ = robot.moving(views)
+    moved, seen = (
+        product(inverse((poses[0][second], poses[1][second])), (poses[0][first], poses[1][first]))
+        for poses in (flange, moving)
+    )
+    length = float(np.sqrt(np.mean(moved[1] ** 2))) or 1.0
+    eye, pairs = np.eye(3), len(first)
+    rows, goal = np.zeros((pairs, 12, 12)), np.zeros((pairs, 12))
+    # Row by row, entry (i, j) of A B C has the derivative A_ik C_lj by B_kl.
+    turns = np.einsum("nik,lj->nijkl", moved[0], eye) - np.einsum("ik,nlj->nijkl", eye, seen[0])
+    rows[:, :9, :9] = turns.reshape(pairs, 9, 9)
+    rows[:, 9:, :9] = np.einsum("ik,nl->nikl", eye, -seen[1] / length).reshape(pairs, 3, 9)
+    rows[:, 9:, 9:], goal[:, 9:] = moved[0] - eye, -moved[1] / length
+    carried = _rotation_near(np.linalg.lstsq(rows.reshape(-1, 12), goal.ravel(), rcond=1e-9)[0][:9].reshape(3, 3))
+    rows = np.concatenate([moved[0] - eye, -(seen[1] @ carried.T)[..., None]], axis=-1)
+    *place, scale = np.linalg.lstsq(rows.reshape(-1, 4), -moved[1].ravel(), rcond=1e-6)[0]
+    scale = scale if scale > 0 else 1.0
+    fixed = product(product(flange, (carried, np.array(place))), inverse((moving[0], scale * moving[1])))
+    rotation = np.stack([_rotation_near(fixed[0].mean(axis=0)), carried])
+    translation = np.stack([fixed[1].mean(axis=0), place])
+    return fitted(replace(robot, rotation=rotation, translation=translation, log_scale=np.log([scale])), views)
+
+
+def _rotation_near(matrix: Array) -> Array:
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def fitted(robot: RobotPoses, views: Views) -> RobotPoses:
+    """F, C and s by least squares (Gauss-Newton), with the poses of the views held."""
+    best, least = robot, np.inf
+    for _ in range(20):
+        rows = robot.rows(views)
+        if rows.cost >= least * (1 - 1e-9):
+            break
+        best, least, root = robot, rows.cost, np.sqrt(rows.weight)
+        matrix = (rows.by_joints * root[..., None]).reshape(-1, UNKNOWNS)
+        step = np.linalg.lstsq(matrix, (rows.residual * root).ravel(), rcond=1e-9)[0]
+        robot = robot.stepped(np.clip(step, -1.0, 1.0))
+    return best
+
+
+def agreeing(
+    views: Views, flange: Pose, names: Sequence[str], on_hand: bool = True, one_axis: bool = False
+) -> tuple[RobotPoses, Indices]:
+    """F, C and s by the photographs whose poses agree, and which these are.
+
+    Parameters
+    ----------
+    flange : (array (v, 3, 3), array (v, 3)), m
+        T_base_flange of each view.
+    names : sequence of str
+        Names of the photographs, for messages.
+    one_axis : bool
+        Allow a robot that turns about one axis only.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three photographs, the robot turned about one axis only, or photographs have each
+        other's poses, their inverses, or such as no camera agrees with.
+    """
+    count = len(views)
+    if count < LEAST:
+        raise InputError(f"{LEAST} photographs or more that have a pose and show the marker", str(count), ADVICE)
+    _check_axes(flange[0], one_axis)
+    robot = started(views, flange, on_hand)
+    squares = robot.rows(views)
+    worst = np.argsort(-np.sum(squares.weight * squares.residual**2, axis=1))[:SUSPECTS]
+    backward = started(views, inverse(flange), on_hand).rows(views).cost
+    if backward < CLEARLY * squares.cost:
+        mount = "eye-to-hand" if on_hand else "eye-in-hand"
+        raise InputError(
+            "robot poses of the stated direction",
+            f"inverse ones, which fit the photographs {np.sqrt(squares.cost / backward):.3g} times better",
+            f"give the other --robot-frame, or --mounting {mount}",
+        )
+    index = np.arange(count)
+    orders = [(f"{names[i]} and {names[j]} exchanged", _exchanged(index, i, j)) for i, j in combinations(worst, 2)]
+    orders += [("photographs that have the pose of the one before", np.roll(index, -1))]
+    orders += [("photographs that have the pose of the next", np.roll(index, 1))]
+    orders += [("the order of the poses reversed", index[::-1])]
+    costs = [started(views, robot.take(order).flange, on_hand).rows(views).cost for _, order in orders]
+    best = int(np.argmin(costs))
+    if count > LEAST and costs[best] < CLEARLY * squares.cost:
+        raise InputError(
+            "photographs that have their own robot poses",
+            f"{orders[best][0]}: otherwise they fit {np.sqrt(squares.cost / costs[best]):.3g} times better",
+            "correct which photograph a pose belongs to",
+        )
+    robot, kept = _without_wrong(views, robot, index)
+    residual = robot.rows(views.take(kept)).residual
+    turned, scale = np.rad2deg(np.sqrt(np.mean(np.sum(residual[:, :3] ** 2, axis=1)))), np.exp(robot.log_scale[0])
+    if turned > HOPELESS_DEG:
+        raise InputError(
+            "robot poses that agree with the photographs",
+            f"rotations {turned:.3g} deg RMS apart",
+            "check --robot-rotation, --robot-angle, and which photograph a pose belongs to",
+        )
+    if not SCALES[0] < scale < SCALES[1]:
+        raise InputError(
+            "a robot and a marker of one scale",
+            f"a length of the marker of 1 m is {scale:.3g} m by the robot",
+            "check --robot-unit and the marker's size, and move the flange, besides turning it",
+        )
+    return robot, kept
+
+
+def _exchanged(index: Indices, first: int, second: int) -> Indices:
+    order = index.copy()
+    order[[first, second]] = second, first
+    return order
+
+
+def _check_axes(rotation: Array, one_axis: bool) -> None:
+    """Refuse poses that turn about one axis, or none: the camera may then be anywhere along it."""
+    first, second = np.array(list(combinations(range(len(rotation)), 2))).T
+    turns = np.rad2deg(logarithm(rotation[second].swapaxes(-1, -2) @ rotation[first]))
+    about = np.linalg.svd(turns, compute_uv=False) / np.sqrt(len(turns))
+    if about[0] < PARALLEL_DEG or (about[1] < PARALLEL_DEG and not one_axis):
+        hint = "" if about[0] < PARALLEL_DEG else ", or give --one-axis, which leaves the offset along it open"
+        raise InputError(
+            "robot poses that turn about two axes or more",
+            f"rotations about parallel axes, {about[1]:.2g} deg RMS about any other"
+            if hint
+            else f"rotations of {about[0]:.2g} deg RMS",
+            ADVICE + hint,
+        )
+
+
+def _without_wrong(views: Views, robot: RobotPoses, kept: Indices) -> tuple[RobotPoses, Indices]:
+    """Leave out photographs without which the others agree clearly better, a quarter of them at most."""
+    least, flange = max(LEAST + 2, 3 * len(kept) // 4), robot.flange
+    while len(kept) > least:
+        rows = robot.rows(views.take(kept))
+        freedom = 6 * len(kept) - UNKNOWNS
+        suspects = np.argsort(-np.sum(rows.weight * rows.residual**2, axis=1))[:SUSPECTS]
+        fits = []
+        for k in suspects:
+            rest = np.delete(kept, k)
+            fit = started(views.take(rest), (flange[0][rest], flange[1][rest]), robot.on_hand)
+            fits.append((fit.rows(views.take(rest)).cost / (freedom - 6), fit, rest))
+        square, fit, rest = min(fits, key=lambda entry: entry[0])
+        if square > CLEARLY * rows.cost / freedom:
+            break
+        robot, kept = fit, rest
+    return robot, kept
+
+
+def hand_eye(adjustment: Adjustment, robot: RobotPoses) -> HandEyeFit:
+    """Adjust photographs and robot together.
+
+    Parameters
+    ----------
+    adjustment : Adjustment
+        Of the photographs alone.
+    robot : RobotPoses
+        Start, with the pose of each of its views.
+    """
+    # Residuals beyond the noise of the image, of lens or print, are in the weights.
+    views = replace(adjustment.views, covariance=adjustment.scale * adjustment.views.covariance)
+    size = np.sqrt(np.mean(robot.rows(views).residual.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
+    robot = replace(robot, sigma=(max(float(size[0]), FLOOR), max(float(size[1]), FLOOR)))
+    expected, places = 3 * float(robot.share.sum()), adjustment.places
+    for _ in range(ROUNDS):
+        adjusted = adjust(replace(adjustment.network, joints=robot), views, adjustment.weights, places)
+        assert isinstance(adjusted.joints, RobotPoses)
+        robot, views, places = adjusted.joints, adjusted.views, adjusted.places
+        rows, before = robot.rows(views), robot.sigma
+        poses, mixed = adjusted.pose_covariances
+        covariance = adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:]
+        beside = rows.by_pose @ mixed[..., -UNKNOWNS:] @ rows.by_joints.swapaxes(-1, -2)
+        spread = rows.by_pose @ poses @ rows.by_pose.swapaxes(-1, -2) + beside + beside.swapaxes(-1, -2)
+        spread = spread + rows.by_joints @ covariance @ rows.by_joints.swapaxes(-1, -2)
+        taken = np.einsum("vii->vi", spread) * rows.weight
+        squares = rows.weight * rows.residual**2
+        parts = (slice(3), slice(3, 6))
+        left = [max(expected - float(taken[:, part].sum()), 0.01 * expected) for part in parts]
+        ratios = [float(squares[:, part].sum()) / rest for part, rest in zip(parts, left, strict=True)]
+        sigma = [max(FLOOR, value * float(np.sqrt(ratio))) for value, ratio in zip(before, ratios, strict=True)]
+        if np.allclose(sigma, before, rtol=SETTLED):
+            break
+        robot = replace(robot, sigma=(sigma[0], sigma[1]))
+    freedom = 2 * expected - UNKNOWNS
+    # Of Student's distribution: the robot's sigma is known by few residuals only.
+    covariance = covariance * freedom / max(freedom - 2, 1.0)
+    kept = np.eye(6) - spread * rows.weight[:, None]
+    left_out = np.linalg.solve(kept, rows.residual[..., None])[..., 0]
+    return HandEyeFit(robot, adjusted, covariance, left_out)
