@@ -16,7 +16,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import subprocess
-import sys
 import tempfile
 import venv
 from dataclasses import replace
@@ -24,15 +23,24 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.calibration_sets import BASE, CAMERA, hand_held, in_gauge, layout, nees, photographed, printed, wrong_camera
+from benchmarks.calibration_sets import (
+    CAMERA,
+    hand_held,
+    in_gauge,
+    layout,
+    nees,
+    photographed,
+    printed,
+    wrong_camera,
+)
 from markergen.arrays import Array
 from markergen.calibration.adjustment import adjust
 from markergen.calibration.calibration import LOOSE_HEIGHT, LOOSE_PLANE
-from markergen.calibration.handeye import HandEyeFit, agreeing, hand_eye, inverse, product
-from markergen.calibration.network import CameraFreedom, Network, Pose
+from markergen.calibration.handeye import HandEyeFit, agreeing, hand_eye
+from markergen.calibration.network import Network, Pose
 from markergen.calibration.outliers import adjust_robustly
 from markergen.defaults import PRINT_SIGMA
-from markergen.maths.rotation import exponential, logarithm
+from markergen.maths.rotation import exponential, inverse_pose, logarithm, pose_product
 
 ROBOT = np.deg2rad(0.02), 1e-4
 """Standard deviations of the robot's rotations and translations along each axis, rad and m."""
@@ -59,7 +67,9 @@ np.save(sys.argv[2], np.array(sets))
 METHODS = ("Tsai", "Park", "Horaud", "Andreff", "Daniilidis")
 
 
-def one_set(rng: np.random.Generator, photos: int, on_hand: bool, camera: str) -> tuple[HandEyeFit, Array, Array, Pose, Pose]:
+def one_set(
+    rng: np.random.Generator, photos: int, on_hand: bool, camera: str
+) -> tuple[HandEyeFit, Array, Array, Pose, Pose]:
     """Fit of one set, errors (13,) in the order of its covariance, those of the camera, and what OpenCV gets."""
     design = layout(12)
     true = printed(design, rng)
@@ -73,12 +83,15 @@ def one_set(rng: np.random.Generator, photos: int, on_hand: bool, camera: str) -
         network = made.unknown_camera()
     network = replace(network, loose=(LOOSE_PLANE * PRINT_SIGMA, LOOSE_HEIGHT * PRINT_SIGMA))
     _, rotation, translation = in_gauge(network, true, rotation, translation)
-    scale = float(np.exp(rng.normal(0, 0.01)))
+    scale = float(np.exp(rng.normal(0, 0.002)))
     fixed = exponential(rng.normal(0, 1, 3)), rng.normal(0, 0.6, 3)
     carried = exponential(rng.normal(0, 1, 3)), rng.normal(0, 0.1, 3)
     moving = rotation, scale * translation
-    flange = product(product(fixed, inverse(moving) if on_hand else moving), inverse(carried))
-    read = exponential(rng.normal(0, ROBOT[0], (photos, 3))) @ flange[0], flange[1] + rng.normal(0, ROBOT[1], (photos, 3))
+    flange = pose_product(pose_product(fixed, inverse_pose(moving) if on_hand else moving), inverse_pose(carried))
+    read = (
+        exponential(rng.normal(0, ROBOT[0], (photos, 3))) @ flange[0],
+        flange[1] + rng.normal(0, ROBOT[1], (photos, 3)),
+    )
     adjustment = adjust_robustly(network, made.views).adjustment
     robot, kept = agreeing(adjustment.views, read, [str(k) for k in range(photos)], on_hand)
     assert len(kept) == photos
@@ -91,7 +104,9 @@ def one_set(rng: np.random.Generator, photos: int, on_hand: bool, camera: str) -
         ]
         + [fit.robot.log_scale - np.log(scale)]
     )
-    held = adjust(replace(network, free=False, loose=None, freedom=network.freedom.none, camera=adjustment.camera), made.views)
+    held = adjust(
+        replace(network, free=False, loose=None, freedom=network.freedom.none, camera=adjustment.camera), made.views
+    )
     X = carried if on_hand else fixed
     return fit, error, (held.views.rotation, held.views.translation), read, X
 
@@ -149,7 +164,7 @@ def main(sets: int, photos: int) -> None:
                 sigma = np.sqrt(np.diag(fit.covariance))
                 squares.append(nees(error / sigma, fit.covariance / sigma / sigma[:, None], 13))
                 errors.append(np.r_[error, np.abs(error) < 1.96 * sigma])
-                cases.append((flange if on_hand else inverse(flange), marker))
+                cases.append((flange if on_hand else inverse_pose(flange), marker))
                 truth.append(X)
             table, first = np.array(errors), 6 if on_hand else 0
             title = f"{'on the hand' if on_hand else 'beside'}, camera {camera}"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from markergen.api.compare import compare
     from markergen.api.design import design, rig
     from markergen.api.export import export
+    from markergen.api.handeye import HandEye, handeye
     from markergen.api.inspect import Inspection, inspect
     from markergen.api.rescale import Rescaled, rescale
     from markergen.api.study import Study, study
@@ -48,6 +49,7 @@ __all__ = [
     "Design",
     "Detector",
     "Found",
+    "HandEye",
     "InputError",
     "Inspection",
     "Marker",
@@ -65,6 +67,7 @@ __all__ = [
     "compare",
     "design",
     "export",
+    "handeye",
     "inspect",
     "rescale",
     "rig",
@@ -91,6 +94,7 @@ _HOMES = {
     "api.compare": ("compare",),
     "api.design": ("design", "rig"),
     "api.export": ("export",),
+    "api.handeye": ("HandEye", "handeye"),
     "api.inspect": ("Inspection", "inspect"),
     "api.rescale": ("Rescaled", "rescale"),
     "api.study": ("Study", "study"),

@@ -236,9 +236,9 @@ class NormalEquations:
             self,
             pose=self.pose + lowered @ rows.by_pose,
             cross=np.concatenate([self.cross, lowered @ rows.by_joints], axis=-1),
-            rest=block_diag(self.rest, (heavy @ rows.by_joints).sum(axis=0) + rows.precision),
+            rest=block_diag(self.rest, (heavy @ rows.by_joints).sum(axis=0) + np.diag(rows.precision)),
             gradient_pose=self.gradient_pose + (lowered @ residual)[..., 0],
-            gradient_rest=np.r_[self.gradient_rest, (heavy @ residual).sum(axis=0)[:, 0]],
+            gradient_rest=np.r_[self.gradient_rest, (heavy @ residual).sum(axis=0)[:, 0] - rows.precision * rows.off],
         )
 
     def of_bodies(self, views: Views, plate_poses: PlatePoses) -> "NormalEquations":

@@ -6,13 +6,9 @@ with respect to the camera, and s the length of the marker's meter in the robot'
     G_k = F M_k C^-1,
 
 of a camera on the hand M = T_marker_camera, F = T_base_marker and C = T_flange_camera, of one beside the robot
-M = T_camera_marker, F = T_base_camera and C = T_flange_marker. For two photographs, P = G_j^-1 G_i and Q = M_j^-1 M_i
-have P C = C Q, which is linear in s R_C and t_C,
-
-    R_P (s R_C) = (s R_C) R_Q,    (R_P - I) t_C - (s R_C) t_Q = -t_P,
-
-and gives the start, by all pairs; F follows. Then F, C, s, the poses of all photographs, the dots and the camera are
-adjusted together: to the squares of the photographs come those of the robot's poses, e'e / sigma^2 with
+M = T_camera_marker, F = T_base_camera and C = T_flange_marker. From a start in closed form (`estimators.hand_eye`), F,
+C, s, the poses of all photographs, the dots and the camera are adjusted together: to the squares of the photographs
+come those of the robot's poses, e'e / sigma^2 with
 
     e = (log(R_G R'), t_G - t),    R, t of F M C^-1,
 
@@ -32,7 +28,8 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import JointRows, Joints, Pose, Views
 from markergen.errors import InputError
-from markergen.maths.rotation import logarithm, skew
+from markergen.estimators.hand_eye import hand_eye_start
+from markergen.maths.rotation import inverse_pose, logarithm, skew
 
 LEAST, UNKNOWNS = 3, 13
 PARALLEL_DEG = 2.0
@@ -54,11 +51,15 @@ SUSPECTS = 8
 SAME_RAD, SAME_M = 1e-5, 1e-5
 """Differences of poses up to which the robot did not move: numbers are written with five digits or more."""
 
+USUAL = np.array([3e-4, 1e-4])
+"""Standard deviations of a robot to start with, rad and m, besides those that the photographs alone show."""
+
 FLOOR = 1e-6
 """Least standard deviation of the robot, rad and m."""
 
-BROAD = 10.0
-"""Standard deviation of what is known of F and C before, rad and m: directions that the poses leave open stay put."""
+REACH = 0.5
+"""Standard deviation in m of what the flange carries about the flange along each axis, before anything is measured: it
+holds what the poses leave open. With 5 m, four photographs of rotations about one axis put the camera 0.4 m aside."""
 
 OPEN_SHARE, OPEN_RAD = 0.05, np.deg2rad(2.0)
 """Standard deviation of a place as a share of its distance, and of a rotation, from which a direction is open."""
@@ -112,10 +113,6 @@ class RobotPoses(Joints):
         """See `Joints.stepped`; the last is added to log s."""
         return replace(super().stepped(step[:-1]), log_scale=self.log_scale + step[-1:])
 
-    def take(self, order: Array) -> Self:
-        """Return the robot's poses of views in another order, or of some."""
-        return replace(self, flange=(self.flange[0][order], self.flange[1][order]))
-
     def moving(self, views: Views) -> tuple[Pose, Array]:
         """Poses M (v), and their derivatives (v, 6, 6) by (w, dt) of the views' poses."""
         scale = float(np.exp(self.log_scale[0]))
@@ -126,7 +123,7 @@ class RobotPoses(Joints):
         back = views.rotation.swapaxes(-1, -2)
         by_view[:, :3, :3], by_view[:, 3:, 3:] = -back, -scale * back
         by_view[:, 3:, :3] = -scale * back @ skew(views.translation)
-        return inverse((views.rotation, scale * views.translation)), by_view
+        return inverse_pose((views.rotation, scale * views.translation)), by_view
 
     def rows(self, views: Views) -> JointRows:
         """See `Joints.rows`: (w, dt) of the flange in the base."""
@@ -146,18 +143,9 @@ class RobotPoses(Joints):
         turned = logarithm(self.flange[0] @ flange.swapaxes(-1, -2))
         residual = np.concatenate([turned, self.flange[1] - reach - fixed_at], axis=-1)
         weight = self.share[:, None] / np.repeat(self.sigma, 3) ** 2
-        return JointRows(residual, weight, by_moving @ by_view, by_joints, np.eye(UNKNOWNS) / BROAD**2)
-
-
-def inverse(poses: Pose) -> Pose:
-    """Invert poses (..., 3, 3) and (..., 3)."""
-    back = poses[0].swapaxes(-1, -2)
-    return back, -np.einsum("...ij,...j->...i", back, poses[1])
-
-
-def product(first: Pose, second: Pose) -> Pose:
-    """Compose poses: first after second."""
-    return first[0] @ second[0], np.einsum("...ij,...j->...i", first[0], second[1]) + first[1]
+        precision, off = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+        precision[9:12], off[9:12] = REACH**-2, carried_at
+        return JointRows(residual, weight, by_moving @ by_view, by_joints, precision, off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,35 +182,11 @@ class HandEyeFit:
 
 
 def started(views: Views, flange: Pose, on_hand: bool) -> RobotPoses:
-    """F, C and s from all pairs of photographs in closed form, and by least squares; the least where they are open."""
-    first, second = np.array(list(combinations(range(len(views)), 2))).T
+    """F, C and s in closed form and by least squares; the least where they are open."""
     robot = RobotPoses(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros(1), flange, on_hand)
-    moving, _ = robot.moving(views)
-    moved, seen = (
-        product(inverse((poses[0][second], poses[1][second])), (poses[0][first], poses[1][first]))
-        for poses in (flange, moving)
-    )
-    length = float(np.sqrt(np.mean(moved[1] ** 2))) or 1.0
-    eye, pairs = np.eye(3), len(first)
-    rows, goal = np.zeros((pairs, 12, 12)), np.zeros((pairs, 12))
-    # Row by row, entry (i, j) of A B C has the derivative A_ik C_lj by B_kl.
-    turns = np.einsum("nik,lj->nijkl", moved[0], eye) - np.einsum("ik,nlj->nijkl", eye, seen[0])
-    rows[:, :9, :9] = turns.reshape(pairs, 9, 9)
-    rows[:, 9:, :9] = np.einsum("ik,nl->nikl", eye, -seen[1] / length).reshape(pairs, 3, 9)
-    rows[:, 9:, 9:], goal[:, 9:] = moved[0] - eye, -moved[1] / length
-    carried = _rotation_near(np.linalg.lstsq(rows.reshape(-1, 12), goal.ravel(), rcond=1e-9)[0][:9].reshape(3, 3))
-    rows = np.concatenate([moved[0] - eye, -(seen[1] @ carried.T)[..., None]], axis=-1)
-    *place, scale = np.linalg.lstsq(rows.reshape(-1, 4), -moved[1].ravel(), rcond=1e-6)[0]
-    scale = scale if scale > 0 else 1.0
-    fixed = product(product(flange, (carried, np.array(place))), inverse((moving[0], scale * moving[1])))
-    rotation = np.stack([_rotation_near(fixed[0].mean(axis=0)), carried])
-    translation = np.stack([fixed[1].mean(axis=0), place])
+    fixed, carried, scale = hand_eye_start(flange, robot.moving(views)[0])
+    rotation, translation = (np.stack(pair) for pair in zip(fixed, carried, strict=True))
     return fitted(replace(robot, rotation=rotation, translation=translation, log_scale=np.log([scale])), views)
-
-
-def _rotation_near(matrix: Array) -> Array:
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
 def fitted(robot: RobotPoses, views: Views) -> RobotPoses:
@@ -233,8 +197,9 @@ def fitted(robot: RobotPoses, views: Views) -> RobotPoses:
         if rows.cost >= least * (1 - 1e-9):
             break
         best, least, root = robot, rows.cost, np.sqrt(rows.weight)
-        matrix = (rows.by_joints * root[..., None]).reshape(-1, UNKNOWNS)
-        step = np.linalg.lstsq(matrix, (rows.residual * root).ravel(), rcond=1e-9)[0]
+        known = np.sqrt(rows.precision)
+        matrix = np.vstack([(rows.by_joints * root[..., None]).reshape(-1, UNKNOWNS), np.diag(known)])
+        step = np.linalg.lstsq(matrix, np.r_[(rows.residual * root).ravel(), -known * rows.off], rcond=1e-9)[0]
         robot = robot.stepped(np.clip(step, -1.0, 1.0))
     return best
 
@@ -266,7 +231,7 @@ def agreeing(
     robot = started(views, flange, on_hand)
     squares = robot.rows(views)
     worst = np.argsort(-np.sum(squares.weight * squares.residual**2, axis=1))[:SUSPECTS]
-    backward = started(views, inverse(flange), on_hand).rows(views).cost
+    backward = started(views, inverse_pose(flange), on_hand).rows(views).cost
     if backward < CLEARLY * squares.cost:
         mount = "eye-to-hand" if on_hand else "eye-in-hand"
         raise InputError(
@@ -279,7 +244,7 @@ def agreeing(
     orders += [("photographs that have the pose of the one before", np.roll(index, -1))]
     orders += [("photographs that have the pose of the next", np.roll(index, 1))]
     orders += [("the order of the poses reversed", index[::-1])]
-    costs = [started(views, robot.take(order).flange, on_hand).rows(views).cost for _, order in orders]
+    costs = [started(views, (flange[0][order], flange[1][order]), on_hand).rows(views).cost for _, order in orders]
     best = int(np.argmin(costs))
     if count > LEAST and costs[best] < CLEARLY * squares.cost:
         raise InputError(
@@ -359,30 +324,41 @@ def hand_eye(adjustment: Adjustment, robot: RobotPoses) -> HandEyeFit:
     # Residuals beyond the noise of the image, of lens or print, are in the weights.
     views = replace(adjustment.views, covariance=adjustment.scale * adjustment.views.covariance)
     size = np.sqrt(np.mean(robot.rows(views).residual.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
-    robot = replace(robot, sigma=(max(float(size[0]), FLOOR), max(float(size[1]), FLOOR)))
-    expected, places = 3 * float(robot.share.sum()), adjustment.places
-    for _ in range(ROUNDS):
-        adjusted = adjust(replace(adjustment.network, joints=robot), views, adjustment.weights, places)
-        assert isinstance(adjusted.joints, RobotPoses)
-        robot, views, places = adjusted.joints, adjusted.views, adjusted.places
-        rows, before = robot.rows(views), robot.sigma
-        poses, mixed = adjusted.pose_covariances
-        covariance = adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:]
-        beside = rows.by_pose @ mixed[..., -UNKNOWNS:] @ rows.by_joints.swapaxes(-1, -2)
-        spread = rows.by_pose @ poses @ rows.by_pose.swapaxes(-1, -2) + beside + beside.swapaxes(-1, -2)
-        spread = spread + rows.by_joints @ covariance @ rows.by_joints.swapaxes(-1, -2)
-        taken = np.einsum("vii->vi", spread) * rows.weight
-        squares = rows.weight * rows.residual**2
-        parts = (slice(3), slice(3, 6))
-        left = [max(expected - float(taken[:, part].sum()), 0.01 * expected) for part in parts]
-        ratios = [float(squares[:, part].sum()) / rest for part, rest in zip(parts, left, strict=True)]
-        sigma = [max(FLOOR, value * float(np.sqrt(ratio))) for value, ratio in zip(before, ratios, strict=True)]
-        if np.allclose(sigma, before, rtol=SETTLED):
-            break
-        robot = replace(robot, sigma=(sigma[0], sigma[1]))
+    expected = 3 * float(robot.share.sum())
+    fits = []
+    for sigma in (USUAL, np.maximum(size, FLOOR)):
+        robot = replace(robot, sigma=(float(sigma[0]), float(sigma[1])))
+        adjusted, spread = _settled(adjustment, views, robot)
+        found = adjusted.joints.sigma if isinstance(adjusted.joints, RobotPoses) else sigma
+        fits.append((adjusted.chi2 + 2 * expected * float(np.log(found).sum()), adjusted, spread))
+    _, adjusted, spread = min(fits, key=lambda fit: fit[0])
+    assert isinstance(adjusted.joints, RobotPoses)
+    robot, covariance = adjusted.joints, adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:]
+    rows = robot.rows(adjusted.views)
     freedom = 2 * expected - UNKNOWNS
     # Of Student's distribution: the robot's sigma is known by few residuals only.
     covariance = covariance * freedom / max(freedom - 2, 1.0)
     kept = np.eye(6) - spread * rows.weight[:, None]
-    left_out = np.linalg.solve(kept, rows.residual[..., None])[..., 0]
+    left_out = np.asarray(np.linalg.solve(kept, rows.residual[..., None])[..., 0])
     return HandEyeFit(robot, adjusted, covariance, left_out)
+
+
+def _settled(adjustment: Adjustment, views: Views, robot: RobotPoses) -> tuple[Adjustment, Array]:
+    """Adjust, with the robot's sigma as the residuals show it from a start on; also the covariance of F M C^-1."""
+    places, expected, parts = adjustment.places, 3 * float(robot.share.sum()), (slice(3), slice(3, 6))
+    for _ in range(ROUNDS):
+        adjusted = adjust(replace(adjustment.network, joints=robot), views, adjustment.weights, places)
+        assert isinstance(adjusted.joints, RobotPoses)
+        rows, views, places = adjusted.joints.rows(adjusted.views), adjusted.views, adjusted.places
+        poses, mixed = adjusted.pose_covariances
+        beside = rows.by_pose @ mixed[..., -UNKNOWNS:] @ rows.by_joints.swapaxes(-1, -2)
+        spread = rows.by_pose @ poses @ rows.by_pose.swapaxes(-1, -2) + beside + beside.swapaxes(-1, -2)
+        spread = spread + rows.by_joints @ adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:] @ rows.by_joints.swapaxes(-1, -2)
+        taken, squares = np.einsum("vii->vi", spread) * rows.weight, rows.weight * rows.residual**2
+        left = [max(expected - float(taken[:, part].sum()), 0.01 * expected) for part in parts]
+        ratios = [float(squares[:, part].sum()) / rest for part, rest in zip(parts, left, strict=True)]
+        sigma = [max(FLOOR, value * float(np.sqrt(ratio))) for value, ratio in zip(robot.sigma, ratios, strict=True)]
+        if np.allclose(sigma, robot.sigma, rtol=SETTLED):
+            break
+        robot = replace(adjusted.joints, sigma=(sigma[0], sigma[1]))
+    return adjusted, spread

@@ -56,8 +56,8 @@ class JointRows(NamedTuple):
         Measured minus predicted, and inverse variances.
     by_pose, by_joints : arrays (v, m, 6) and (v, m, s)
         Derivatives of what is predicted by (w, dt) of the views' poses, and by the unknowns.
-    precision : array (s, s)
-        Information about the unknowns before the measurements, at their present values.
+    precision, off : arrays (s,)
+        Inverse variances of the unknowns before the measurements, and how far they are from what is expected then.
     """
 
     residual: Array
@@ -65,11 +65,12 @@ class JointRows(NamedTuple):
     by_pose: Array
     by_joints: Array
     precision: Array
+    off: Array
 
     @property
     def cost(self) -> float:
         """Weighted sum of squares."""
-        return float(np.sum(self.weight * self.residual**2))
+        return float(np.sum(self.weight * self.residual**2) + np.sum(self.precision * self.off**2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,17 @@ def angle_between(first: Array, second: Array) -> Array:
     return 2 * np.arcsin(np.minimum(chord, 1.0))
 
 
+def inverse_pose(pose: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Inverse (R', -R' t) of poses (..., 3, 3) and (..., 3)."""
+    back = pose[0].swapaxes(-1, -2)
+    return back, -np.einsum("...ij,...j->...i", back, pose[1])
+
+
+def pose_product(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Poses (..., 3, 3) and (..., 3) of the first after the second: X -> R1 (R2 X + t2) + t1."""
+    return first[0] @ second[0], np.einsum("...ij,...j->...i", first[0], second[1]) + first[1]
+
+
 def turn_z(angles: Array | float) -> Array:
     """Rotation matrices (..., 3, 3) about the z axis by angles (...) in rad."""
     angle = np.asarray(angles, dtype=float)

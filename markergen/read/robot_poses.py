@@ -321,7 +321,11 @@ def _columns_of(table: _Table) -> _Columns:
     columns = [column_of(name) for name in names]
     kinds = [column.kind for column in columns]
     if not set(TRANSLATION) <= set(kinds):
-        kinds = [column.kind or column_of(short).kind for column, short in zip(columns, last, strict=True)]
+        whole = [re.search("euler|rot|ori|angle", name.lower()) is None for name in names]
+        kinds = [
+            column.kind or (column_of(short).kind if free else "")
+            for column, short, free in zip(columns, last, whole, strict=True)
+        ]
     missing = [name for name in TRANSLATION if kinds.count(name) != 1]
     if missing:
         problem = " ".join(f"{kinds.count(name) or 'no'} {name}" for name in missing)

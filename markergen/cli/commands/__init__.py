@@ -19,6 +19,7 @@ FIRST = [
     "verify",
     "rescale",
     "calibrate",
+    "handeye",
     "study",
     "inspect",
     "templates",
