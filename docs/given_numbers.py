@@ -12,6 +12,7 @@ from docs.numbers import (
     ERROR,
     FABRICATE,
     FAQ,
+    HANDEYE,
     INSTALL,
     OBJECTIONS,
     PAPER,
@@ -39,6 +40,16 @@ GIVEN: Sequence[Given] = tuple(
         (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
         (CALIBRATE, DEFAULT, ["expected error by less than # %, at forty"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
+        (HANDEYE, EXAMPLE, ["by 20 to # degrees"]),
+        (
+            HANDEYE,
+            SETTING,
+            [
+                "err by # mm and # deg along each axis",
+                "measured to # px, and a print off by # mm, # % longer along x and bulging by # mm",
+            ],
+        ),
+        (HANDEYE, MEANING, ["within # sigmas (#)"]),
         (
             ROS2,
             STANDARD,

@@ -10,6 +10,7 @@ from docs.numbers import (
     DESIGN,
     DETECT,
     ERROR,
+    HANDEYE,
     OBJECTIONS,
     PAPER,
     README,
@@ -74,6 +75,7 @@ CONTESTANTS = {
 """Rows of the table of rivals by their names in the command's output, in its order."""
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
+HAND_EYE = Command("python -m benchmarks.handeye", 200)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
@@ -87,6 +89,7 @@ MISPRINTED = Command(
 FIGURES = {
     CHOOSING: Command("python -m docs.figures choosing -o .", 260),
     ERROR: Command("python -m docs.figures error -o .", 180),
+    HANDEYE: Command("python -m docs.figures handeye -o .", 3),
     THEORY: Command("python -m docs.figures theory -o .", 20),
 }
 QUARTER = "markergen study paper -o quarter --scale 0.25"
@@ -242,6 +245,13 @@ def _beside(row: str, label: str, command: Command) -> Number:
 def _calibrated(row: str, case: str) -> Number:
     sources = [(CALIBRATED, f"{n} 20 {case}: # +- @ deg, @ mm") for n in (5, 24)]
     return Number(CALIBRATE, f"| {row} | # deg | # deg |", CALIBRATED.line, sources)
+
+
+def _hand_eye(camera: str, mounting: str, place: str) -> Number:
+    label = f"{place}, camera {camera}"
+    words = {"exact": "exact", "covariance": "with its covariance", "unknown": "unknown"}[camera]
+    row = f"| {words} | {mounting} | # mm | # deg | # | # |"
+    return Number(HANDEYE, row, HAND_EYE.line, [(HAND_EYE, f"{label} # # # #")])
 
 
 def _all_found() -> Number:
@@ -507,6 +517,17 @@ MEASURED: Sequence[Entry] = (
     _calibrated("the same, @ % of the dots false by @ to @ px", "camera known, 5 % of false dots"),
     _calibrated("measured dots, camera estimated from the same photographs", "camera unknown"),
     _calibrated("the same, and the estimated camera used as well", "camera unknown, and used"),
+    *(
+        _hand_eye(camera, *setting)
+        for setting in (("eye-in-hand", "on the hand"), ("eye-to-hand", "beside"))
+        for camera in ("exact", "covariance", "unknown")
+    ),
+    Number(
+        HANDEYE,
+        "its five methods*, camera exact | eye-in-hand | # mm | # deg |",
+        HAND_EYE.line,
+        [(HAND_EYE, "on the hand, camera exact @ @ @ @ OpenCV, Tsai @ @ OpenCV, Park # #")],
+    ),
     _cube("all faces, exact print", "this cube, print exact"),
     _cube("its best face alone, exact print", "its best face alone, print exact", "-"),
     _cube("all faces, print good to 0.1 mm", "this cube, print 0.1 mm"),

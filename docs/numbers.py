@@ -32,6 +32,7 @@ CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs
 OBJECTIONS = "docs/objections.md"
 FAQ, RESULTS, INSTALL, ROS2 = "docs/faq.md", "docs/results.md", "docs/install.md", "docs/ros2.md"
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
+HANDEYE = "docs/handeye.md"
 
 GENERATED = ("docs/cli.md", "docs/templates.md")
 """Files that `make docs` writes."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from docs.figures import IMAGES
 
-PAGES = "choosing", "error", "theory"
+PAGES = "choosing", "error", "handeye", "theory"
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 # tests: tests/api/test_handeye.py
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
@@ -12,15 +12,7 @@ import numpy as np
 from markergen.api.arguments import as_camera, files_among, marker_of
 from markergen.arrays import Array
 from markergen.calibration.adjustment import UndeterminedError
-from markergen.calibration.calibration import (
-    BASE,
-    LOOSE_HEIGHT,
-    LOOSE_PLANE,
-    Known,
-    adjust_photographs,
-    network_of,
-)
-from markergen.calibration.camera_choice import CameraChoice
+from markergen.calibration.calibration import Known, adjust_loosely
 from markergen.calibration.handeye import ADVICE, LEAST, HandEyeFit, agreeing, hand_eye
 from markergen.calibration.network import Pose
 from markergen.calibration.photos import find_dots
@@ -51,6 +43,15 @@ FRAMES = {"eye-in-hand": ("base", "flange"), "eye-to-hand": ("flange", "base")}
 
 DIFFERENT = 3.0
 """Sigmas from which the scales of marker and robot differ."""
+
+OPEN_SHARE, OPEN_RAD = 0.05, np.deg2rad(2.0)
+"""Standard deviation of a place as a share of the marker's distance, and of a rotation, from which it is open."""
+
+OPEN_SCALE = 0.02
+"""Standard deviation of the scale, as a share, from which it is open: prints are good to 0.5 %."""
+
+IMPLAUSIBLE = np.deg2rad(0.3), 2e-3
+"""Errors of a robot, rad and m along each axis, from which the camera is doubted: arms for hobbyists reach 1 mm."""
 
 MOST_NAMED = 3
 UNKNOWNS = ("wx", "wy", "wz", "tx", "ty", "tz")
@@ -187,6 +188,13 @@ class HandEye(SavableResult):
             f"{number(translation, 2)} mm and {number(rotation, 2)} deg along each axis.",
             f"A left-out pose is predicted to {self._left_out()}.",
         ]
+        if self.robot_sigma[0] > IMPLAUSIBLE[0] or self.robot_sigma[1] > IMPLAUSIBLE[1]:
+            sentences[-1] += (
+                " These are more than most robots err: if this one does not, the camera is not as given; leave out "
+                "--camera, or give --camera-covariance."
+                if not adjustment.network.freedom
+                else " These are more than most robots err."
+            )
         sentences += [f"Open: {'; '.join(self.open[:2])}{'; and more' * (len(self.open) > 2)}."] if self.open else []
         sentences += [f"Camera, adjusted with the robot: {self.camera}."] if adjustment.network.freedom else []
         if self.unused:
@@ -415,17 +423,8 @@ def _found(
         raise InputError(
             f"{LEAST} photographs or more that show the marker", str(len(sightings.views)), reasons or ADVICE
         )
-    loose = LOOSE_PLANE * known.print_sigma, LOOSE_HEIGHT * known.print_sigma
-    if marker.joint_covariance:
-        spread = (
-            np.diag(np.array(marker.joint_covariance.matrix))
-            .reshape(-1, len(marker.joint_covariance.axes))
-            .mean(axis=0)
-        )
-        loose = float(np.sqrt(spread[:2].mean())), float(np.sqrt(spread[-1]))
-    network = replace(network_of([marker], known, camera, () if known.camera else BASE), loose=loose)
     try:
-        cleaned, sightings, choice = adjust_photographs(network, sightings, known.camera is None)
+        cleaned, sightings, estimated = adjust_loosely(marker, sightings, camera, known)
     except (UndeterminedError, np.linalg.LinAlgError):
         raise InputError(
             "photographs that determine dots and camera", "others", f"give --camera, or {ADVICE}"
@@ -461,25 +460,40 @@ def _found(
         fit.covariance[np.ix_(order, order)],
         fit.robot.sigma,
         fit.adjustment.camera,
-        () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE,
+        estimated,
         tuple(names[numbers[k]] for k in kept),
         fit.robot.rows(fit.adjustment.views).residual,
         fit.left_out,
         {name: unused[name] for name in names if name in unused},
-        tuple(_open_sentence(*direction, on_hand) for direction in fit.open_directions()),
+        tuple(_open_directions(fit, on_hand)),
         fit,
     )
 
 
-def _open_sentence(which: int, is_turn: bool, vector: Array, sigma: float, on_hand: bool) -> str:
-    body, frame = ("marker", "base") if on_hand else ("camera", "base")
-    if which:
-        body, frame = ("camera", "flange") if on_hand else ("marker", "flange")
-    axis = " ".join(f"{component:.2f}" for component in vector * np.sign(vector[np.argmax(np.abs(vector))]))
-    size = f"{np.rad2deg(sigma):.2g} deg" if is_turn else f"{1e3 * sigma:.2g} mm"
-    what = "its rotation about" if is_turn else "its place along"
-    known = f"is known to {size} only" if sigma < 1.0 else "is not known"
-    return f"the {body}, {what} ({axis}) of the {frame}, {known}"
+def _open_directions(fit: HandEyeFit, on_hand: bool) -> Iterator[str]:
+    """Directions in which the poses leave camera or marker open, as sentences."""
+    distance = float(np.median(np.linalg.norm(fit.adjustment.views.translation, axis=1)))
+    bodies = ("marker", "camera") if on_hand else ("camera", "marker")
+    for start, body, frame in ((0, bodies[0], "base"), (6, bodies[1], "flange")):
+        for block, limit, what in (
+            (slice(start, start + 3), OPEN_RAD, "its rotation about"),
+            (slice(start + 3, start + 6), OPEN_SHARE * distance, "its place along"),
+        ):
+            for variance, vector in zip(*_eigen(fit.covariance[block, block]), strict=True):
+                sigma = float(np.sqrt(variance))
+                if sigma > limit:
+                    axis = " ".join(f"{component:.2f}" for component in vector.round(2) + 0.0)
+                    size = f"{1e3 * sigma:.2g} mm" if what.endswith("along") else f"{np.rad2deg(sigma):.2g} deg"
+                    yield f"the {body}, {what} ({axis}) of the {frame}, is known to {size} only"
+    if (sigma := float(np.sqrt(fit.covariance[12, 12]))) > OPEN_SCALE:
+        yield f"the marker's scale by the robot is known to {100 * sigma:.2g} % only: photograph it from nearer, too"
+
+
+def _eigen(covariance: Array) -> tuple[Array, Array]:
+    """Variances, the largest first, and their directions, each with its largest component positive."""
+    variances, vectors = np.linalg.eigh(covariance)
+    vectors = vectors.T * np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(3)])[:, None]
+    return variances[::-1], vectors[::-1]
 
 
 handeye.__signature__ = signature_of(handeye, HandeyeKeywords)  # type: ignore[attr-defined]

@@ -500,9 +500,8 @@ def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, A
     """Cost of what is known of the dots besides the photographs, minus half its gradient (3 n,), and its matrix."""
     if not network.free or (not network.lengths and network.prior is None and network.loose is None):
         return 0.0, 0.0, 0.0
-    cost = 0.0
-    gradient: Array = np.zeros(places.size)
-    matrix: Array = np.zeros((places.size,) * 2)
+    off = (network.design - places).ravel()
+    cost, gradient, matrix = 0.0, np.zeros(places.size), np.zeros((places.size,) * 2)
     for ruler in network.lengths:
         apart = places[ruler.first] - places[ruler.second]
         length = float(np.linalg.norm(apart))
@@ -512,19 +511,13 @@ def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, A
         cost += weight * short**2
         gradient += weight * short * row.ravel()
         matrix += weight * np.outer(row, row)
-    if network.loose is not None:
-        off = (network.design - places).ravel()
-        information = network.looseness(places)
+    known = [] if network.loose is None else [network.looseness(places)]
+    if network.prior is not None:
+        known += [_without_motion(network, places, marker) for marker in np.unique(network.marker)]
+    for information in known:
         cost += float(off @ information @ off)
         gradient += information @ off
         matrix += information
-    if network.prior is not None:
-        for marker in np.unique(network.marker):
-            information = _without_motion(network, places, marker)
-            off = (network.design - places).ravel()
-            cost += float(off @ information @ off)
-            gradient += information @ off
-            matrix += information
     return cost, gradient, matrix
 
 

@@ -398,15 +398,7 @@ def calibrate_bodies(
 ) -> Calibration:
     """Measure printed markers, and the camera if it is unknown, by photographs of them; of a rig, also their relation.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-        Markers, or a rig alone.
-    photos : paths, folders, patterns or arrays
-        See `photos.find_dots`.
-    known : Known
-    workers : int or None
-        Processes for detection; None takes all processors.
+    Bodies are markers, or a rig alone; photographs are those of `photos.find_dots`.
 
     Raises
     ------
@@ -434,7 +426,7 @@ def calibrate_bodies(
     whole = network_of(designs, knowledge, camera, () if knowledge.camera else BASE)
     whole = replace(whole, lengths=(*knowledge.lengths, *ruled))
     try:
-        cleaned, noisy, choice = adjust_photographs(whole, sightings, knowledge.camera is None)
+        cleaned, noisy, choice = _adjusted(whole, sightings, knowledge.camera is None)
         is_noisy, sightings = noisy is not sightings, noisy
         _ = cleaned.adjustment.unscaled
         off = knowledge.errors.contradictions(designs, cleaned.adjustment, knowledge.print_sigma)
@@ -461,15 +453,29 @@ def calibrate_bodies(
     return result
 
 
-def adjust_photographs(
+def adjust_loosely(
+    marker: Marker, sightings: PhotographedDots, camera: Camera, knowledge: Known
+) -> tuple[Cleaned, PhotographedDots, tuple[str, ...]]:
+    """Adjust a marker's photographs, with its dots within the errors of its print; return as `_adjusted`, with names.
+
+    Dots that photographs measured before are within the errors of that.
+    """
+    loose = (LOOSE_PLANE * knowledge.print_sigma, LOOSE_HEIGHT * knowledge.print_sigma)
+    if marker.joint_covariance:
+        variances = np.diag(np.array(marker.joint_covariance.matrix)).reshape(-1, len(marker.joint_covariance.axes))
+        loose = float(np.sqrt(variances[:, :2].mean())), float(np.sqrt(variances[:, -1].mean()))
+    names = () if knowledge.camera else BASE
+    network = replace(network_of([marker], knowledge, camera, names), loose=loose)
+    cleaned, sightings, choice = _adjusted(network, sightings, not knowledge.camera)
+    return cleaned, sightings, choice.names if isinstance(choice, CameraChoice) else names
+
+
+def _adjusted(
     network: Network, sightings: PhotographedDots, choose: bool
 ) -> tuple[Cleaned, PhotographedDots, CameraChoice | NotJudged | None]:
     """Adjust without outliers; return also the sightings with the noise that they show, and the camera's parameters.
 
-    Parameters
-    ----------
-    choose : bool
-        Take as many parameters of the camera as the photographs need.
+    If asked to `choose`, as many parameters of the camera are taken as the photographs need.
 
     Raises
     ------
@@ -568,7 +574,8 @@ def _result(
     cross, halves, flex = cross_validate(adjustment, station), compare_halves(adjustment, station), flexing(adjustment)
     cause = likely_cause(adjustment, flex)
     names_of = _names(designs)
-    poses = _working_poses(designs, knowledge, adjustment)
+    working = _setting(designs, knowledge, adjustment).poses
+    poses = working.rotation, working.translation
     weaknesses = (
         findings(adjustment, knowledge.print_sigma, poses, [names_of[k] for k in chosen]) if knowledge.free else ()
     )
@@ -750,8 +757,3 @@ def _setting(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment
         return setting_of(marker, knowledge.poses, adjustment.camera)
     except InputError:
         return setting_of(marker, knowledge.poses)
-
-
-def _working_poses(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment) -> tuple[Array, Array]:
-    poses = _setting(designs, knowledge, adjustment).poses
-    return poses.rotation, poses.translation

@@ -51,18 +51,13 @@ SUSPECTS = 8
 SAME_RAD, SAME_M = 1e-5, 1e-5
 """Differences of poses up to which the robot did not move: numbers are written with five digits or more."""
 
-USUAL = np.array([3e-4, 1e-4])
-"""Standard deviations of a robot to start with, rad and m, besides those that the photographs alone show."""
+USUAL, PRIOR = np.array([3e-4, 1e-4]), 4
+"""Standard deviations of a robot, rad and m, and the number of measurements that they count as. Without them, eight
+photographs made 0.02 mm of a robot's 0.1 mm, and errors of X were 4 of its sigmas."""
 
-FLOOR = 1e-6
-"""Least standard deviation of the robot, rad and m."""
-
-REACH = 0.5
-"""Standard deviation in m of what the flange carries about the flange along each axis, before anything is measured: it
-holds what the poses leave open. With 5 m, four photographs of rotations about one axis put the camera 0.4 m aside."""
-
-OPEN_SHARE, OPEN_RAD = 0.05, np.deg2rad(2.0)
-"""Standard deviation of a place as a share of its distance, and of a rotation, from which a direction is open."""
+REACH, USUAL_SCALE = 0.5, 0.1
+"""Standard deviations before of what the flange carries about the flange along each axis, m, and of log s: they hold
+what the poses leave open. With 5 m, four photographs of rotations about one axis put the camera 0.4 m aside."""
 
 ROUNDS, SETTLED = 12, 0.02
 ADVICE = "take ten or more, turned by 20 to 60 deg about several axes between them"
@@ -144,7 +139,7 @@ class RobotPoses(Joints):
         residual = np.concatenate([turned, self.flange[1] - reach - fixed_at], axis=-1)
         weight = self.share[:, None] / np.repeat(self.sigma, 3) ** 2
         precision, off = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
-        precision[9:12], off[9:12] = REACH**-2, carried_at
+        precision[9:12], off[9:12], precision[12], off[12] = REACH**-2, carried_at, USUAL_SCALE**-2, self.log_scale[0]
         return JointRows(residual, weight, by_moving @ by_view, by_joints, precision, off)
 
 
@@ -168,17 +163,6 @@ class HandEyeFit:
     adjustment: Adjustment
     covariance: Array
     left_out: Array
-
-    def open_directions(self) -> list[tuple[int, bool, Array, float]]:
-        """Directions that the poses leave open: in F or C, 0 or 1; a rotation or not; unit vector; sigma, rad or m."""
-        distance = float(np.linalg.norm(self.robot.translation, axis=1).min())
-        directions = []
-        for k, is_turn in ((0, True), (0, False), (1, True), (1, False)):
-            start, limit = 6 * k + (0 if is_turn else 3), OPEN_RAD if is_turn else OPEN_SHARE * distance
-            variances, vectors = np.linalg.eigh(self.covariance[start : start + 3, start : start + 3])
-            for variance, vector in zip(variances, vectors.T, strict=True):
-                directions += [(k, is_turn, vector, float(np.sqrt(variance)))] if variance > limit**2 else []
-        return directions
 
 
 def started(views: Views, flange: Pose, on_hand: bool) -> RobotPoses:
@@ -240,10 +224,15 @@ def agreeing(
             f"give the other --robot-frame, or --mounting {mount}",
         )
     index = np.arange(count)
-    orders = [(f"{names[i]} and {names[j]} exchanged", _exchanged(index, i, j)) for i, j in combinations(worst, 2)]
-    orders += [("photographs that have the pose of the one before", np.roll(index, -1))]
-    orders += [("photographs that have the pose of the next", np.roll(index, 1))]
-    orders += [("the order of the poses reversed", index[::-1])]
+    orders = [
+        (f"{names[i]} and {names[j]} exchanged", np.where(index == i, j, np.where(index == j, i, index)))
+        for i, j in combinations(worst, 2)
+    ]
+    shifted = [
+        (f"photographs that have the pose of the {name}", np.roll(index, k))
+        for name, k in (("one before", -1), ("next", 1))
+    ]
+    orders += [*shifted, ("the order of the poses reversed", index[::-1])]
     costs = [started(views, (flange[0][order], flange[1][order]), on_hand).rows(views).cost for _, order in orders]
     best = int(np.argmin(costs))
     if count > LEAST and costs[best] < CLEARLY * squares.cost:
@@ -268,12 +257,6 @@ def agreeing(
             "check --robot-unit and the marker's size, and move the flange, besides turning it",
         )
     return robot, kept
-
-
-def _exchanged(index: Indices, first: int, second: int) -> Indices:
-    order = index.copy()
-    order[[first, second]] = second, first
-    return order
 
 
 def _check_axes(rotation: Array, one_axis: bool) -> None:
@@ -312,21 +295,13 @@ def _without_wrong(views: Views, robot: RobotPoses, kept: Indices) -> tuple[Robo
 
 
 def hand_eye(adjustment: Adjustment, robot: RobotPoses) -> HandEyeFit:
-    """Adjust photographs and robot together.
-
-    Parameters
-    ----------
-    adjustment : Adjustment
-        Of the photographs alone.
-    robot : RobotPoses
-        Start, with the pose of each of its views.
-    """
+    """Adjust photographs and robot together, from an adjustment of the photographs alone and a start of the robot's."""
     # Residuals beyond the noise of the image, of lens or print, are in the weights.
     views = replace(adjustment.views, covariance=adjustment.scale * adjustment.views.covariance)
     size = np.sqrt(np.mean(robot.rows(views).residual.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
     expected = 3 * float(robot.share.sum())
     fits = []
-    for sigma in (USUAL, np.maximum(size, FLOOR)):
+    for sigma in (USUAL, np.maximum(size, USUAL)):
         robot = replace(robot, sigma=(float(sigma[0]), float(sigma[1])))
         adjusted, spread = _settled(adjustment, views, robot)
         found = adjusted.joints.sigma if isinstance(adjusted.joints, RobotPoses) else sigma
@@ -355,9 +330,11 @@ def _settled(adjustment: Adjustment, views: Views, robot: RobotPoses) -> tuple[A
         spread = rows.by_pose @ poses @ rows.by_pose.swapaxes(-1, -2) + beside + beside.swapaxes(-1, -2)
         spread = spread + rows.by_joints @ adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:] @ rows.by_joints.swapaxes(-1, -2)
         taken, squares = np.einsum("vii->vi", spread) * rows.weight, rows.weight * rows.residual**2
-        left = [max(expected - float(taken[:, part].sum()), 0.01 * expected) for part in parts]
-        ratios = [float(squares[:, part].sum()) / rest for part, rest in zip(parts, left, strict=True)]
-        sigma = [max(FLOOR, value * float(np.sqrt(ratio))) for value, ratio in zip(robot.sigma, ratios, strict=True)]
+        sigma = []
+        for part, value, usual in zip(parts, robot.sigma, USUAL, strict=True):
+            total, left = float(squares[:, part].sum()), max(expected - float(taken[:, part].sum()), 0.0)
+            # The mean of an inverse gamma distribution.
+            sigma.append(float(np.sqrt((total * value**2 + PRIOR * usual**2) / (left + PRIOR - 2))))
         if np.allclose(sigma, robot.sigma, rtol=SETTLED):
             break
         robot = replace(adjusted.joints, sigma=(sigma[0], sigma[1]))

@@ -187,8 +187,6 @@ class Halves:
         Of all differences together, by the claimed covariances; their expected ratio is 1.
     chance : float
         Probability of a chi2 as large if the claimed covariances are right.
-    chi2_each : array (m,)
-        Of each dot alone; its expected value is 3.
     cameras : (Camera, Camera)
     camera_chi2 : float or None
         Of the difference of the estimated camera parameters, per degree of freedom; None if the camera was held.
@@ -200,7 +198,6 @@ class Halves:
     chi2: float
     degrees_of_freedom: int
     chance: float
-    chi2_each: Array
     cameras: tuple[Camera, Camera]
     camera_chi2: float | None
 
@@ -325,12 +322,7 @@ def cross_validate(adjustment: Adjustment, photo: Indices) -> CrossValidation | 
 
     Every photograph is left out once, alone or with a fifth of all. Dots that fewer than two others show do not count.
 
-    Parameters
-    ----------
-    adjustment : Adjustment
-        Of all photographs.
-    photo : array (v,) of int
-        Photograph of each view.
+    `photo` (v,) is the photograph of each view of the adjustment.
     """
     photographs, photos = Photographs.of(adjustment, photo), np.unique(photo)
     network = photographs.network
@@ -350,12 +342,7 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
 
         cov(x2 - x1) = C1 N1 C1 + C2 N2 C2 + (C2 - C1) P (C2 - C1),    C = (N + P)^-1 the claimed covariance.
 
-    Parameters
-    ----------
-    adjustment : Adjustment
-        Of all photographs.
-    photo : array (v,) of int
-        Photograph of each view.
+    `photo` (v,) is the photograph of each view of the adjustment.
     """
     from scipy.stats import chi2 as chi2_distribution
 
@@ -389,8 +376,6 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
     difference = halves[1].places - halves[0].places
     difference = difference[: size // 3]
     chi2, freedom = squared_length(difference.ravel(), spread[:size, :size])
-    blocks = [slice(3 * k, 3 * k + 3) for k in range(len(difference))]
-    chi2_each = np.array([squared_length(difference[k], spread[block, block])[0] for k, block in enumerate(blocks)])
     moved = parameters_of(halves[1].camera) - parameters_of(halves[0].camera)
     step: Array = np.linalg.pinv(network.freedom.directions) @ moved
     camera_chi2, free = squared_length(step, spread[size:, size:])
@@ -401,7 +386,6 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
         chi2,
         freedom,
         float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
-        chi2_each,
         (halves[0].camera, halves[1].camera),
         camera_chi2 / free if free else None,
     )

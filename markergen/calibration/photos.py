@@ -119,11 +119,7 @@ def find_dots(
         None: some photographs are searched without a camera, a camera is estimated from what was found, and all are
         searched with it, so that a strong lens costs neither photographs nor dots.
 
-    Returns
-    -------
-    sightings : PhotographedDots
-    camera : Camera
-        The one given, or an estimate.
+    The camera that is returned is the one given, or an estimate.
 
     Raises
     ------
@@ -572,11 +568,7 @@ def alternatives(
 ) -> list[Guess]:
     """Return the labelings of a photograph that label the most of all its dots, and fit the sizes of the dots best.
 
-    Parameters
-    ----------
-    points, radii : arrays (n, 3) and (n,), m
-    dots : (centers (b, 2), covariance (b, 2, 2), areas (b,))
-        All dots of the photograph, labeled or not, px.
+    `dots` are all of the photograph, labeled or not: centers (b, 2), covariance (b, 2, 2) and areas (b,), px.
     """
     tree, guesses = cKDTree(dots[0]), list[Guess]()
     apart = cKDTree(guess.centers).query(guess.centers, k=2)[0][:, 1]
@@ -646,15 +638,7 @@ def settle_labels(options: Sequence[Sequence[Guess]], points: Array, radii: Arra
 
     Photographs join one after another, the most different views first, each with every labeling; the best few sets of
     labels are kept, and the best one in the end changes as long as one change improves the whole. Dots are free, and
-    so is the camera within `CAMERA_SIGMA`: an error of it would cost more than wrong labels.
-
-    Parameters
-    ----------
-    options : sequence of sequences of Guess
-        Labelings of each photograph.
-    points, radii : arrays (n, 3) and (n,), m
-    camera : Camera
-        Approximate camera.
+    so is the approximate camera within `CAMERA_SIGMA`: an error of it would cost more than wrong labels.
     """
     network = _network(points, radii, camera)
     order = _order(options)

@@ -1,13 +1,9 @@
-"""How well a calibrated camera projects, over its image: what a rotation or a pose of the camera cannot make good.
+"""How well a calibrated camera projects, over its image: what a rotation of the camera cannot make good.
 
-A point is taken on the ray of each pixel q of a grid, infinitely far or near. Other values of the camera's parameters
-move its image. Part of that is as if the camera had turned, and for near points also moved, which every pose estimated
-with the camera absorbs: it is subtracted, at its best over the whole image. What is left is the error that a user of
-the camera sees, and what cameras are compared by. Their parameters are not: f, c and p1, p2 may differ by pixels
-between cameras that project alike.
-
-Near points are all at one distance from the camera's center; which one does not matter, as the compensating motion is
-in proportion to it.
+A point is taken on the ray of each pixel q of a grid, infinitely far. Other values of the camera's parameters move its
+image. Part of that is as if the camera had turned, which every pose estimated with the camera absorbs: it is
+subtracted, at its best over the whole image. What is left is the error that a user of the camera sees, and what cameras
+are compared by. Their parameters are not: f, c and p1, p2 may differ by pixels between cameras that project alike.
 
 Source: mrcal's projection uncertainty, with the compensating motion fitted over the image rather than by the poses of
 the calibration's boards.
@@ -43,7 +39,7 @@ def pixel_grid(camera: Camera, columns: int = COLUMNS) -> Array:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def projection_uncertainty(camera: Camera, covariance: Array, is_near: bool = False, columns: int = COLUMNS) -> Array:
+def projection_uncertainty(camera: Camera, covariance: Array, columns: int = COLUMNS) -> Array:
     """Standard deviation (h, w) in px of where a point projects, in the direction in which it is largest.
 
     With J_p and J_m the derivatives of a pixel by the camera's parameters and by a motion of the camera, to first order
@@ -56,8 +52,6 @@ def projection_uncertainty(camera: Camera, covariance: Array, is_near: bool = Fa
     ----------
     covariance : array (k, k)
         Covariance of `Camera.parameter_names`; the sum of two for the expected `camera_difference` of two calibrations.
-    is_near : bool
-        True for points at a finite distance, where the camera may also move; False for points at infinity.
     columns : int
         Width w of the grid, `pixel_grid`.
 
@@ -71,7 +65,7 @@ def projection_uncertainty(camera: Camera, covariance: Array, is_near: bool = Fa
     seen = np.isfinite(normalized[:, 0])
     by_parameters = camera.parameter_jacobian(normalized[seen])
     rows = pose_jacobian(_points(normalized[seen]), np.eye(3)[None], np.zeros((1, 3)), np.ones(2)).reshape(-1, 2, 6)
-    by_motion = camera.pixel_jacobian(normalized[seen]) @ rows[..., : 6 if is_near else 3]
+    by_motion = camera.pixel_jacobian(normalized[seen]) @ rows[..., :3]
     best = np.linalg.lstsq(_stacked(by_motion), _stacked(by_parameters), rcond=None)[0]
     left = by_parameters - by_motion @ best
     variance = np.linalg.eigvalsh(left @ covariance @ left.swapaxes(-1, -2))[..., -1]
@@ -80,18 +74,18 @@ def projection_uncertainty(camera: Camera, covariance: Array, is_near: bool = Fa
     return sigma.reshape(grid.shape[:2])
 
 
-def camera_difference(first: Camera, second: Camera, is_near: bool = False, columns: int = COLUMNS) -> Array:
+def camera_difference(first: Camera, second: Camera, columns: int = COLUMNS) -> Array:
     """Difference (h, w, 2) in px between two cameras: where the second sees what the first sees at each pixel.
 
-    The second camera is turned, and for near points moved, so that the sum of the squared differences over the image is
-    least. A robust cost would spare the middle the corners' errors, but change the differences by factors that
-    `projection_uncertainty`, which says what to expect of them, does not know.
+    The second camera is turned so that the sum of the squared differences over the image is least. A robust cost
+    would spare the middle the corners' errors, but change the differences by factors that `projection_uncertainty`,
+    which says what to expect of them, does not know.
 
     Parameters
     ----------
     first, second : Camera
         Cameras for images of one size.
-    near, columns
+    columns : int
         As for `projection_uncertainty`.
 
     Returns
@@ -106,18 +100,15 @@ def camera_difference(first: Camera, second: Camera, is_near: bool = False, colu
     points = _points(first.from_pixels(pixels))
 
     def difference(motion: Array) -> Array:
-        moved = points @ exponential(motion[:3]).T
-        if is_near:
-            moved = moved + motion[3:]
+        moved = points @ exponential(motion).T
         return second.to_pixels(np.where(moved[:, 2:] > 0, perspective(moved), np.nan)) - pixels
 
-    start = np.zeros(6 if is_near else 3)
-    seen = np.isfinite(difference(start)).all(axis=-1)
+    seen = np.isfinite(difference(np.zeros(3))).all(axis=-1)
 
     def residual(motion: Array) -> Array:
         return np.nan_to_num(difference(motion)[seen]).ravel()
 
-    best = least_squares(residual, start, x_scale=1e-3, ftol=1e-12, xtol=1e-12).x
+    best = least_squares(residual, np.zeros(3), x_scale=1e-3, ftol=1e-12, xtol=1e-12).x
     return difference(best).reshape(grid.shape)
 
 

@@ -78,22 +78,10 @@ class Relation:
 def relate(body: Body, adjustment: Adjustment, photo: Indices, print_sigma: float) -> Relation:
     """Find the relation of a body's plates.
 
-    Parameters
-    ----------
-    body : Body
-        As designed.
-    adjustment : Adjustment
-        Of the dots of all markers, each in its own frame, with a pose for each marker in each photograph.
-    photo : array (v,) of int
-        Photograph of each of its views.
-    print_sigma : float
-        Standard deviation in m of a printed dot about its design along each axis: weak knowledge, which keeps markers
-        of few dots flat.
-
-    Returns
-    -------
-    Relation
-        Its body has the markers as designed, at their measured poses.
+    The adjustment is of the dots of all markers, each in its own frame, with a pose for each marker in each photograph;
+    `photo` (v,) is the photograph of each of its views. The standard deviation of a printed dot about its design is
+    weak knowledge, which keeps markers of few dots flat. The body of the result has the markers as designed, at their
+    measured poses.
 
     Raises
     ------

@@ -609,18 +609,16 @@ def _camera_section(quantities: Quantities) -> Section | None:
 
 
 def _trials(choice: CameraChoice) -> Table:
-    rows = []
-    for trial in choice.tried:
-        gain = trial.gain
-        rows.append(
-            [
-                " ".join(trial.names) or "none",
-                "not determined" if trial.left_out is None else _px(trial.left_out.rms),
-                "-" if gain is None else f"{gain.ratio:.3f}",
-                "-" if gain is None else f"{gain.low:.3f} to {gain.high:.3f}",
-                "yes" if trial.taken else "no",
-            ]
-        )
+    rows = [
+        [
+            " ".join(trial.names) or "none",
+            "not determined" if trial.left_out is None else _px(trial.left_out.rms),
+            "-" if trial.gain is None else f"{trial.gain.ratio:.3f}",
+            "-" if trial.gain is None else f"{trial.gain.low:.3f} to {trial.gain.high:.3f}",
+            "yes" if trial.taken else "no",
+        ]
+        for trial in choice.tried
+    ]
     return Table(
         "Camera parameters that were tried",
         ["estimated", "left out, px", "better by", "95 %", "taken"],
@@ -675,15 +673,7 @@ def enlargement(points: Array, displacement: Array, covariance: Array, size: flo
 def draw_print_map(
     marker: Marker, ids: list[str], points: Array, displacement: Array, covariance: Array, factor: float, ax: "Axes"
 ) -> "Axes":
-    """Draw displacements on the marker, `factor` times as long as they are, with their 2-sigma ellipses.
-
-    Parameters
-    ----------
-    points : array (n, 2), mm
-        Where the dots were designed.
-    displacement : array (n, 3), um
-    covariance : array (n, 3, 3), um^2
-    """
+    """Draw displacements (n, 3) in um of points (n, 2) in mm, `factor` times as long, with their 2-sigma ellipses."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -799,11 +789,6 @@ def draw_directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
 
     The side is that of the camera as seen from the front of the marker, its x to the right and y up; the hand points to
     where the upper edge of the image is in this view.
-
-    Parameters
-    ----------
-    rotation : array (v, 3, 3)
-    tilt_deg : array (v,)
     """
     spots = tilt_deg[:, None] * _unit(-rotation[:, 2, :2])
     outermost = next((ring for ring in _RINGS if ring >= tilt_deg.max()), 90)

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
+from markergen.calibration.coverage import posed
 from markergen.calibration.network import Network, Views
 from markergen.calibration.working_error import sensitivity
 from markergen.defaults import PRINT_SIGMA
 from markergen.errors import InputError
-from markergen.maths.rotation import exponential
 
 FREE_M, FREE_PX = 0.1, 1000.0
 """What is taken to be known of a dot, and of the image of a dot by the camera: next to nothing."""
@@ -262,15 +262,7 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
         # The camera in the middle of its own estimate: its derivatives are all that counts.
         working = sensitivity(points, adjustment.camera, rotation, translation, noise, flat)
         turns = working.matrices()[0] / len(markers)
-        design += float(
-            np.einsum(
-                "kii,i->",
-                turns[: working.dots, : working.dots].reshape(len(dots), 3, len(dots), 3)[
-                    np.arange(len(dots)), :, np.arange(len(dots)), :
-                ],
-                [print_sigma**2, print_sigma**2, 0.0],
-            )
-        )
+        design += float(np.diag(turns)[: working.dots] @ np.tile([print_sigma**2, print_sigma**2, 0.0], len(dots)))
         columns = (3 * dots[:, None] + np.arange(3)).ravel()[: working.dots if size else 0]
         lift = np.zeros((turns.shape[0], size + r))
         lift[np.arange(len(columns)), columns] = 1
@@ -281,9 +273,8 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
 
 def _working(views: Views, points: Array) -> tuple[Array, Array]:
     """Views from all sides, tilted by 0 to 60 deg, at the median distance of the photographs."""
-    tilt, azimuth = (grid.ravel() for grid in np.meshgrid(np.deg2rad([10.0, 35.0, 60.0]), np.arange(8) * np.pi / 4))
-    axis = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-    rotation = exponential(tilt[:, None] * axis) @ np.diag([1.0, -1.0, -1.0])
+    tilt, toward = (grid.ravel() for grid in np.meshgrid([10.0, 35.0, 60.0], 45.0 * np.arange(8)))
+    rotation = posed(tilt, toward, np.zeros_like(tilt))
     distance = np.array([0, 0, float(np.median(views.translation[:, 2]))])
     return rotation, distance - rotation @ points.mean(axis=0)
 

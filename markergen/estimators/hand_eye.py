@@ -20,6 +20,9 @@ from markergen.maths.rotation import inverse_pose, pose_product
 
 Pose = tuple[Array, Array]
 
+WEAKLY = 1e-6
+"""Weight of a scale of 1, beside that of a pose: it decides only where nothing else does."""
+
 
 def hand_eye_start(robot: Pose, moving: Pose) -> tuple[Pose, Pose, float]:
     """F, C and s by linear least squares over all pairs of poses; the least where they are open.
@@ -45,7 +48,9 @@ def hand_eye_start(robot: Pose, moving: Pose) -> tuple[Pose, Pose, float]:
     solution = np.linalg.lstsq(rows.reshape(-1, 12), goal.ravel(), rcond=1e-9)[0]
     carried = _rotation_near(np.asarray(solution[:9]).reshape(3, 3))
     rows = np.concatenate([moved[0] - eye, -(seen[1] @ carried.T)[..., None]], axis=-1)
-    *place, scale = np.linalg.lstsq(rows.reshape(-1, 4), -moved[1].ravel(), rcond=1e-6)[0]
+    # Where all poses are as far from one point, s is open, and 1 the best guess.
+    rows, goal = np.vstack([rows.reshape(-1, 4), [0, 0, 0, WEAKLY * length]]), np.r_[-moved[1].ravel(), WEAKLY * length]
+    *place, scale = np.linalg.lstsq(rows, goal, rcond=1e-9)[0]
     scale = float(scale) if scale > 0 else 1.0
     C = carried, np.array(place)
     F = pose_product(pose_product(robot, C), inverse_pose((moving[0], scale * moving[1])))

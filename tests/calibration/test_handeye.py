@@ -156,17 +156,6 @@ def test_a_wrong_pose_is_left_out():
     assert kept.tolist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
 
 
-def test_the_offset_along_parallel_axes_is_named_as_open():
-    fit, *_ = one_set(np.random.default_rng(10), 6, True, "exact")
-    assert not fit.open_directions()
-    wide = fit.covariance.copy()
-    wide[9:12, 9:12] += 0.3**2 * np.outer([0, 0.6, 0.8], [0, 0.6, 0.8])
-    ((which, is_turn, axis, sigma),) = replace(fit, covariance=wide).open_directions()
-    assert (which, is_turn) == (1, False)
-    assert abs(axis @ [0, 0.6, 0.8]) > 0.999
-    assert sigma == pytest.approx(0.3, rel=0.01)
-
-
 def test_the_robots_errors_are_those_it_has():
     sigma = np.array([one_set(np.random.default_rng(seed), 10, True, "exact")[0].robot.sigma for seed in range(4)])
     # Four sets with some 23 degrees of freedom for each kind: 10 % for the mean.

@@ -24,6 +24,7 @@ COMMANDS = {
     "detect": "photos --marker m.json --overlay seen",
     "doctor": "",
     "export": "m.json -o m.dxf",
+    "handeye": "m.json photos --robot poses.json --robot-frame flange-in-base --robot-unit m --camera camera.yaml",
     "inspect": "camera.yaml --plot camera.svg",
     "rescale": "m.json --measured-x 198mm --measured-y 198mm -o smaller.json",
     "rig": f"pair --plate 100mm --n 4 --tag aruco:DICT_4X4_50 --restarts 1 --poses {FEW} -o pair.json",
@@ -41,6 +42,7 @@ KEYS = {
     "design": {"value", "lower_bound", "dots", "criteria", "warnings", "files"},
     "doctor": {"name", "state"},
     "export": {"path", "notes"},
+    "handeye": {"T_flange_camera", "T_base_marker", "scale", "covariance"},
     "inspect": {"camera", "unused", "warnings", "files"},
     "rescale": {"print_scale", "notes", "files"},
     "rig": {"plates", "expected", "in_view", "warnings", "files"},
@@ -64,11 +66,16 @@ def made(tmp_path_factory):
     camera.save(folder / "camera.yaml")
     (folder / "sweep.toml").write_text(SWEEP)
     (folder / "photos").mkdir()
+    poses = []
     for k in range(4):
         lean = np.deg2rad(20 + 5 * k) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0])
         rotation = exponential(lean) @ np.diag([1.0, -1.0, -1.0])
-        image = render_view(marker, camera, rotation, np.array([0.0, 0.0, 0.35]), Optics(), rng)
+        place = np.array([0.0, 0.0, 0.3 + 0.05 * k])
+        image = render_view(marker, camera, rotation, place, Optics(), rng)
         cv2.imwrite(str(folder / "photos" / f"{k}.png"), image)
+        matrix = np.vstack([np.c_[rotation.T, -rotation.T @ place], [0, 0, 0, 1]])
+        poses.append({"photo": f"{k}.png", "matrix": matrix.tolist()})
+    (folder / "poses.json").write_text(json.dumps(poses))
     return folder
 
 
