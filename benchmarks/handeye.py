@@ -170,7 +170,8 @@ def main(sets: int, photos: int) -> None:
             title = f"{'on the hand' if on_hand else 'beside'}, camera {camera}"
             print(
                 f"{title:32}{1e3 * rms(table[:, first + 3 : first + 6]):12.3f}"
-                f"{np.rad2deg(rms(table[:, first : first + 3])):15.4f}{np.mean(squares):7.2f}{table[:, 13:].mean():8.3f}"
+                f"{np.rad2deg(rms(table[:, first : first + 3])):15.4f}{np.mean(squares):7.2f}"
+                f"{table[:, 13:].mean():8.3f}"
             )
             found = opencv(cases)
             if isinstance(found, str):

@@ -12,7 +12,8 @@ LEFT_OUT = {
     "README.md": 1,  # the installation
     "calibrate.md": 1,  # a live camera
     "comparison.md": 1,  # takes minutes
-    "detect.md": 1,  # a live camera
+    "detect.md": 1,
+    "handeye.md": 1,  # a live camera
     "install.md": 2,  # the installation, another OpenCV
     "paper.md": 1,  # takes half an hour
     "plugins.md": 2,  # packages of others
