@@ -24,8 +24,7 @@ from markergen.read.cameras.document import Document
 from markergen.read.images import SUFFIXES
 from markergen.read.poses.conventions import PoseConvention, column_of, plain_name, scale_of, stated, unit_of
 from markergen.read.poses.json import records
-from markergen.read.poses.rows import ROTATIONS, TRANSLATION, RowsFile, numbers_of
-from markergen.read.poses.tum import KITTI
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, TRANSLATION, RowsFile, numbers_of
 from markergen.read.remarks import remark
 from markergen.units import METERS
 
@@ -295,8 +294,8 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
         6: [*place, *three],
         7: [*place, *quaternion],
         9: list(ROTATIONS[2]),
-        12: KITTI.split(),
-        16: [*KITTI.split(), *(f"label{k}" for k in range(4))],
+        12: list(MATRIX_COLUMNS),
+        16: [*MATRIX_COLUMNS, *(f"label{k}" for k in range(4))],
     }.get(len(numbers), [])
     yield from zip(names, map(str, numbers), strict=False)
 
@@ -331,7 +330,7 @@ def _columns_of(table: _Table) -> _Columns:
         problem = " ".join(f"{kinds.count(name) or 'no'} {name}" for name in missing)
         raise InputError(f"the columns x y z in {table.name}", problem, "name each once")
     place = [kinds.index(name) for name in TRANSLATION]
-    unit = unit_of(dict(zip(names, columns, strict=True)), [names[k] for k in place], table.name)
+    unit = unit_of([columns[k].unit for k in place], table.name)
     for notation, wanted in (("matrix", ROTATIONS[2]), ("xyzw", ROTATIONS[0])):
         if set(wanted) <= set(kinds):
             return _Columns(place, [kinds.index(name) for name in wanted], notation, "", unit, "")
