@@ -46,6 +46,10 @@ def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     shapes = _Shapes(_unit(document, data, name, settings.unit))
     for placed in reader.entities():
         shapes.add(placed, document, file)
+    for layout in document.layouts:
+        # A viewport shows the model space.
+        if layout.is_any_paperspace and any(entity.dxftype() != "VIEWPORT" for entity in layout):
+            shapes.unread[f"the layout {brief(layout.name)} in paper space"] = None
     hidden = [*shapes.hidden, *(["a block is hidden"] if "hidden shapes" in reader.others else [])]
     corners = np.concatenate([np.zeros((0, 2)), *shapes.corners])
     used = {CUT} & {*reader.layers, *(str(layer.dxf.name) for layer in document.layers)}

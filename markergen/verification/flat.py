@@ -225,6 +225,7 @@ def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tup
         covered = " and ".join(part for part in (dots, "the tag" if over else "") if part) or "the marker"
         remedy = "convert it to paths, or move it away" if name.startswith("the text") else "move it away"
         remedy = f"explode it, or move it to the layer {INFO_ON}" if page.layers else remedy
+        remedy = "delete it" if name.startswith("the layout") else remedy
         findings.append(Finding("covered", f"{name} is not read, and may cover {covered}", remedy))
     return findings
 

@@ -44,7 +44,8 @@ _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
 
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 """Elements by which a browser shows something else than a picture of the file."""
-
+_AT_ENDS = re.compile(rb"\bmarker(?:-start|-mid|-end)?\s*[=:]\s*[\"']?\s*url\b")
+"""Shapes at the ends of lines, which browsers draw and the reader does not."""
 
 _STYLE = re.compile(rb"<(?:\w+:)?style\b[^>]*>(.*?)</(?:\w+:)?style>", re.DOTALL)
 _STYLES = re.compile(rb"\{([^{}]*)\}")
@@ -67,6 +68,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         data = _unpacked(data, name)
     if _MOVING.search(data):
         raise InputError(f"an SVG that stays as it is in {name}", "animation or a script", "save it without them")
+    if _AT_ENDS.search(data):
+        raise InputError(f"an SVG without shapes at the ends of its lines in {name}", "marker", "convert them to paths")
     _check_styles(data, name)
     file = OutlineFile(name, data, PATIENCE)
     wanted = f"an SVG that browsers draw, within {KINDS['SVG'].seconds:g} s, in {name}"

@@ -154,7 +154,12 @@ def not_plotted(document, space):
     document.layers.get("ENGRAVE").dxf.plot = 0
 
 
+def in_paper_space(document, space):
+    document.layout("Layout1").add_circle((0, 0), 6)
+
+
 ENTITIES = {
+    "circle in paper space": (in_paper_space, "covered"),
     "circle twice, as arcs": (twice_as_arcs, "twice"),
     "outline beside itself": (outline_beside, "twice"),
     "everything elsewhere": (elsewhere, "twice"),
@@ -289,6 +294,7 @@ def test_everything_twice_in_its_place_is_named(marker, files, tmp_path):
         "#dot-2 { r: 3px }",
         "svg { zoom: 1.1 }",
         "@keyframes a { to { fill: white } } #dot-2 { animation: a 1s forwards }",
+        "#cut { marker-end: url(#dot-2) }",
     ],
 )
 def test_styles_that_programs_draw_differently_are_refused(marker, files, tmp_path, style):
