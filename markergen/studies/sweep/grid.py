@@ -20,9 +20,8 @@ from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.problem import check_objective, check_parts
 from markergen.read.cameras import read_camera
-from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import DRAWING, spec_from_mapping
 from markergen.read.templates import read_template, shipped_templates
 from markergen.studies.cells import canonical_text
 from markergen.studies.named import STUDIES
@@ -149,9 +148,12 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
         findings.append("seed: given twice, in [study] and outside")
     if "seed" in study:
         fixed["seed"] = study["seed"]
-    fixed = {key: value for key, text in fixed.items() if (value := _fit(key, text, "", findings)) is not None}
+    reading = {key: fixed.pop(key) for key in DRAWING if key in fixed}
+    fixed = {key: value for key, text in fixed.items() if (value := _fit(key, text, "", findings, reading)) is not None}
     fixed |= {key: study[key] for key in _OWN if key in study}
-    axes = _axes(values.get("grid", {}), findings)
+    axes = _axes(values.get("grid", {}), findings, reading)
+    if reading and "boundary" not in values and "boundary" not in axes:
+        findings.append(f"{', '.join(reading)}: without a drawing as boundary")
     rooms = {"boundary", "radius"}
     for key in axes:
         if key in fixed or (key in rooms and rooms & set(fixed)):
@@ -208,7 +210,7 @@ def _is_whole(value: Any, most: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most
 
 
-def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
+def _axes(table: Any, findings: list[str], reading: Mapping[str, Any]) -> dict[str, list[tuple[Any, Any]]]:
     """Valid values of each axis: as written, and as passed to a spec."""
     if not isinstance(table, Mapping) or not table:
         findings.append("grid: missing; give at least one list, such as n = [4, 5, 6]")
@@ -226,7 +228,7 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
             text = json.dumps(_plain(value), sort_keys=True)
             if text in seen:
                 findings.append(f"grid.{key}: {brief(value)} twice")
-            elif (fitting := _fit(key, value, "grid.", findings)) is not None:
+            elif (fitting := _fit(key, value, "grid.", findings, reading)) is not None:
                 pairs.append((value, fitting))
             seen.add(text)
         if pairs:
@@ -234,8 +236,8 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
     return axes
 
 
-def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
-    """Value as passed to a spec; None, and a finding, if it is invalid for this key."""
+def _fit(key: str, value: Any, where: str, findings: list[str], reading: Mapping[str, Any]) -> Any:
+    """Value as passed to a spec, drawings read as `reading` says; None, with a finding if it is invalid."""
     if key == "shape":
         findings.append(f"{where}shape: a study compares layouts of one marker; compare rigs by markergen compare")
         return None
@@ -245,7 +247,7 @@ def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
             findings.append(f"{where}{key}: {problem} (got {brief(value)})")
         return None if problem else value
     try:
-        value = _read(key, value)
+        value = _read(key, value, reading)
     except InputError as error:
         findings.append(f"{where}{key}: expected {error.args[0]}, found {error.args[1]}")
         return None
@@ -259,14 +261,12 @@ def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
     return value
 
 
-def _read(key: str, value: Any) -> Any:
+def _read(key: str, value: Any, reading: Mapping[str, Any]) -> Any:
     """Object named by a text: a calibration file, a drawing, or a file of poses."""
     if key == "camera" and isinstance(value, str):
         return named_camera(value).as_dict()
     if key == "boundary" and isinstance(value, str):
-        room, _ = read_room(value)
-        assert room is not None
-        return room.as_dict()
+        return spec_from_mapping({key: value, **reading}, _TEXT).boundary.as_dict()
     return value
 
 

@@ -164,3 +164,16 @@ def test_what_is_computed_makes_the_identity():
     assert identity() == identity()
     different = [identity(), identity(dot="20mm"), identity(study={"runs": 1}), identity(study={"estimators": ["lm"]})]
     assert len({str(each) for each in different}) == 4
+
+
+def test_a_drawing_as_boundary(tmp_path):
+    shape = '<path d="M0,0 h200 v100 h-200 z"/><path d="M9,9 L50,60 L70,20" fill="none" stroke="#000"/>'
+    drawing = tmp_path / "open.svg"
+    drawing.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 100">{shape}</svg>')
+    values = {"boundary": str(drawing), "boundary_unit": "mm", "dot": "12mm", "grid": {"n": [5, 6]}}
+    with pytest.raises(InputError, match="open"):
+        sweep_from_mapping(values)
+    sweep = sweep_from_mapping({**values, "ignore_open": True})
+    assert sweep.points[0].spec.boundary.area == pytest.approx(0.02)
+    with pytest.raises(InputError, match="ignore_open: without a drawing"):
+        sweep_from_mapping({"radius": "5cm", "ignore_open": True, "grid": {"n": [5, 6]}})
