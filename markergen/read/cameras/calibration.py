@@ -173,17 +173,17 @@ def _array(values: Any, name: str) -> "np.ndarray[Any, np.dtype[np.float64]]":
 def _size(table: Fields) -> tuple[str, int, int]:
     """Return the keys of the image size, and width and height; refuse sizes that contradict each other."""
     sizes: dict[str, tuple[int, int]] = {}
-    if (key := table.find(*SIZE)) is not None:
+    for keys in (SIZE, SHAPE):
+        if (key := table.find(*keys)) is None:
+            continue
         if isinstance(table.values[key], dict):
-            sides: list[float] = [table.fields(*SIZE).whole(*WIDTH), table.fields(*SIZE).whole(*HEIGHT)]
+            sides: list[float] = [table.fields(*keys).whole(*WIDTH), table.fields(*keys).whole(*HEIGHT)]
         else:
-            sides = table.numbers(*SIZE)
+            # That of an array has rows, columns and perhaps channels.
+            sides = table.numbers(*keys)[1::-1] if keys is SHAPE else table.numbers(*keys)
         if len(sides) != 2 or not all(side.is_integer() for side in map(float, sides)):
             raise InputError(f"width and height at {table.place(key)}", brief(sides), "correct the file")
         sizes[key] = int(sides[0]), int(sides[1])
-    if (key := table.find(*SHAPE)) is not None:  # Of an array: rows, columns and perhaps channels.
-        rows, columns, *_ = [*table.numbers(*SHAPE), 0.0, 0.0]
-        sizes[key] = int(columns), int(rows)
     if not sizes and table.size is None and table.find(*WIDTH) is None:
         remedy = "add it, or give --image-size, that of the photographs, such as 640x480"
         raise NoSizeError(f"the key {' or '.join(WIDTH[:2])} in {table.place()}", "none", remedy)
