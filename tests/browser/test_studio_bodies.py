@@ -18,7 +18,7 @@ def test_a_pad_is_optimized_into_three_dimensions(studio, tmp_path):
         'n = "auto"\nradius = "400mm"\nposes = "cone:distance=0.5..10m,tilt=0..30,count=40"\n'
     )
     studio.give(tmp_path / "pad.toml")
-    studio.until("() => document.getElementById('said').textContent.length > 0")
+    studio.until("() => location.hash.length > 30")
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#stage canvas[data-ready]", timeout=120_000)
     assert "of several sizes" in studio.said()

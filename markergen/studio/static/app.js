@@ -70,10 +70,6 @@ function become(state, step = true) {
 
 /* A state with a shape is that of a rig, its options those of `markergen rig`; it is taken when a search has made it. */
 async function design(state, step) {
-  if (search) {
-    said("Stop the search first.", true);
-    return false;
-  }
   const { shape, ...others } = state;
   const end = await searching("rig", { shape, options: others });
   if (!end) return false;
@@ -367,9 +363,14 @@ function pick(mode) {
 
 /* --- searches ---------------------------------------------------------------------------------------------------- */
 
-/* Run a search to its last line; its progress is shown, and pressing the button again stops it. */
+/* Run a search to its last line, instead of one that runs; its progress is shown. */
 async function searching(path, request, onstep) {
-  search = new AbortController();
+  let finish;
+  while (search) {
+    search.abort();
+    await search.end;
+  }
+  search = Object.assign(new AbortController(), { end: new Promise((done) => { finish = done; }) });
   by("progress").hidden = false;
   buttons();
   try {
@@ -395,11 +396,11 @@ async function searching(path, request, onstep) {
     by("progress").hidden = true;
     drawing.ghost([]);
     buttons();
+    finish();
   }
 }
 
 async function optimize() {
-  if (search) return search.abort();
   const { points, ...others } = sizeless(options);
   const count = others.n || others.target ? {} : { n: look?.dots.length || 5 };
   const end = await searching("optimize", { options: { ...others, ...count } }, (line) => line.dots && drawing.ghost(line.dots));
@@ -491,7 +492,7 @@ function listen() {
     else return;
     event.preventDefault();
   });
-  by("optimize").addEventListener("click", optimize);
+  by("optimize").addEventListener("click", () => (search ? search.abort() : optimize()));
   by("back").addEventListener("click", () => become(options.shape ? flat : options, Boolean(options.shape)));
   by("open").addEventListener("click", () => by("files").click());
   by("files").addEventListener("change", async () => {
