@@ -286,7 +286,7 @@ GIVEN: Sequence[Given] = tuple(
                 "@ deg (# mm) and @ deg (# mm)",
             ],
         ),
-        (PAPER, SETTING, ["growth #, half where", "the paper's #, and half"]),
+        (PAPER, SETTING, ["growth #, half where", "of SuperSAB as published # and half"]),
         (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
         (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
         (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),
@@ -314,6 +314,19 @@ GIVEN: Sequence[Given] = tuple(
         (OBJECTIONS, SETTING, ["The camera has 640 x # px"]),
         (COMPARISON, SETTING, ["640 x # px are few", "in a circle of # mm", "a print error of # mm of"]),
         (COMPARISON, DEFAULT, ["dots of # px and a ring"]),
+        (
+            COMPARISON,
+            "an upper limit, of fewer settings than there are now",
+            [
+                f"| {row} | # (# to #) | # | # % |"
+                for row in ("7 x 7 circles", "checkerboard of 9 x 9", "ArUco 4x4", "AprilTag 36h11", "ChArUco 5x5")
+            ],
+        ),
+        (
+            COMPARISON,
+            SETTING,
+            ["compare markers of # mm, at # to # m anywhere", "square of # mm and white", "up to # degrees, are"],
+        ),
         (FAQ, EXAMPLE, ["seen at # degrees or more"]),
         (FAQ, STANDARD, ["by (cx + #) s - # for"]),
         (STUDY, DEFAULT, ["times out after # s"]),

@@ -57,6 +57,9 @@ STARTED_FROM, NEAR_BEST = 20, 0.02
 RESTARTS, RELIEF_STARTS, RANDOM = 8, 4, 25
 """Number of random starts of a search over all poses, in the plane and in space, and of random layouts beside it."""
 
+FEW_RESTARTS = 2
+"""Number of random starts up to which a search that needs autograd is a descent alone."""
+
 RELIEFS = {"relief-20": 0.02, "relief-50": 0.05}
 """Heights in m available to control points."""
 
@@ -290,7 +293,7 @@ def joint(cell: Cell) -> Result:
     """One kind of layout of n points, and its errors under every pose.
 
     Settings: ``layout`` (an objective's name, ``ngon``, ``random``, or a relief), ``n``, ``poses`` (indices), ``runs``,
-    ``restarts``, ``noise_px``, ``seed``.
+    ``restarts`` if there are fewer than usual, ``noise_px``, ``seed``.
 
     Returns
     -------
@@ -300,7 +303,7 @@ def joint(cell: Cell) -> Result:
     """
     settings, rng = cell.settings, cell.rng
     poses = poses_of(settings["poses"])
-    layouts = layouts_of(settings["layout"], settings["n"], settings["poses"], rng, settings["restarts"])
+    layouts = layouts_of(settings["layout"], settings["n"], settings["poses"], rng, settings.get("restarts"))
     estimators = ESTIMATORS_RELIEF if layouts.shape[-1] == 3 else ESTIMATORS_FLAT
     rows = [
         layout_trials(
@@ -322,7 +325,7 @@ def joint(cell: Cell) -> Result:
     }
 
 
-def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, restarts: int) -> Array:
+def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, restarts: int | None) -> Array:
     """Layouts (B, n, 2), or (1, n, 3) with relief, in m."""
     if name == "ngon":
         return regular_polygon(n, BOUNDARY.radius)[None]
@@ -332,16 +335,18 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, 
     if name == "hartley":
         # autograd takes ten times as long as closed forms, and the optimum is degenerate for any set of poses.
         poses = fewer(poses)
-        if restarts == 1:
+        if restarts and restarts <= FEW_RESTARTS:
             # A quick look does not find how degenerate it is.
             return descend(objective_for(name, poses), REGION, REGION.sample(1, n, rng)).points
     if name not in RELIEFS:
-        return search(objective_for(name, poses), REGION, n, rng, restarts).points[None]
+        return search(objective_for(name, poses), REGION, n, rng, restarts or RESTARTS).points[None]
     # Bare points stand on pillars of zero width, which hide nothing.
     room = ReliefRoom(REGION, RELIEFS[name], eyes_of(poses))
     flat = regular_polygon(n, BOUNDARY.radius)
     rough = objective_for("pose", fewer(poses))
-    return search_relief(objective_for("pose", poses), room, flat, rng, restarts, rough=rough).points[None]
+    return search_relief(objective_for("pose", poses), room, flat, rng, restarts or RELIEF_STARTS, rough=rough).points[
+        None
+    ]
 
 
 ROUTINES: dict[str, Callable[..., Descent]] = {

@@ -127,11 +127,11 @@ class PaperOptions:
     @property
     def step_runs(self) -> int:
         """Noisy runs of each step of the descent."""
-        return self.reduced(STEP_RUNS, 100)
+        return max(100, round(STEP_RUNS * self.scale**0.5))
 
     def reduced(self, number: int, least: int) -> int:
-        """Share of a number that goes with the root of the scale, as poses do, and is at least `least`."""
-        return max(least, round(number * self.scale**0.5))
+        """Number as it is from a quarter of the study on, then with the root of the scale, and at least `least`."""
+        return max(least, round(number * min(1.0, 2 * self.scale**0.5)))
 
     def as_dict(self) -> dict[str, float]:
         """Return the options as plain JSON values."""

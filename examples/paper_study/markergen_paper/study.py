@@ -19,6 +19,7 @@ from markergen_paper.experiments import (
     CONDITIONED,
     DESCENT,
     EARLY,
+    FEW_RESTARTS,
     JOINT,
     LIMITS,
     METHODS,
@@ -164,9 +165,7 @@ def cells_of(options: PaperOptions) -> list[Cell]:
         *_joint(options),
         *_methods(options),
         *(
-            _cell(
-                SETTLING, options, n=n, poses=list(chain(*_half(options))), starts=min(SETTLING_STARTS, options.fewer)
-            )
+            _cell(SETTLING, options, n=n, poses=list(chain(*_half(options))), starts=_further(SETTLING_STARTS, options))
             for n in NUMBERS
         ),
         *(
@@ -202,6 +201,11 @@ def _half(options: PaperOptions) -> list[list[int]]:
     """Poses at every second azimuth by distance and polar angle, or, of one azimuth, at every second of these."""
     blocks = np.reshape(options.poses, (GROUPS, -1))
     return (blocks[:, ::2] if options.azimuths > 1 else blocks[::2]).tolist()
+
+
+def _further(starts: int, options: PaperOptions) -> int:
+    """Number of starts of an experiment beside the paper's own: usually `starts`, fewer with small scales."""
+    return min(starts, max(2, options.starts // 5))
 
 
 def _random_only(options: PaperOptions) -> list[Cell]:
@@ -242,12 +246,12 @@ def seconds_of(cell: Cell) -> float:
         return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     each = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
-    needs_autograd = settings["layout"] == "hartley" and settings["restarts"] > 1
+    needs_autograd = settings["layout"] == "hartley" and settings.get("restarts", RESTARTS) > FEW_RESTARTS
     return len(settings["poses"]) * each + AUTOGRAD_S * needs_autograd
 
 
 def _early(options: PaperOptions) -> list[Cell]:
-    starts = min(EARLY_STARTS, options.fewer)
+    starts = _further(EARLY_STARTS, options)
     return [
         _cell(EARLY, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
         for name in COORDINATES
@@ -259,8 +263,9 @@ def _joint(options: PaperOptions) -> list[Cell]:
     cells = []
     for name in ("ngon", "random", *OBJECTIVE_OF, *RELIEFS):
         runs = options.reduced(JOINT_RANDOM_RUNS if name == "random" else JOINT_RUNS, 2)
-        restarts = options.reduced(RELIEF_STARTS if name in RELIEFS else RESTARTS, 1)
-        settings = {"layout": name, "poses": options.poses, "runs": runs, "restarts": restarts, "noise_px": QUIET_PX}
+        settings = {"layout": name, "poses": options.poses, "runs": runs, "noise_px": QUIET_PX}
+        if options.scale < 0.25:
+            settings["restarts"] = options.reduced(RELIEF_STARTS if name in RELIEFS else RESTARTS, 1)
         cells += [_cell(JOINT, options, n=n, **settings) for n in JOINT_NUMBERS]
     return cells
 

@@ -101,7 +101,7 @@ def test_shares_of_the_gain(coordinates, fake):
 
 def cell_of(layout, n=6):
     poses = PaperOptions(scale=1e-4).poses
-    settings = {"layout": layout, "n": n, "poses": poses, "runs": 4, "restarts": 4, "noise_px": 1.0, "seed": 0}
+    settings = {"layout": layout, "n": n, "poses": poses, "runs": 4, "noise_px": 1.0, "seed": 0}
     return Cell("joint", settings)
 
 
