@@ -145,6 +145,8 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     for choice in CHOICES:
         if making.get(choice):  # Even if it is the default: other processes have no such choice.
             check_choice(making.get("process", DEFAULT_PROCESS), choice)
+    if "hole" in making:
+        making["hole"] = ",".join(making["hole"])
     if "draft" in making:
         making["draft"] = radians(making["draft"])
     dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}

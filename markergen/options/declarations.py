@@ -330,10 +330,10 @@ class ExportKeywords(SheetKeywords, MadeKeywords, PlateKeywords, total=False):
         ),
     ]
     hole: Annotated[
-        str,
+        Texts,
         Option(
             SOLID,
-            "Tolerance classes of holes by their names in the drawing: H1:H7,H6:H7.",
+            "Tolerance classes of holes by their names in the drawing: H1:H7,H6:H7; may be repeated.",
             otherwise="H7 for dowels and drawn holes that are datums of a milled plate",
             metavar="TEXT",
         ),
