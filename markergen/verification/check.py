@@ -21,6 +21,7 @@ from markergen.verification.findings import (
     AGAIN,
     UNTAGGED,
     Verdict,
+    at_holes,
     change_findings,
     extras,
     judge,
@@ -272,11 +273,15 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         # A page may have no dots, such as assembly instructions.
         if not len(dots) and len(reading.pages) > 1:
             continue
-        count += len(dots)
         room = recess_clearance(page.surface, dots, expected) if page.surface is not None else 0.0
         cored = bool(room and dots.rings.any())
         sought = recesses(expected, room, cored) if room else expected
-        here = _copies(sought, ids, dots, tolerance, reading, page)
+        first, *others = _copies(sought, ids, dots, tolerance, reading, page)
+        # Holes may be as many as the dots, and as large: they are not another marker.
+        bored = at_holes(dots, first.motion, holes)
+        here = [first, *(verdict for verdict in others if not bored[verdict.used].all())]
+        bored[np.concatenate([verdict.used for verdict in here])] = False
+        count += len(dots) - int(bored.sum())
         if page.surface is not None and page.surface.loose:
             notes.append(DARK)
         if page.surface is not None and not room and is_light_alone(page.surface, dots):

@@ -172,14 +172,21 @@ def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: b
     return findings
 
 
-def extras(
-    dots: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
-) -> list[Finding]:
+def at_holes(dots: DotSet, motion: tuple[Array, Array] | None, holes: Array) -> Mask:
+    """Tell which dots lie at holes (k, 2), mm, of a marker that is placed by a motion."""
+    if motion is None or not len(holes):
+        return np.zeros(len(dots), dtype=bool)
+    rotation, translation = motion
+    places = (dots.centers - translation) @ rotation
+    return np.asarray(np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) <= dots.radii / 2)
+
+
+def extras(dots: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array) -> list[Finding]:
     """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped.
 
     So are those far from a small marker on a large sheet: at the size of its dots, letters are round.
     """
-    left = np.setdiff1d(np.arange(len(dots)), used)
+    left = np.setdiff1d(np.flatnonzero(~at_holes(dots, motion, holes)), used)
     if not len(left) or motion is None:
         return []
     rotation, translation = motion
@@ -190,8 +197,6 @@ def extras(
         reach = FAR * (np.linalg.norm(inner - middle, axis=-1).max() + 10 * dots.radii[used].max())
         close = np.linalg.norm(places - middle, axis=-1) <= reach
         left, places = left[close], places[close]
-    if holes is not None and len(holes):
-        places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > dots.radii[left] / 2]
     if not len(places):
         return []
     listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])

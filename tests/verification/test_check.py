@@ -13,8 +13,10 @@ from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
+from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_body
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import Settings
@@ -297,6 +299,18 @@ def test_several_markers_on_a_page(make_marker, tmp_path):
     # None of them has this one.
     check = verify(replace(marker, tag=Tag("apriltag:36h11", 7, 0.015)), tmp_path / "all.pdf")
     assert kinds(check) == ["tag"] * 5
+
+
+@pytest.mark.parametrize("suffix", [".dxf", ".3mf"])
+def test_holes_as_many_and_as_large_as_the_dots_are_no_marker(make_ngon, tmp_path, suffix):
+    around = 0.04 * np.exp(1j * np.pi / 3 * np.arange(6))
+    holes = tuple(Hole(x, y, 0.0066) for x, y in zip(around.real, around.imag, strict=True))
+    marker = make_ngon(6, 0.05, 0.008)
+    inward = tuple(replace(point, x=0.7 * point.x, y=0.7 * point.y) for point in marker.control_points)
+    marker = replace(marker, control_points=inward, substrate=Substrate(0.008, holes=holes))
+    save([marker], [tmp_path / f"plate{suffix}"], ExportOptions(fabrication=Fabrication("cnc", engrave=False)))
+    check = verify(marker, tmp_path / f"plate{suffix}")
+    assert (kinds(check), check.dots, check.copies) == ([], 6, 1)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
