@@ -37,4 +37,6 @@ def main(marker: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) not in (1, 3):
+        sys.exit(__doc__)
     main(*map(Path, sys.argv[1:] or ["marker.json", "photos"]))

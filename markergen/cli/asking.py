@@ -6,7 +6,11 @@ from shlex import join
 
 from markergen.cli.console import report
 from markergen.drawing.paper import paper_of_locale
+from markergen.errors import InputError
 from markergen.units import parse_length
+
+FARTHEST = 1.5
+"""Distance of the farthest pose by default, m."""
 
 NEAREST = 0.4
 """Distance of the nearest pose over that of the farthest, as of the poses that are the default."""
@@ -17,14 +21,22 @@ def asked() -> list[str]:
     usual = paper_of_locale(os.environ)
     paper = _answer("Paper in the printer", usual)
     camera = _answer("Camera: webcam, phone, or its calibration file", "webcam")
-    distance = _answer("How far away is the marker at most", "1.5m")
+    far = _distance()
     words = ["design", "--paper", paper]
     words += ["--camera", camera] if camera != "webcam" else []
-    if distance != "1.5m":
-        far = parse_length(distance, "distance")
+    if far != FARTHEST:
         words += ["--poses", f"cone:distance={NEAREST * far:.4g}..{far:.4g}m,tilt=0..70"]
     report(f"markergen {join([*words, '-o', 'marker.pdf'])}")
     return [*words, "-o", "marker.pdf"]
+
+
+def _distance() -> float:
+    """Ask for a distance in m until the answer is one."""
+    while True:
+        try:
+            return parse_length(_answer("How far away is the marker at most", f"{FARTHEST}m"), "distance")
+        except InputError as error:
+            report(str(error))
 
 
 def _answer(question: str, default: str) -> str:

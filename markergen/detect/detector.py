@@ -17,7 +17,7 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import turn_z
 from markergen.model.body_json import load_marker_or_rig
-from markergen.model.camera import Camera
+from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.model.detector_json import detector_content
 from markergen.model.marker import Marker, check_supported
 from markergen.model.rig import Rig, Target, planned_print
@@ -38,6 +38,9 @@ _MAP_PX = 8
 
 
 NO_POSES = "dots and homographies without a camera; for poses give --camera FILE (markergen calibrate measures one)"
+TYPICAL = (
+    "--camera {} is a typical one, not yours: sigmas leave out how they differ; markergen calibrate measures yours"
+)
 """What a detector without a camera has to say."""
 
 
@@ -83,7 +86,7 @@ class Detector:
     >>> import cv2, numpy as np
     >>> from markergen.detect import Detector
     >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.camera import Camera
+    >>> from markergen.model.camera import NAMED_CAMERAS, Camera
     >>> from markergen.model.marker import build_marker
     >>> from markergen.render import Optics, render_view
     >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
@@ -135,6 +138,8 @@ class Detector:
                 "give its calibration as well, with --camera, or camera= from Python",
             )
         self._note = NO_POSES if camera is None else counted(camera_covariance, camera, covariance)
+        if isinstance(camera, str | Path) and str(camera) in NAMED_CAMERAS:
+            self._note = TYPICAL.format(camera)
         sources = as_list(markers)
         if not sources:
             raise InputError("one marker or more", "none", "say what to look for")

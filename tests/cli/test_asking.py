@@ -4,12 +4,14 @@ from markergen.cli import asking
 
 
 def test_answers_make_a_command(monkeypatch, capsys):
-    answers = iter(["letter", "phone", "2m"])
+    answers = iter(["letter", "phone", "0.5..2", "2m"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     words = asking.asked()
     cone = "cone:distance=0.8..2m,tilt=0..70"
     assert words == ["design", "--paper", "letter", "--camera", "phone", "--poses", cone, "-o", "marker.pdf"]
-    assert capsys.readouterr().out.startswith("markergen design --paper letter")
+    refused, command = capsys.readouterr().out.splitlines()
+    assert "0.5..2" in refused
+    assert command.startswith("markergen design --paper letter")
 
 
 def test_without_answers_it_is_the_usual_design(monkeypatch):
