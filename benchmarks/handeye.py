@@ -69,7 +69,7 @@ METHODS = ("Tsai", "Park", "Horaud", "Andreff", "Daniilidis")
 
 def one_set(
     rng: np.random.Generator, photos: int, on_hand: bool, camera: str
-) -> tuple[HandEyeFit, Array, Array, Pose, Pose]:
+) -> tuple[HandEyeFit, Array, Pose, Pose, Pose]:
     """Fit of one set, errors (13,) in the order of its covariance, those of the camera, and what OpenCV gets."""
     design = layout(12)
     true = printed(design, rng)
@@ -142,7 +142,7 @@ def opencv(cases: list[tuple[Pose, Pose]]) -> Array | str:
         data, result = Path(folder) / "sets.npz", Path(folder) / "found.npy"
         arrays = {f"flange{k}": matrices(flange) for k, (flange, _) in enumerate(cases)}
         arrays |= {f"marker{k}": matrices(marker) for k, (_, marker) in enumerate(cases)}
-        np.savez(data, sets=len(cases), **arrays)
+        np.savez(data, allow_pickle=False, sets=np.array(len(cases)), **arrays)
         clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         subprocess.run([str(python), "-c", OPENCV, str(data), str(result)], env=clean, check=True)
         return np.asarray(np.load(result))
