@@ -1,6 +1,7 @@
 """Examples, notebooks and templates that are shipped, and copies of them to begin with."""
 # tests: tests/api/test_example.py
 
+import re
 from pathlib import Path
 
 from markergen.errors import InputError, OutputError, among
@@ -15,6 +16,13 @@ def examples() -> dict[str, Path]:
     packages = [path.parent for name in ("package.xml", "pyproject.toml") for path in folder.glob(f"*/{name}")]
     paths = [*folder.glob("*.py"), *folder.glob("notebooks/*.ipynb"), *packages]
     return {path.stem: path for path in sorted(paths)} | shipped_templates()
+
+
+def summary_of(path: Path) -> str:
+    """Return the first sentence that an example says of itself, in its docstring, comment, heading or README."""
+    text = (path / "README.md" if path.is_dir() else path).read_text(encoding="utf-8")
+    first = re.search(r'^(?:"""|# | *"# )?([A-Z][^\n"]{9,}?)(?:[.:;] |\.?$|\.?\\n)', text, re.MULTILINE)
+    return first[1] if first else ""
 
 
 def copied_example(name: str, folder: str | Path = ".") -> Files:

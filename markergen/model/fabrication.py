@@ -144,7 +144,10 @@ class Fabrication:
             entries = [entry.strip() for entry in getattr(self, name).split(",") if getattr(self, name)]
             firsts = [entry[: 1 if name == "datum" else None].split(":")[0] for entry in entries]
             if not all(map(form.fullmatch, entries)) or len(set(firsts)) < len(firsts):
-                raise InputError(f"{name}s such as {example}", brief(getattr(self, name)), f"use --{name} {example}")
+                only = {"datum": "A is the face with the dots", "hole": "classes are H6, H7, H8 and H13"}[name]
+                raise InputError(
+                    f"{name}s such as {example}", brief(getattr(self, name)), f"use --{name} {example}; {only}"
+                )
         if self.datum and sorted(self.datums) not in (["A", "B"], ["A", "B", "C"], ["B"], ["B", "C"]):
             raise InputError("datum B, and perhaps C", brief(self.datum), "name B first: --datum A=face,B=H1,C=H6")
         # Formats without solids need no process: the default is valid without a look-up.

@@ -224,7 +224,7 @@ def _of_circle(whole: tuple[float, float, float], feet: Array, tolerance: float)
         return [f"is not round: its sides are up to {short_length(worst)} off the circle of {2 * radius:.6g} mm"]
     sentences = []
     if apart > tolerance:
-        sentences.append(f"is {short_length(apart)} off (x {a:+.4g} mm, y {b:+.4g} mm)")
+        sentences.append(f"is {short_length(apart)} off (x {round(a, 6) + 0.0:+.4g} mm, y {round(b, 6) + 0.0:+.4g} mm)")
     if abs(fitted - radius) > tolerance or not sentences:
         sentences.append(f"has a diameter of {2 * fitted:.6g} mm, not {2 * radius:.6g} mm")
     return sentences

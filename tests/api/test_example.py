@@ -4,13 +4,18 @@ import filecmp
 
 import pytest
 
-from markergen.api.example import copied_example, examples
+from markergen.api.example import copied_example, examples, summary_of
 from markergen.cli import main
 from markergen.errors import InputError, OutputError
 
 
 def test_all_kinds_are_there():
     assert {"take_photos", "first_marker", "ros2", "plugin", "desk-a4"} <= set(examples())
+
+
+def test_each_says_what_it_is():
+    assert summary_of(examples()["take_photos"]).startswith("Take synthetic photos of a marker")
+    assert all(map(summary_of, examples().values()))
 
 
 @pytest.mark.parametrize("name", ["take_photos", "first_marker", "desk-a4"])

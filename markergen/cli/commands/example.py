@@ -19,10 +19,11 @@ def example(
       markergen example
       markergen example first_marker
     """
-    from markergen.api.example import copied_example, examples
+    from markergen.api.example import copied_example, examples, summary_of
 
     if name is None:
-        console.report("\n".join(f"{name:26}{path.suffix[1:] or 'package'}" for name, path in examples().items()))
+        for known, path in sorted(examples().items(), key=lambda item: item[1].suffix):
+            console.report(f"{known:24} {path.suffix[1:] or 'package':8}{summary_of(path)}")
         return
     for file in copied_example(name, folder).written:
         console.report(str(file))
