@@ -5,12 +5,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import radians
 from os import PathLike
+from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.arguments import files_among, paths_of
 from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.paper import SheetOptions
-from markergen.errors import InputError
+from markergen.errors import InputError, OutputError
 from markergen.exporters import Exporter, ExportOptions, exporter_of, suffix_of
 from markergen.exporters.saving import check_exports, frame_of, save
 from markergen.files import Written, write_all
@@ -66,7 +67,7 @@ def export(
     InputError
         If a suffix or an option is unknown, or a format cannot hold the marker; nothing is written.
     OutputError
-        If a file cannot be written; every target is as it was.
+        If a file cannot be written, or is a drawing of another program; every target is as it was.
     MissingLibraryError
         If a solid is asked for and the extra ``solids`` is not installed.
 
@@ -92,6 +93,7 @@ def export(
     check_exports(outputs, choices, frame=frame)
     results = list(read_as("files", json, "json") or ())
     check_files([*outputs, *results], inputs)
+    _keep_drawings(outputs)
     markers = [plate.marker for body in bodies for plate in body.plates]
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
@@ -121,6 +123,15 @@ def with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:
     if isinstance(body, Marker):
         return with_plate(body, asked)
     return replace(body, markers=tuple(replace(plate, marker=with_plate(plate.marker, asked)) for plate in body.plates))
+
+
+def _keep_drawings(outputs: Sequence[Path]) -> None:
+    """Refuse to replace drawings of other programs: most likely the outline that the marker was designed in."""
+    for path in outputs:
+        if path.suffix.lower() in (".dxf", ".svg") and path.is_file() and b"markergen" not in path.read_bytes():
+            raise OutputError(
+                f"expected no drawing of another program at {path}, found one; write to another name, or remove it"
+            )
 
 
 def _warnings(markers: Sequence[Marker], formats: Sequence[Exporter], choices: ExportOptions) -> Iterator[str]:

@@ -358,7 +358,8 @@ def _nominal(name: str, measured: float, requested: float | None, stated: float 
             raise InputError(
                 f"a length along {name} within {100 * MOST_OFF:g} % of a sheet's ruler, {choices}",
                 format_length(measured),
-                f"check the unit; or give --nominal-{name}, the length stated on the sheet, and --force if it is off",
+                f"check the unit; or give --nominal-{name}, the length stated on the sheet, of a ruler or of dots, "
+                "and --force if it is off",
             )
         return rulers[0]
     scale = measured / nominal

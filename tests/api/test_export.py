@@ -101,6 +101,18 @@ def test_what_is_no_marker(marker, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["plate.dxf", "plate.svg"])
+def test_a_drawing_of_another_program_is_kept(pentagon, tmp_path, name):
+    (tmp_path / name).write_text("drawn by somebody else")
+    with pytest.raises(OutputError, match=f"drawing of another program at .*{name}"):
+        export(pentagon, tmp_path / name, tmp_path / "m.pdf")
+    assert (tmp_path / name).read_text() == "drawn by somebody else"
+    assert not (tmp_path / "m.pdf").exists()
+    (tmp_path / name).unlink()
+    export(pentagon, tmp_path / name)
+    export(pentagon, tmp_path / name)
+
+
 def test_the_file_that_was_read_is_not_overwritten(pentagon, tmp_path):
     (tmp_path / "m.json").write_bytes(to_json(pentagon))
     with pytest.raises(OutputError, match=pattern("input overwritten")):
