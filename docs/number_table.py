@@ -557,7 +557,7 @@ MEASURED: Sequence[Entry] = (
         )
         for name in names
     ),
-    Block(COMPARISON, "<!-- fmac -->", "<!-- end of fmac -->", FMAC.line.rpartition(" && ")[2], FMAC),
+    Block(COMPARISON, "1000 poses:\n\n```text\n", "```", FMAC.line.rpartition(" && ")[2], FMAC),
     Block(PAPER, "<!-- sentences -->", "<!-- end -->", QUARTER, STUDIED),
     Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", QUARTER, STUDIED, MACHINES),
 )

@@ -28,8 +28,7 @@ def main(marker: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "camera.yaml").write_text(CALIBRATION)
     camera = mg.Camera.load(folder / "camera.yaml")
-    for k in POSES:
-        rng = np.random.default_rng(k)
+    for k, rng in ((k, np.random.default_rng(k)) for k in POSES):
         scenery = Scenery(BACKGROUNDS["clutter"](camera, rng))
         image = render_view(found, camera, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
         cv2.imwrite(str(folder / f"photo-{k:03d}.png"), image)
@@ -37,6 +36,5 @@ def main(marker: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in (1, 3):
-        sys.exit(__doc__)
-    main(*map(Path, sys.argv[1:] or ["marker.json", "photos"]))
+    paths = sys.argv[1:] or ["marker.json", "photos"]
+    main(*map(Path, paths)) if len(paths) == 2 else sys.exit(__doc__)

@@ -38,7 +38,7 @@ def pose_degrees(rotation: Array, translation: Array) -> Array:
     Examples
     --------
     >>> facing = np.diag([1.0, -1.0, -1.0])
-    >>> pose_degrees(facing[None], np.array([[0.0, 0.1, 1.0]])).round(9).tolist()
+    >>> (pose_degrees(facing[None], np.array([[0.0, 0.1, 1.0]])).round(9) + 0.0).tolist()
     [[0.0, 100.0, 1000.0, 0.0, 0.0, 0.0]]
     """
     turned = rotation * [1.0, -1.0, -1.0]

@@ -73,7 +73,7 @@ def test_the_main_job(here, capsys):
     assert set(results) == {
         "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
         "homography", "estimators", "bound", "budget", "labels", "views", "dots",
-        "expected", "headline",
+        "expected", "headline", "relative_error",
     }  # fmt: skip
     assert set(results["comparisons"]) == {"ngon", "square", "random"}
     assert set(results["estimators"]) == {"epnp", "ippe", "lm", "sqpnp"}

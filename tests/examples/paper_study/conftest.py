@@ -10,7 +10,7 @@ from markergen_paper.study import cells_of
 
 from markergen.objectives.criteria import regular_polygon
 
-TINY = PaperOptions(runs=2, scale=1e-4)
+TINY = PaperOptions(runs=2, scale=0.2)
 
 
 HOMOGRAPHIES = ("dlt", "harker", "opencv", "plain")
@@ -105,5 +105,5 @@ def fake():
 
 @pytest.fixture(scope="session")
 def study():
-    """A study of made-up results, under one azimuth of each distance and polar angle."""
+    """A study of made-up results, of the smallest scale at which every claim is judged by enough of them."""
     return gather(TINY, {cell: made_up(cell) for cell in cells_of(TINY)})
