@@ -54,6 +54,8 @@ IMPLAUSIBLE = np.deg2rad(0.3), 2e-3
 """Errors of a robot, rad and m along each axis, from which the camera is doubted: arms for hobbyists reach 1 mm."""
 
 MOST_NAMED = 3
+"""Number of photographs that a sentence names; the others are counted."""
+
 UNKNOWNS = ("wx", "wy", "wz", "tx", "ty", "tz")
 
 

@@ -73,6 +73,7 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
 """What such a file has, what it is, and what to do, by what was asked for."""
 
 _BEGINNING = 20_000
+"""Number of bytes at the beginning of a file that are looked at: comments above the first key may be long."""
 
 
 def refuse_unreadable(name: str, data: bytes, *kinds: str) -> None:

@@ -93,6 +93,7 @@ TEXTS: dict[str, tuple[str, Callable[[str], Values]]] = {
 """Texts that are no YAML, JSON, TOML or XML: how they are recognized, and what makes keys and values, or none."""
 
 _BEGINNING = 2_000
+"""Number of characters at the beginning of a text that are looked at: their headers come first."""
 
 
 def _of_text(document: Document) -> tuple[str, Values]:
