@@ -173,13 +173,13 @@ def main(sets: int, photos: int) -> None:
                 f"{np.rad2deg(rms(table[:, first : first + 3])):15.4f}{np.mean(squares):7.2f}"
                 f"{table[:, 13:].mean():8.3f}"
             )
-            found = opencv(cases)
-            if isinstance(found, str):
-                print(f"  {found}")
+            transforms = opencv(cases)
+            if isinstance(transforms, str):
+                print(f"  {transforms}")
                 continue
             for k, method in enumerate(METHODS):
-                turned = logarithm(found[:, k, :, :3] @ np.array([X[0].T for X in truth]))
-                moved = found[:, k, :, 3] - np.array([X[1] for X in truth])
+                turned = logarithm(transforms[:, k, :, :3] @ np.array([X[0].T for X in truth]))
+                moved = transforms[:, k, :, 3] - np.array([X[1] for X in truth])
                 print(f"  OpenCV, {method:22}{1e3 * rms(moved):12.3f}{np.rad2deg(rms(turned)):15.4f}")
 
 

@@ -257,8 +257,8 @@ def _calibrated(row: str, case: str) -> Number:
 
 def _hand_eye(camera: str, mounting: str, place: str) -> Number:
     label = f"{place}, camera {camera}"
-    words = {"exact": "exact", "covariance": "with its covariance", "unknown": "unknown"}[camera]
-    row = f"| {words} | {mounting} | # mm | # deg | # | # |"
+    label = {"exact": "exact", "covariance": "with its covariance", "unknown": "unknown"}[camera]
+    row = f"| {label} | {mounting} | # mm | # deg | # | # |"
     return Number(HANDEYE, row, HAND_EYE.line, [(HAND_EYE, f"{label} # # # #")])
 
 

@@ -352,8 +352,8 @@ def handeye(
     >>> rng = np.random.default_rng(0)
     >>> views = [(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]) for pose in flange]
     >>> photos = [render_view(marker, camera, *view, Optics(), rng) for view in views]
-    >>> found = mg.handeye(marker, photos, flange, camera)
-    >>> bool(np.linalg.norm(found.camera_pose[1]) < 1e-3)
+    >>> result = mg.handeye(marker, photos, flange, camera)
+    >>> bool(np.linalg.norm(result.camera_pose[1]) < 1e-3)
     True
     """
     check_progress(progress)
@@ -373,8 +373,8 @@ def handeye(
     )
     sources, flange = _posed(photos, robot, convention)
     sigma = planned_print(design) if settled["print_sigma"] is None else settled["print_sigma"]
-    known = Known(taken, covariance, print_sigma=sigma)
-    result = _found(design, sources, flange, known, settled, progress)
+    prior = Known(taken, covariance, print_sigma=sigma)
+    result = _settled_pose(design, sources, flange, prior, settled, progress)
     return replace(result, written=tuple(result.write(targets)))
 
 
@@ -402,11 +402,11 @@ def _posed(photos: Any, robot: Any, convention: RobotConvention) -> tuple[list[A
     return sources, {k: (pose[:3, :3], pose[:3, 3]) for k, pose in enumerate(matrices)}
 
 
-def _found(
+def _settled_pose(
     marker: Marker,
     sources: Sequence[Any],
     flange: Mapping[int, Pose],
-    known: Known,
+    prior: Known,
     settled: Mapping[str, Any],
     progress: Progress | None,
 ) -> HandEye:
@@ -416,8 +416,8 @@ def _found(
     if len(posed) < LEAST:
         raise InputError(f"{LEAST} photographs or more with a robot pose", str(len(posed)), ADVICE)
     sightings, camera = find_dots(
-        [marker], [sources[k] for k in posed], known.camera,
-        camera_covariance=known.covariance, progress=progress, workers=settled["workers"],
+        [marker], [sources[k] for k in posed], prior.camera,
+        camera_covariance=prior.covariance, progress=progress, workers=settled["workers"],
     )  # fmt: skip
     unused |= {names[posed[k]]: reason.rstrip(".") for k, reason in sightings.unused.items()}
     if len(sightings.views) < LEAST:
@@ -426,7 +426,7 @@ def _found(
             f"{LEAST} photographs or more that show the marker", str(len(sightings.views)), reasons or ADVICE
         )
     try:
-        cleaned, sightings, estimated = adjust_loosely(marker, sightings, camera, known)
+        cleaned, sightings, estimated = adjust_loosely(marker, sightings, camera, prior)
     except (UndeterminedError, np.linalg.LinAlgError):
         raise InputError(
             "photographs that determine dots and camera", "others", f"give --camera, or {ADVICE}"

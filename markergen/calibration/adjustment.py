@@ -511,10 +511,10 @@ def dots_prior(network: Network, places: Array) -> tuple[float, Array | float, A
         cost += weight * short**2
         gradient += weight * short * row.ravel()
         matrix += weight * np.outer(row, row)
-    known = [] if network.loose is None else [network.looseness(places)]
+    informations = [] if network.loose is None else [network.looseness(places)]
     if network.prior is not None:
-        known += [_without_motion(network, places, marker) for marker in np.unique(network.marker)]
-    for information in known:
+        informations += [_without_motion(network, places, marker) for marker in np.unique(network.marker)]
+    for information in informations:
         cost += float(off @ information @ off)
         gradient += information @ off
         matrix += information

@@ -186,9 +186,9 @@ def fitted(robot: RobotPoses, views: Views) -> RobotPoses:
         if rows.cost >= least * (1 - 1e-9):
             break
         best, least, root = robot, rows.cost, np.sqrt(rows.weight)
-        known = np.sqrt(rows.precision)
-        matrix = np.vstack([(rows.by_joints * root[..., None]).reshape(-1, UNKNOWNS), np.diag(known)])
-        step = np.linalg.lstsq(matrix, np.r_[(rows.residual * root).ravel(), -known * rows.off], rcond=1e-9)[0]
+        weights = np.sqrt(rows.precision)
+        matrix = np.vstack([(rows.by_joints * root[..., None]).reshape(-1, UNKNOWNS), np.diag(weights)])
+        step = np.linalg.lstsq(matrix, np.r_[(rows.residual * root).ravel(), -weights * rows.off], rcond=1e-9)[0]
         robot = robot.stepped(np.clip(step, -1.0, 1.0))
     return best
 
@@ -309,8 +309,8 @@ def hand_eye(adjustment: Adjustment, robot: RobotPoses) -> HandEyeFit:
     for sigma in (USUAL, np.maximum(size, USUAL)):
         robot = replace(robot, sigma=(float(sigma[0]), float(sigma[1])))
         adjusted, spread = _settled(adjustment, views, robot)
-        found = adjusted.joints.sigma if isinstance(adjusted.joints, RobotPoses) else sigma
-        fits.append((adjusted.chi2 + 2 * expected * float(np.log(found).sum()), adjusted, spread))
+        deviations = adjusted.joints.sigma if isinstance(adjusted.joints, RobotPoses) else sigma
+        fits.append((adjusted.chi2 + 2 * expected * float(np.log(deviations).sum()), adjusted, spread))
     _, adjusted, spread = min(fits, key=lambda fit: fit[0])
     assert isinstance(adjusted.joints, RobotPoses)
     robot, covariance = adjusted.joints, adjusted.unscaled[-UNKNOWNS:, -UNKNOWNS:]

@@ -243,7 +243,7 @@ def _entry(series: Series, contestant: Contestant, observations: Sequence[Observ
     mirrored = np.array([observations[k].mirrored for k in rows], dtype=bool)
     every = DegreeErrors(degrees, *(_column(observations, rows, name) for name in ("error", "sigma")))
     true = DegreeErrors(degrees[~mirrored], every.errors[~mirrored], every.sigma[~mirrored])
-    shown = slice(0, SCATTERED)
+    drawn = slice(0, SCATTERED)
     return {
         "found": len(rows),
         "rate": len(rows) / len(observations),
@@ -253,7 +253,7 @@ def _entry(series: Series, contestant: Contestant, observations: Sequence[Observ
         "flips": flips(series, contestant, observations),
         **every.summary(),
         "unflipped": true.summary(),
-        "samples": {name: plain(getattr(true, name)[shown].tolist()) for name in ("degrees", "errors", "sigma")},
+        "samples": {name: plain(getattr(true, name)[drawn].tolist()) for name in ("degrees", "errors", "sigma")},
         "bins": true.bins(),
     }
 

@@ -102,8 +102,8 @@ class RobotConvention:
     angle: str | None = None
 
     def __post_init__(self) -> None:
-        known = {"frame": FRAMES, "unit": tuple(filter(None, METERS)), "angle": ("deg", "rad")}
-        for name, choices in known.items():
+        choices_of = {"frame": FRAMES, "unit": tuple(filter(None, METERS)), "angle": ("deg", "rad")}
+        for name, choices in choices_of.items():
             if getattr(self, name) not in (None, *choices):
                 expected = f"a known --robot-{name}"
                 raise InputError(expected, brief(getattr(self, name)), f"known: {', '.join(choices)}")
@@ -363,12 +363,12 @@ def _poses_of(table: _Table, convention: RobotConvention) -> list[tuple[Array, A
     texts = [*table.comments, *table.names]
     statements = stated(table.comments, table.name)
     frames = [frame for frame in FRAMES if any(_DIRECTIONS[frame].search(text) for text in texts)]
-    words = [next(filter(None, match)) for text in table.comments for match in _STATED_ROTATION.findall(text)]
-    words = ["rotvec" if word.lower().startswith("rot") else word for word in words]
-    words = [word for word in words if _is_rotation(word)]
+    rotations = [next(filter(None, match)) for text in table.comments for match in _STATED_ROTATION.findall(text)]
+    rotations = ["rotvec" if word.lower().startswith("rot") else word for word in rotations]
+    rotations = [word for word in rotations if _is_rotation(word)]
     if len(columns.rotation) == 4 and not columns.notation and "order" in statements:
-        words = [statements["order"], *words]
-    notation = _one("rotation", convention.rotation, [columns.notation, *words], table.name)
+        rotations = [statements["order"], *rotations]
+    notation = _one("rotation", convention.rotation, [columns.notation, *rotations], table.name)
     notation, angle = PROGRAMS.get(notation, (notation, "rad" if notation == "rotvec" else ""))
     frame = _one("frame", convention.frame, frames, table.name)
     unit = _one("unit", convention.unit, [columns.unit, statements.get("unit", "")], table.name)

@@ -197,7 +197,7 @@ def draw_degrees(
         Views are pixels of a picture inside the drawing, or else a few of them drawn.
     """
     axes = figure.subplots(6, 6, sharex="col", sharey="row")
-    shown = np.arange(len(entry.errors))[:: max(1, len(entry.errors) // (SCATTERED if as_pixels else DRAWN))]
+    drawn = np.arange(len(entry.errors))[:: max(1, len(entry.errors) // (SCATTERED if as_pixels else DRAWN))]
     limits = [float(np.quantile(np.abs(column), 0.99)) * 1.15 or 1.0 for column in entry.errors.T]
     for j, (column, parts_of) in enumerate(zip(entry.degrees.T, bins or entry.bins(), strict=True)):
         at = [part["at"] for part in parts_of]
@@ -206,7 +206,7 @@ def draw_degrees(
         )
         for i, limit in enumerate(limits):
             ax = axes[i, j]
-            ax.plot(column[shown], entry.errors[shown, i], ".", markersize=1, color="#9db4cc", rasterized=as_pixels)
+            ax.plot(column[drawn], entry.errors[drawn, i], ".", markersize=1, color="#9db4cc", rasterized=as_pixels)
             ax.plot(at, mean[:, i], color=INK, linewidth=0.9)
             for sign in (-1, 1):
                 ax.plot(at, mean[:, i] + sign * std[:, i], color=SERIES[0]["color"], linewidth=0.8)

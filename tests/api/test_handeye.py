@@ -118,8 +118,8 @@ def test_refusals_are_one_line_and_nothing_is_written(words, named, here, capfd)
     (here / "exchanged.csv").write_text("\n".join([lines[0], *(f"{k},{row}" for k, row in enumerate(rows))]))
     command = ["handeye", "marker.json", "photos", "--camera", "camera.yaml", "-o", "not.json", *words]
     assert main(command) == 2
-    said, complaint = capfd.readouterr()
-    assert said == ""
+    output, complaint = capfd.readouterr()
+    assert output == ""
     assert complaint.count("\n") == 1
     assert any(word in complaint for word in named.split("|"))
     assert not (here / "not.json").exists()

@@ -40,6 +40,6 @@ def test_lighthouse_finds_pages_accessible(page, form, tmp_path, request):
         command = [lighthouse, address, *form, "--only-categories=accessibility", "--output=json", "--quiet"]
         command += [f"--output-path={tmp_path / 'found.json'}", "--chrome-flags=--headless=new --no-sandbox"]
         subprocess.run(command, check=True, env={**os.environ, "CHROME_PATH": chromium}, timeout=300)
-    found = json.loads((tmp_path / "found.json").read_text())
-    failed = [name for name, audit in found["audits"].items() if audit["score"] == 0]
-    assert found["categories"]["accessibility"]["score"] >= 0.95, failed
+    audit_report = json.loads((tmp_path / "found.json").read_text())
+    failed = [name for name, audit in audit_report["audits"].items() if audit["score"] == 0]
+    assert audit_report["categories"]["accessibility"]["score"] >= 0.95, failed

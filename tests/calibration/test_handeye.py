@@ -98,9 +98,9 @@ def test_exchanged_and_shifted_poses_are_refused_by_name(on_hand):
     views, (rotation, translation), *_ = posed(np.random.default_rng(4), 8, on_hand)
     order = np.arange(8)
     order[[2, 5]] = 5, 2
-    found = refused(views, (rotation[order], translation[order]), on_hand).args[1]
-    assert "2.png" in found
-    assert "5.png" in found
+    message = refused(views, (rotation[order], translation[order]), on_hand).args[1]
+    assert "2.png" in message
+    assert "5.png" in message
     for order in (np.roll(np.arange(8), 1), np.arange(8)[::-1]):
         error = refused(views, (rotation[order], translation[order]), on_hand)
         assert "photograph a pose belongs to" in error.args[2]
@@ -111,9 +111,9 @@ def test_poses_of_equal_rotations_are_found_exchanged_by_their_places():
     views.rotation[1] = views.rotation[0]
     rotation, translation = flange_of(views, fixed, carried)
     order = np.r_[1, 0, np.arange(2, 8)]
-    found = refused(views, (rotation[order], translation[order])).args[1]
-    assert "0.png" in found
-    assert "1.png" in found
+    message = refused(views, (rotation[order], translation[order])).args[1]
+    assert "0.png" in message
+    assert "1.png" in message
 
 
 @pytest.mark.parametrize("on_hand", [True, False])

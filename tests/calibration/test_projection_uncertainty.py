@@ -41,7 +41,9 @@ def test_it_is_the_deviation_of_sampled_cameras(calibrated):
     camera, covariance = calibrated
     expected = projection_uncertainty(camera, covariance, columns=COLUMNS)
     count = 100
-    off = np.array([camera_difference(camera, each, columns=COLUMNS) for each in samples(camera, covariance, count)])
+    off = np.array(
+        [camera_difference(camera, sample, columns=COLUMNS) for sample in samples(camera, covariance, count)]
+    )
     sampled = np.sqrt(np.linalg.eigvalsh(np.einsum("nhwi,nhwj->hwij", off, off) / count)[..., -1])
     # The relative error of a deviation is 1 / sqrt(2 n); over the image it has a handful of independent values.
     np.testing.assert_allclose(sampled, expected, rtol=3.5 / np.sqrt(2 * count))
@@ -69,8 +71,8 @@ def test_no_other_motion_is_better(calibrated):
         return np.sum((second.to_pixels(moved[..., :2] / moved[..., 2:]) - grid) ** 2)
 
     least = np.sum(camera_difference(first, second, columns=COLUMNS) ** 2)
-    found = minimize(cost, np.zeros(3), method="BFGS")
-    assert least == pytest.approx(found.fun, rel=1e-6)
+    minimum = minimize(cost, np.zeros(3), method="BFGS")
+    assert least == pytest.approx(minimum.fun, rel=1e-6)
 
 
 def test_a_focal_length_is_no_rotation():

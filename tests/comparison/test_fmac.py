@@ -112,8 +112,8 @@ def test_others_are_refused(texts, given, views, message):
 
 @pytest.mark.long
 def test_300_views_of_the_protocol():
-    found = fmac(["square", "pupil:36h11"], views=300, given={"square": SQUARE})
-    ours, tag = found["contestants"]
+    results = fmac(["square", "pupil:36h11"], views=300, given={"square": SQUARE})
+    ours, tag = results["contestants"]
     # Measured: all, and without a bias beyond chance; chi of 288 cells about 1, each of 37 views within a third of it.
     assert ours["found"] >= 298
     for errors in ours["errors"].values():

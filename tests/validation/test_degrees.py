@@ -52,9 +52,9 @@ def test_covariances_that_claim_too_little_show_in_the_cells():
 
 
 def test_a_bias_that_depends_on_the_pose_is_named():
-    found = made(2000, bias=1.0).summary()["standing_out"]
-    assert {pair["pose"] for pair in found} == {DEGREES[2]}
-    assert len(found) == 6
+    pairs = made(2000, bias=1.0).summary()["standing_out"]
+    assert {pair["pose"] for pair in pairs} == {DEGREES[2]}
+    assert len(pairs) == 6
 
 
 def test_correlations_are_of_ranks_and_none_is_made_up():

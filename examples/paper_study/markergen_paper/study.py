@@ -245,9 +245,9 @@ def seconds_of(cell: Cell) -> float:
     if cell.kind == LIMITS:
         return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
-    each = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
+    for_a_pose = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
     needs_autograd = settings["layout"] == "hartley" and settings.get("restarts", RESTARTS) > FEW_RESTARTS
-    return len(settings["poses"]) * each + AUTOGRAD_S * needs_autograd
+    return len(settings["poses"]) * for_a_pose + AUTOGRAD_S * needs_autograd
 
 
 def _early(options: PaperOptions) -> list[Cell]:

@@ -151,11 +151,11 @@ def is_body(name: str) -> bool:
 def unit_of(units: Iterable[str], place: str) -> str:
     """Return the unit of length that columns share; "" if none states one."""
     stated_units = set(units) - {""}
-    known = {length_unit(unit) for unit in stated_units}
-    if len(known) > 1 or None in known:
+    lengths = {length_unit(unit) for unit in stated_units}
+    if len(lengths) > 1 or None in lengths:
         problem = brief(", ".join(sorted(stated_units)))
         raise InputError(f"one known unit of length at {place}", problem, "correct the header")
-    return str(known.pop()) if known else ""
+    return str(lengths.pop()) if lengths else ""
 
 
 # --- Statements -------------------------------------------------------------------------------------------------------
