@@ -614,8 +614,10 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
         try:
             apart = _task_of(replace(task.spec, gap=task.images_gap), "", progress)
             layout = _place(apart, progress, traced, watch)
-            if without := _value_without_gap(apart, crowded, layout.points):
-                gap, task = Gap(apart.spec.gap, IMAGES, without), apart
+            without = _value_without_gap(apart, crowded, layout.points)
+            # A gap may also cost size: smaller dots are the design's even where none of them needs the gap any more.
+            if without or apart.dots != task.dots:
+                gap, task = Gap(apart.spec.gap, IMAGES, without or np.inf), apart
         except InputError as error:
             log.info("no gap of %s: %s", format_length(task.images_gap), error)
     layout = layout or _place(task, progress, traced, watch)

@@ -257,9 +257,10 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     ("room", "n", "objective", "options"),
     [
         ("rect:150mmx60mm", 7, "pose", {}),
+        ("circle:50mm", 5, "pose", {}),
         ("rect:100mmx80mm", 5, "rotation", {"dot": "20mm", "gap": "9mm"}),
     ],
-    ids=["for the images", "asked for"],
+    ids=["for the images", "by smaller dots", "asked for"],
 )
 def test_no_layout_breaks_what_the_results_claim(room, n, objective, options, tmp_path):
     """Reads value, bounds and constraints from the JSON alone, and looks for layouts that keep them and are better."""
