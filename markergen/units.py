@@ -14,7 +14,7 @@ METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in"
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e3
 """Range in m of sizes above 0, and of the amounts of coordinates: anything beyond was meant in another unit."""
 
-SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+SECONDS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
@@ -70,7 +70,7 @@ def parse_duration(text: str | float) -> float:
     match = _LENGTH.fullmatch(str(text))
     seconds = float(match[1]) * SECONDS[match[2]] if match and match[2] in SECONDS else 0.0
     if not 0 < seconds < math.inf:
-        raise InputError("a duration", repr(str(text)), "write a number and one of s, min, h: 30s")
+        raise InputError("a duration", repr(str(text)), "write a number and one of ms, s, min, h: 30s")
     return seconds
 
 

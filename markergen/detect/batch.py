@@ -130,6 +130,7 @@ def detect_files(
     workers: int | None = None,
     window: bool | None = None,
     smooth: str | Sequence[float] | None = None,
+    readout: str | float | None = None,
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
     progress: Progress | None = None,
@@ -152,7 +153,7 @@ def detect_files(
         Seconds for one image, after which no further search is begun.
     workers : int or None
         Number of threads; None is one for each processor.
-    window, smooth
+    window, smooth, readout
         For videos alone.
     json
         File or text stream for the results.
@@ -170,6 +171,8 @@ def detect_files(
         If a file cannot be written, an output is also an input, or the overlays would stand among the inputs.
     """
     tell, warn = tell or silent, warn or silent
+    if readout is not None:
+        raise InputError("a video and --smooth for --readout", "images, which show no velocity", "leave it out")
     if window or smooth is not None:
         raise InputError(f"a video or camera for --{'window' if window else 'smooth'}", "images", "leave it out")
     if overlay and Path(overlay).suffix.lower() in SUFFIXES:

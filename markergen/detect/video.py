@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from markergen.detect.batch import files_among, silent
 from markergen.detect.detector import Detector
 from markergen.detect.results import Found
-from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations
+from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations, parse_readout
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import as_list, signature_of
@@ -95,6 +95,7 @@ def detect_video(
     workers: int | None = None,
     window: bool | None = None,
     smooth: str | Sequence[float] | None = None,
+    readout: str | float | None = None,
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
     show: Callable[[str], None] | None = None,
@@ -121,6 +122,8 @@ def detect_video(
         the window ends the detection.
     smooth : str or two floats
         Filter poses over time: accelerations in m/s^2 and rad/s^2 (see `markergen.detect.smoothing`).
+    readout : str or float
+        Time in s from the first row of a frame to the last, of a rolling shutter, whose filtered poses are corrected.
     json
         File or text stream for the results, one line of JSON for each frame, written at once.
     overlay
@@ -149,7 +152,10 @@ def detect_video(
     detector = Detector(markers, camera, **options)
     if smooth is not None and detector.camera is None:
         raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")
-    smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
+    if readout is not None and smooth is None:
+        raise InputError("a filter for --readout", "none, so that there are no velocities", "give --smooth 2,10, too")
+    rows = 0.0 if readout is None else parse_readout(readout)
+    smoother = None if smooth is None else Smoother(parse_accelerations(smooth), rows)
     if overlay and Path(overlay).suffix.lower() not in CODECS:
         raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
     inputs = files_among(one, *as_list(markers), camera, options.get("camera_covariance"))

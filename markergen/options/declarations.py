@@ -447,6 +447,15 @@ class DetectKeywords(DetectorKeywords, total=False):
             metavar="A,B",
         ),
     ]
+    readout: Annotated[
+        str,
+        Option(
+            RUN,
+            "Time from the first row of a frame to the last, of a rolling shutter: filtered poses are corrected by "
+            "their velocities.",
+            metavar="DURATION",
+        ),
+    ]
 
 
 NEAR = "200, 150, 100, 50 or 20mm, if within 5 %"

@@ -174,6 +174,8 @@ def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
         detect_files(photo, marker, symmetric="magic")
     with pytest.raises(InputError, match="--camera"):
         detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
+    with pytest.raises(InputError, match="show no velocity"):
+        detect_files(photo, marker, readout="30ms")
     with pytest.raises(InputError, match="1 to 256 workers"):
         detect_files(photo, marker, workers=0, overlay=tmp_path / "seen")
     assert not (tmp_path / "seen").exists()

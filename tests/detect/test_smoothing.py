@@ -10,16 +10,21 @@ from scipy.stats import chi2
 from markergen.detect.smoothing import (
     PERSISTENT,
     Accelerations,
+    Measured,
     Motion,
     Smoother,
     begin,
     parse_accelerations,
+    parse_readout,
     predict,
     step_jacobian,
     update,
 )
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.estimators.weighted_pose import estimate_pose
 from markergen.maths.rotation import angle_between, exponential, left_jacobian, logarithm
+from markergen.model.camera import Camera
 
 LIMITS = Accelerations(2.0, 5.0)
 STEP = 1 / 30
@@ -55,9 +60,9 @@ def noise(rng):
     return mixed @ mixed.T * np.outer(scale, scale)
 
 
-def walk(rng, frames, limits=LIMITS, step=STEP):
+def walk(rng, frames, limits=LIMITS, step=STEP, spin=5, speed=2):
     """Yield true motions: velocities at random, and random accelerations, constant between frames."""
-    state = Motion(0.0, *START, 5 * rng.standard_normal(3), 2 * rng.standard_normal(3), np.zeros((12, 12)))
+    state = Motion(0.0, *START, spin * rng.standard_normal(3), speed * rng.standard_normal(3), np.zeros((12, 12)))
     for _ in range(frames):
         yield state
         push = np.repeat([limits.angular, limits.linear], 3) * rng.standard_normal(6)
@@ -84,9 +89,9 @@ def run(rng, frames=15, limits=LIMITS, common=None):
         covariance = noise(rng)
         pose = measured(truth, covariance, rng)
         if motion is None:
-            motion = begin(truth.time, *pose, covariance, limits)
+            motion = begin(truth.time, Measured(*pose, covariance), limits)
         else:
-            motion = update(predict(motion, truth.time, limits), *pose, covariance)
+            motion = update(predict(motion, truth.time, limits), Measured(*pose, covariance))
     return motion, truth, pose
 
 
@@ -148,9 +153,9 @@ def test_steady_motion_is_followed_better_than_it_is_measured():
             covariance = noise(rng)
             pose = measured(truth, covariance, rng)
             motion = (
-                begin(truth.time, *pose, covariance, calm)
+                begin(truth.time, Measured(*pose, covariance), calm)
                 if motion is None
-                else update(predict(motion, truth.time, calm), *pose, covariance)
+                else update(predict(motion, truth.time, calm), Measured(*pose, covariance))
             )
         before.append([angle_between(pose[0], truth.rotation), np.linalg.norm(pose[1] - truth.translation)])
         after.append(
@@ -163,7 +168,7 @@ def test_steady_motion_is_followed_better_than_it_is_measured():
 
 def test_a_gap_costs_what_the_accelerations_can_do_in_it():
     """After a second unseen the prediction is off by a/2 each way, beyond what the velocity is off by."""
-    motion = begin(0.0, *START, 1e-12 * np.eye(6), LIMITS)
+    motion = begin(0.0, Measured(*START, 1e-12 * np.eye(6)), LIMITS)
     motion = replace(motion, covariance=1e-12 * np.eye(12))
     later = predict(motion, 1.0, LIMITS)
     np.testing.assert_allclose(np.sqrt(np.diag(later.covariance)), np.repeat([2.5, 1.0, 5.0, 2.0], 3), rtol=1e-5)
@@ -267,3 +272,51 @@ def test_accelerations_are_two_positive_numbers(given):
     with pytest.raises(InputError, match="--smooth 2,10"):
         parse_accelerations(given)
     assert parse_accelerations("2,10") == parse_accelerations((2, 10)) == Accelerations(2.0, 10.0)
+
+
+def rolling(motion, camera, points, readout, rng, sigma=0.05):
+    """A detection of points whose rows are taken one after the other while they move."""
+    pixels = camera.project(points, motion.rotation[None], motion.translation[None])[0]
+    for _ in range(20):
+        after = readout * ((pixels[:, 1] + 0.5) / camera.height - 0.5)
+        moved = np.einsum("kij,kj->ki", exponential(after[:, None] * motion.spin), points @ motion.rotation.T)
+        moved += motion.translation + after[:, None] * motion.velocity
+        pixels = camera.to_pixels(moved[:, :2] / moved[:, 2:])
+    seen, spread = (
+        pixels + rng.normal(0, sigma, pixels.shape),
+        np.broadcast_to(sigma**2 * np.eye(2), (len(points), 2, 2)),
+    )
+    pose = estimate_pose(points, seen, spread, camera, ErrorSources(0.0))
+    return SimpleNamespace(
+        index=0, camera=camera, xyz=points, pixels=seen, pixel_covariance=spread, print_sigma=0.0, pose=pose
+    )
+
+
+def test_a_rolling_shutter_is_corrected_by_the_velocities():
+    """Poses of random turns err by degrees as measured, and by what the filter claims with the readout time."""
+    camera, limits, readout = Camera(640, 480, 700, 700, 319.5, 239.5), Accelerations(0.3, 1.0), 0.03
+    angle = np.arange(8) * 2 * np.pi / 8
+    points = 0.08 * np.stack([np.cos(angle), np.sin(angle), np.zeros(8)], axis=1)
+    rng, squares, plain, raw = np.random.default_rng(3), [], [], []
+    for _ in range(25):
+        smoothers = Smoother(limits, readout), Smoother(limits)
+        for k, state in enumerate(walk(rng, 6, limits, spin=1, speed=0.1)):
+            tilted = replace(state, rotation=state.rotation @ exponential(np.array([0.6, 0, 0])))
+            found = rolling(tilted, camera, points, readout, rng)
+            results = [smoother(state.time, [found])[0] for smoother in smoothers]
+            if k >= 2:
+                for result, sums in zip(results, (squares, plain), strict=True):
+                    off = error(result, tilted)[:6]
+                    sums.append(float(off @ np.linalg.solve(result.covariance, off)) / 6)
+                raw.append(np.rad2deg(angle_between(found.pose.rotation, tilted.rotation)))
+    assert np.median(raw) > 0.3
+    assert np.mean(plain) > 10
+    # 100 frames, of 25 motions: frames of one share errors in part, so 150 to 600 squares of normal variables.
+    assert np.mean(squares) == pytest.approx(1, abs=3 * np.sqrt(2 / 150))
+
+
+@pytest.mark.parametrize("duration", ["fast", 0, "2s", -1])
+def test_a_readout_time_is_a_short_duration(duration):
+    with pytest.raises(InputError, match="a readout time"):
+        parse_readout(duration)
+    assert parse_readout("30ms") == pytest.approx(0.03)

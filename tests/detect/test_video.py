@@ -336,6 +336,8 @@ def test_what_cannot_begin_is_refused(folder, tmp_path):
         ([], {}, "one video, camera or stream at a time, found none"),
         ("walk.avi", {"workers": 2}, "images for --workers"),
         ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
+        ("walk.avi", {"readout": "30ms"}, "a filter for --readout"),
+        ("walk.avi", {"smooth": "2,10", "readout": "-30ms"}, "a readout time"),
         ("walk.avi", {"overlay": "seen"}, "a name for a video that ends in .mp4 or .avi, found seen"),
         ("walk.avi", {"overlay": "walk.avi"}, "one of the inputs"),
         ("walk.avi", {"overlay": "no/such/seen.mp4"}, "the folder no/such does not exist"),
