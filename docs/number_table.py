@@ -171,7 +171,10 @@ def _ranged(row: str) -> Number:
     return Number(DESIGN, f"| {row} | # | # | # | # | # |", RANGES.line, [(RANGES, output)])
 
 
-PLAN = "Plan with # deg and # mm at up to @ m; measure the marker with twenty photographs (markergen calibrate): # deg"
+PLAN = (
+    "Plan with # deg and # mm at up to @ m, scale and calibration exact; "
+    "measure the marker with twenty photographs (markergen calibrate): # deg"
+)
 
 
 def _planned(options: str, seconds: float) -> Number:
@@ -350,7 +353,7 @@ MEASURED: Sequence[Entry] = (
         "A print error of @ mm costs # deg, the noise of the image #. A calibration off by @ px in fx and fy and @ px "
         "in the principal point costs more: # deg with both",
         "`validate marker.json`",
-        [(VALIDATED, "RE, deg # # @ @"), (VALIDATED, "the errors over all poses would be # deg")],
+        [(VALIDATED, "RE, deg # # @ @"), (VALIDATED, "plan with # deg and @ mm instead of")],
         lambda image, print_, both: [print_, image, both],
     ),
     Number(

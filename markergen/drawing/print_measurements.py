@@ -221,7 +221,8 @@ def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -
             lines = (f"{pair.between:.1f} mm between centers", f"{pair.over:.1f} mm over outer edges")
             facts.append((name, heading, lines, "regular"))
     if plan := planned_error_of(marker.provenance):
-        facts.append(("plan", "error to plan with", (plan.amounts, plan.reach), "regular"))
+        heading = ", ".join(filter(None, ("error to plan with", plan.assumed)))
+        facts.append(("plan", heading, (plan.amounts, plan.reach), "regular"))
     proof = "; ".join(short_rulers(marker, rulers).values()) or "to be true to 0.1 mm"
     return [*facts, ("rulers", "rulers", (ruler_words(rulers), proof), "regular")]
 

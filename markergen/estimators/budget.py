@@ -84,6 +84,13 @@ class ErrorSources:
             if np.linalg.eigvalsh(correlation)[0] < -1e-6 or np.diag(matrix).min() < 0:
                 raise _no_covariance("a negative variance along some direction")
 
+    @property
+    def exact(self) -> str:
+        """What is common to all dots and taken as exact, such as ``scale and calibration``; empty if nothing is."""
+        measured = self.place_covariance is not None or self.joint_places is not None
+        counted = {"scale": self.scale_sigma > 0 or measured, "calibration": self.camera_covariance is not None}
+        return " and ".join(name for name, is_counted in counted.items() if not is_counted)
+
     def of(self, marker: Marker, chosen: NDArray[np.intp] | slice = slice(None)) -> "ErrorSources":
         """Sources for the chosen control points of a marker, by index, with their measured positions if any."""
         places, joint = marker.place_covariance, marker.joint_places

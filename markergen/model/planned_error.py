@@ -25,12 +25,15 @@ class PlannedError:
         Distance of the farthest pose, m.
     measured_deg : float or None
         Rotation error once twenty photographs have measured the print; None if the print is no larger source.
+    exact : str
+        What was taken as exact, such as ``scale and calibration``; empty if nothing was.
     """
 
     rotation_deg: float
     translation_mm: float
     distance: float
     measured_deg: float | None = None
+    exact: str = ""
 
     @property
     def amounts(self) -> str:
@@ -43,28 +46,41 @@ class PlannedError:
         return f"at up to {self.distance:.2g} m"
 
     @property
+    def assumed(self) -> str:
+        """What they take as exact, such as ``scale and calibration exact``; empty if nothing."""
+        return f"{self.exact} exact" if self.exact else ""
+
+    @property
+    def conditions(self) -> str:
+        """Distances that they hold at, and what they take as exact."""
+        return ", ".join(filter(None, (self.reach, self.assumed)))
+
+    @property
     def prospect(self) -> str:
-        """Distances that they hold at, and what a measured print gains."""
+        """`conditions`, and what a measured print gains."""
         if self.measured_deg is None:
-            return self.reach
+            return self.conditions
         gain = f"measure the marker with twenty photographs (markergen calibrate): {degrees(self.measured_deg)}"
-        return f"{self.reach}; {gain}"
+        return f"{self.conditions}; {gain}"
 
     @property
     def sentence(self) -> str:
         """What to plan with, and what a measured print gains."""
         return f"Plan with {self.amounts} {self.prospect}."
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, float | str]:
         """Return plain JSON values of four digits."""
-        return {key: float(f"{value:.4g}") for key, value in asdict(self).items() if value is not None}
+        values = {key: value for key, value in asdict(self).items() if value not in (None, "")}
+        return {key: value if key == "exact" else float(f"{value:.4g}") for key, value in values.items()}
 
 
 def planned_error_of(provenance: Mapping[str, Any]) -> PlannedError | None:
     """Return the error that a marker's provenance has; None if it has none, as that of a rig or a relief."""
     stored: Any = provenance.get(KEY)
     try:
-        return PlannedError(**{key: float(value) for key, value in stored.items()})
+        return PlannedError(
+            exact=str(stored.get("exact", "")), **{k: float(v) for k, v in stored.items() if k != "exact"}
+        )
     except (AttributeError, TypeError, ValueError):  # Absent, or written by hand.
         return None
 

@@ -161,7 +161,8 @@ def planned_error(points: Array, diameter: float, spec: Spec, setting: Setting) 
     rotation, measured = (float(np.sqrt(np.mean(budget.rotation_deg["total"] ** 2))) for budget in budgets)
     translation = float(np.sqrt(np.mean(budgets[0].translation["total"] ** 2)))
     gains = sources.print_sigma > MEASURED_SIGMA
-    return PlannedError(rotation, 1e3 * translation, float(setting.poses.distance.max()), measured if gains else None)
+    farthest = float(setting.poses.distance.max())
+    return PlannedError(rotation, 1e3 * translation, farthest, measured if gains else None, sources.exact)
 
 
 def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:

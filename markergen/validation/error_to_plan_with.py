@@ -12,7 +12,8 @@ from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
-from markergen.validation.expectation import Expectation, expect
+from markergen.validation.bounds import budget_of
+from markergen.validation.expectation import Expectation
 from markergen.validation.metrics import rms, share_interval
 from markergen.validation.views import SyntheticViews
 
@@ -29,25 +30,26 @@ SERIES, LOOKUPS = 4000, 20_000_000
 _KEYS = ("rotation_deg", "translation_mm")
 
 
-def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
+def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float) -> dict[str, Any]:
     """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
     ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
-    RMS over all poses of ``rotation_deg`` and ``translation_pct`` with this calibration.
+    ``rotation_deg`` and ``translation_mm`` to plan with of this calibration.
     """
     errors, camera = series.errors, series.camera
     calibrated = errors.camera_covariance is not None
     plan = headline(
         expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated, series.marker.places_measured)
     )
-    plan["calibration"] = None
+    plan |= {"exact": _exact(series), "calibration": None}
     if not calibrated:
         sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
         off = replace(series, errors=replace(errors, camera_covariance=np.diag(np.square(sigma))))
-        with_it = expect(off, bare_px, seed)
-        over_all = _cell(with_it, series.poses, np.ones(len(series.poses), dtype=bool))
-        plan["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
-            key: over_all[key] for key in ("rotation_deg", "translation_pct")
+        every = np.ones(len(series.poses), dtype=bool)
+        plan["calibration"] = {
+            "focal_px": FOCAL_PX,
+            "center_px": CENTER_PX,
+            **_first_order(budget_of(off, bare_px), every),
         }
     return plan
 
@@ -75,6 +77,7 @@ def plan_for_rig(series: SyntheticViews[Rig], joint: PoseBudget, alone: PoseBudg
         "all": {"poses": int(served.sum()), **_first_order(joint, served)},
         "alone": _first_order(alone, served),
         "source": source_of(1e3 * errors.print_sigma, errors.camera_covariance is not None, measured),
+        "exact": _exact(series),
     }
 
 
@@ -96,7 +99,7 @@ def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dic
         as ``rotation_deg`` and ``translation_mm``, and ``all``, with ``poses``, the RMS ``rotation_deg``,
         ``translation_mm``, ``translation_pct`` and ``first_order_deg``, ``flip_rate``, ``failure_rate``, and the number
         of ``sampled`` poses; the cells also with ``distance`` and ``tilt``. ``draws``: estimates at each sampled pose.
-        ``source``: the errors that were counted, in words.
+        ``source``: the errors that were counted, in words; ``exact``: what was taken as exact.
     """
     cells = cells_of(poses)
     hardest = {}
@@ -112,6 +115,7 @@ def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dic
         "all": _cell(expected, poses, np.ones(len(poses), dtype=bool)),
         "draws": expected.drawn_deg.shape[1],
         "source": source,
+        "exact": "",
         "views": None,
     }
 
@@ -181,6 +185,10 @@ def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = F
     printed = "print errors" if print_sigma_mm is None else f"a print good to {print_sigma_mm:g} mm"
     printed = "a print as it was measured" if measured else printed
     return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
+
+
+def _exact(series: SyntheticViews[Any]) -> str:
+    return series.errors.of(series.marker.plates[0].marker).exact
 
 
 def _cell(expected: Expectation, poses: PoseDistribution, chosen: Mask) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def marker_plan(claim: Mapping[str, Any]) -> list[str]:
         ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
     )
     sentences = [
-        f"{begin} {_planned(claim).amounts} {_planned(claim).reach}: RMS over {over_all['poses']} poses, with "
+        f"{begin} {_planned(claim).amounts} {_planned(claim).conditions}: RMS over {over_all['poses']} poses, with "
         f"{claim['source']}.{end}"
     ]
     frontal = " Seen frontally, a small tilt hardly changes the image." if middle(rotated["tilt"]) < 10 else ""
@@ -99,7 +99,8 @@ def _rig_plan(results: Mapping[str, Any]) -> list[str]:
         return f"{amount(row['rotation_deg'])} deg and {amount(row['translation_mm'])} mm"
 
     sentences = [
-        f"Plan with {planned.amounts} {planned.reach}: RMS over {plan['all']['poses']} poses, with {plan['source']}.",
+        f"Plan with {planned.amounts} {planned.conditions}: RMS over {plan['all']['poses']} poses, with "
+        f"{plan['source']}.",
         f"The hardest: {errors(plan['by_plates'][hardest])} with {hardest} plate{'s' * (hardest != '1')} in view; over "
         f"all poses the best plate of each alone gives {errors(plan['alone'])}.",
     ]
@@ -295,7 +296,7 @@ def at(distance: float, tilt_deg: float) -> str:
 
 def _planned(claim: Mapping[str, Any]) -> PlannedError:
     unbounded = {key: np.inf if claim[key] is None else claim[key] for key in _POSE_UNITS}
-    return PlannedError(**unbounded, distance=claim["distance"])
+    return PlannedError(**unbounded, distance=claim["distance"], exact=claim["exact"])
 
 
 def _views(count: int) -> str:
@@ -313,12 +314,11 @@ def _cost(results: Mapping[str, Any]) -> str:
     if off.get("rotation_deg") is None:
         return ""
     then, now = (
-        f"{number(errors['rotation_deg'], 2)} deg and {number(errors['translation_pct'], 2)} %"
-        for errors in (off, headline["all"])
+        f"{amount(errors['rotation_deg'])} deg and {amount(errors['translation_mm'])} mm" for errors in (off, headline)
     )
     return (
         f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
-        f"the errors over all poses would be {then} instead of {now}"
+        f"plan with {then} instead of {now}"
     )
 
 

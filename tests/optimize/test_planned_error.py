@@ -21,6 +21,7 @@ def test_it_is_the_same_everywhere(found, tmp_path):
     proved = validate(found.marker, runs=0, views=0)
     assert proved.headline["rotation_deg"] == pytest.approx(plan.rotation_deg, rel=1e-3)
     assert proved.headline["translation_mm"] == pytest.approx(plan.translation_mm, rel=1e-3)
+    assert proved.headline["exact"] == plan.exact == "scale and calibration"
     for text in (found.brief(), proved.brief(), measured_columns(found.marker, (100, 100))):
         assert plan.amounts in " ".join(map(str, text))
 
@@ -29,6 +30,12 @@ def test_a_measured_print_is_better(found):
     exact = validate(found.marker, runs=0, views=0, print_sigma="0.01mm")
     assert exact.headline["rotation_deg"] == pytest.approx(found.plan.measured_deg, rel=1e-3)
     assert found.plan.measured_deg < 0.5 * found.plan.rotation_deg
+
+
+def test_what_is_counted_is_not_taken_as_exact(found):
+    counted = validate(found.marker, runs=0, views=0, scale_sigma=0.002)
+    assert counted.headline["exact"] == "calibration"
+    assert counted.headline["translation_mm"] > found.plan.translation_mm
 
 
 @pytest.mark.parametrize("stored", [{}, {KEY: 3}, {KEY: {"rotation_deg": "x"}}, {KEY: {"rotation_deg": 1, "other": 2}}])
@@ -40,3 +47,6 @@ def test_an_error_without_a_measured_one():
     plan = PlannedError(0.1234, 1.5, 0.999)
     assert plan.sentence == "Plan with 0.12 deg and 1.5 mm at up to 1 m."
     assert planned_error_of({KEY: plan.as_dict()}) == plan
+    assumed = PlannedError(0.1234, 1.5, 0.999, exact="scale and calibration")
+    assert assumed.sentence == "Plan with 0.12 deg and 1.5 mm at up to 1 m, scale and calibration exact."
+    assert planned_error_of({KEY: assumed.as_dict()}) == assumed

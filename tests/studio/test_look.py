@@ -86,7 +86,7 @@ def test_a_relief_a_tag_and_keep_outs_are_drawn() -> None:
 @pytest.mark.long
 def test_more_says_what_takes_longer() -> None:
     found = more({"points": POINTS, "dot": "30mm", "poses": "cone:count=12"})
-    assert found["plan"][0].startswith("At up to 1.4 m; ")
+    assert found["plan"][0].startswith("At up to 1.4 m, scale and calibration exact; ")
     assert [row["name"] for row in found["beside"]][:2] == ["this marker", "aruco:DICT_4X4_50"]
     errors = [row["rotation_deg"] for row in found["more_dots"]]
     assert errors[0] > errors[-1] > 0
