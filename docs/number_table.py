@@ -351,10 +351,13 @@ MEASURED: Sequence[Entry] = (
     Number(
         RESULTS,
         "A print error of @ mm costs # deg, the noise of the image #. A calibration off by @ px in fx and fy and @ px "
-        "in the principal point costs more: # deg with both",
+        "in the principal point costs more: the error is # times as large with both",
         "`validate marker.json`",
-        [(VALIDATED, "RE, deg # # @ @"), (VALIDATED, "plan with # deg and @ mm instead of")],
-        lambda image, print_, both: [print_, image, both],
+        [
+            (VALIDATED, "RE, deg # # @ @"),
+            (VALIDATED, "would err # and @ times as much"),
+        ],
+        lambda image, print_, times: [print_, image, times],
     ),
     Number(
         RESULTS,

@@ -444,8 +444,9 @@ class Design(Result):
         """What more dots of a flat marker with dots of one size would bring; may be empty."""
         if self.account or self.spec.relief or not self.dots.diameter:
             return ""
-        sources = usual_sources(self.spec)
-        return outlook(self.marker.xyz[:, :2], self.dots.diameter, self.spec, self.setting, sources)
+        # A gap for the images of these dots is none that others need.
+        spec = replace(self.spec, gap=0.0) if self.gap.reason == IMAGES else self.spec
+        return outlook(self.marker.xyz[:, :2], self.dots.diameter, spec, self.setting, usual_sources(spec))
 
     @property
     def _dot_noise(self) -> DotNoise:

@@ -308,7 +308,7 @@ def more(options: Any) -> dict[str, Any]:
     state = _with_points(state, sketch(state).spec)
     design, layout = design_of(state), sketch(state)
     series, seed = layout.series, layout.spec.seed
-    sentence, *checks = marker_plan(plan_for(expect(series, seed=seed), series, 0.0))
+    sentence, *checks = marker_plan(plan_for(expect(series, seed=seed), series, 0.0, seed))
     planned = planned_error_of(design.marker.provenance)
     return clean(
         {

@@ -12,8 +12,7 @@ from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
-from markergen.validation.bounds import budget_of
-from markergen.validation.expectation import Expectation
+from markergen.validation.expectation import Expectation, expect
 from markergen.validation.metrics import rms, share_interval
 from markergen.validation.views import SyntheticViews
 
@@ -30,11 +29,11 @@ SERIES, LOOKUPS = 4000, 20_000_000
 _KEYS = ("rotation_deg", "translation_mm")
 
 
-def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float) -> dict[str, Any]:
+def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
     """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
     ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
-    ``rotation_deg`` and ``translation_mm`` to plan with of this calibration.
+    RMS over all poses of ``rotation_deg`` and ``translation_pct`` with this calibration.
     """
     errors, camera = series.errors, series.camera
     calibrated = errors.camera_covariance is not None
@@ -45,11 +44,9 @@ def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: flo
     if not calibrated:
         sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
         off = replace(series, errors=replace(errors, camera_covariance=np.diag(np.square(sigma))))
-        every = np.ones(len(series.poses), dtype=bool)
-        plan["calibration"] = {
-            "focal_px": FOCAL_PX,
-            "center_px": CENTER_PX,
-            **_first_order(budget_of(off, bare_px), every),
+        over_all = _cell(expect(off, bare_px, seed), series.poses, np.ones(len(series.poses), dtype=bool))
+        plan["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
+            key: over_all[key] for key in ("rotation_deg", "translation_pct")
         }
     return plan
 

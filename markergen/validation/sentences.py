@@ -313,12 +313,10 @@ def _cost(results: Mapping[str, Any]) -> str:
     off = headline.get("calibration") or {}
     if off.get("rotation_deg") is None:
         return ""
-    then, now = (
-        f"{amount(errors['rotation_deg'])} deg and {amount(errors['translation_mm'])} mm" for errors in (off, headline)
-    )
+    rotation, translation = (number(off[key] / headline["all"][key], 2) for key in ("rotation_deg", "translation_pct"))
     return (
         f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
-        f"plan with {then} instead of {now}"
+        f"rotation and translation would err {rotation} and {translation} times as much"
     )
 
 

@@ -136,7 +136,7 @@ def _of_marker(
         views["stress"] = stress(series, workers, stage("stress"))
     budget = error_budget(series, noise_px)
     expected = expect(series, noise_px, seed, progress=stage("expected errors"))
-    claim = error_to_plan_with.plan_for(expected, series, noise_px)
+    claim = error_to_plan_with.plan_for(expected, series, noise_px, seed)
     if views is not None:
         exact = series.errors.camera_covariance is None
         of_views = expected if exact else expect(without_calibration(series), noise_px, seed)

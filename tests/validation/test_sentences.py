@@ -32,13 +32,13 @@ def test_two_sources_are_told_apart_and_an_even_share_is_no_reason_to_stop():
 
 def test_a_calibration_that_was_not_counted_is_named_with_its_cost():
     """The print is the largest of two; what was taken as exact may be larger."""
-    off = {"focal_px": 2.0, "center_px": 1.5, "rotation_deg": 0.457, "translation_mm": 3.1}
-    headline = {"calibration": off, "rotation_deg": 0.235, "translation_mm": 0.46}
+    off = {"focal_px": 2.0, "center_px": 1.5, "rotation_deg": 0.457, "translation_pct": 0.31}
+    headline = {"calibration": off, "all": {"rotation_deg": 0.235, "translation_pct": 0.046}}
     first, second = said({"image": 0.01, "print": 0.23, "camera": 0.0}, headline=headline)
     assert first.startswith("Of image noise and")
     assert "calibration" not in first
     assert "by 2 px and the principal point by 1.5 px" in second
-    assert "0.46 deg and 3.1 mm instead of 0.23 deg and 0.46 mm" in second
+    assert "1.9 and 6.7 times as much" in second
 
 
 def test_shares_of_the_variance_add_up():
