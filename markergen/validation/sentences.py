@@ -43,6 +43,8 @@ REMEDIES = {
 """How to reduce the error of each source."""
 DOMINANT = 0.9
 """Share of the variance above which improving any other source gains less than 5 % of the error."""
+ENOUGH = 20
+"""Number of views whose RMS is a measurement, good to a tenth or so; that of three may be off by a quarter."""
 _UNITS = ("px", "grey", "deg")
 
 
@@ -131,9 +133,10 @@ def agreement(views: Mapping[str, Any]) -> list[str]:
                 f"{amount(comparison['low'])} to {amount(comparison['high'])}",
             )
             if not comparison["agrees"]:
+                advice = "Rely on the views" if comparison["count"] >= ENOUGH else "Check with more views: --views 100"
                 sentences.append(
                     f"The views of this run gave {line} {where} where {amount(comparison['expected'])} was expected: "
-                    f"{_views(comparison['count'])} would give {between}. Rely on the views."
+                    f"{_views(comparison['count'])} would give {between}. {advice}."
                 )
             elif key == "rotation_deg":
                 agreed.append(f"{line} {where} in {_views(comparison['count'])}, where {between} was to be expected")

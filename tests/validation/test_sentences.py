@@ -47,3 +47,12 @@ def test_shares_of_the_variance_add_up():
     )
     assert parts == pytest.approx({"image": 0.36, "print": 0.64, "camera": 0.0})
     assert sentences.shares({"rotation_deg": dict.fromkeys(parts, 0.0)}, "rotation_deg") == {}
+
+
+@pytest.mark.parametrize(("count", "advice"), [(1, "--views 100."), (40, "Rely on the views.")])
+def test_few_views_are_no_measurement(count, advice):
+    off = {"count": count, "rms": 0.5, "expected": 0.1, "low": 0.08, "high": 0.12, "agrees": 0}
+    place = {"rotation_deg": off, "translation_mm": off}
+    lines = sentences.agreement({"hardest": place, "all": place, "lost": 0})
+    assert lines
+    assert all(line.endswith(advice) for line in lines)
