@@ -31,6 +31,7 @@ from markergen.model.camera import Camera
 from markergen.model.feature import Feature, key_ring
 from markergen.model.goal import parse_goal
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
 from markergen.model.sight import Coverage, coverage, disks_in_view, distance_table
@@ -445,7 +446,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     goal = f"{spec.objective} {problem.spec.aggregate} of {_in_unit(value, spec)} for {noise_text}"
     account = Account(
         f"{len(marker)} control points of {len(scales)} sizes in a {marker.boundary}, "
-        f"seen from {len(served)} poses ({poses.name})\n"
+        f"seen from {len(served)} poses ({poses_in_words(poses.name)})\n"
         f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales)),
         _coverage_table(covered, pose),
         tuple(f"no four dots serve some poses: {gap}" for gap in covered.gaps),

@@ -23,6 +23,7 @@ from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import check_holes, near_holes
 from markergen.model.planned_error import KEY, PlannedError, planned_error_of
+from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.model.sight import Coverage, coverage
@@ -404,7 +405,7 @@ class Design(Result):
         dropped = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
         return (
             f"{len(self.marker)} control points in a {self.marker.boundary}, "
-            f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
+            f"seen from {len(poses)} poses ({poses_in_words(poses.name)}{dropped})\n"
             f"objective {spec['objective']}{self._aggregate}{against}, "
             f"seed {spec['seed']}, spec {self.marker.spec_hash}\n"
             + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")

@@ -24,6 +24,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker, build_marker
+from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import SEEN, PoseDistribution, RecordedPoses, silhouette, visibility
 from markergen.model.rig import Rig
 from markergen.model.rig_shapes import Face, RigShape
@@ -341,7 +342,8 @@ def _account(rig: Rig, covered: Coverage, joint: Array, single: Array, dots: str
     summary = (
         f"{stored['shape']}: {len(rig.plates)} plates ({', '.join(plate.name for plate in rig.plates)}) with "
         f"{len(rig)} dots\n"
-        f"objective {stored['objective']} {kind}, seed {stored['seed']}, {len(poses)} poses ({poses.name})\n"
+        f"objective {stored['objective']} {kind}, seed {stored['seed']}, "
+        f"{len(poses)} poses ({poses_in_words(poses.name)})\n"
         f"dots of {dots or 'the given markers'}\n"
         f"a pose sees dots of {in_view:.3g} plates, {dots_in_view:.3g} in all, on average"
         f"{f'; {blind} see no four dots of a plate' if blind else ''}\n"

@@ -202,6 +202,31 @@ def _range(ends: Range) -> str:
     return low if low == high else f"{low}..{high}"
 
 
+_PLACES = {"cone": "looking straight at it", "sphere": "from all sides", "view": "anywhere in the view"}
+_PHRASES = {
+    "margin": "{} from its border",
+    "distance": "{} m away",
+    "tilt": "tilted by {} deg",
+    "azimuth": "from {} deg around",
+    "roll": "rolled by {} deg",
+    "weight": "weighted by {}",
+}
+"""What texts of poses mean, by the name and by the keys."""
+
+
+def poses_in_words(name: str) -> str:
+    """Where poses are, for people, from their name; full turns, count and seed are left out.
+
+    >>> poses_in_words("view:distance=0.5..1.5,tilt=0..60,azimuth=0..360,margin=5%,count=400")
+    'anywhere in the view, 5% from its border, 0.5 to 1.5 m away, tilted by 0 to 60 deg'
+    """
+    kind, _, arguments = name.partition(":")
+    values = dict(item.split("=", 1) for item in arguments.split(",") if "=" in item)
+    keys = [key for key in _PHRASES if key in values and values[key] != "0..360"]
+    phrases = [_PHRASES[key].format(values[key].replace("..", " to ")) for key in keys]
+    return ", ".join([_PLACES[kind], *phrases]) if phrases and kind in _PLACES else name
+
+
 def _poses(text: str) -> PoseDistribution:
     cone = Cone.parse(text)
     poses = PoseDistribution(str(cone), *cone.sample())

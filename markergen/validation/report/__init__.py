@@ -13,6 +13,7 @@ from markergen.estimators.budget import PoseBudget
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, draw_rig, shows_origin, sides
+from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.rig import Rig
 from markergen.model.sight import coverage
 from markergen.objectives import Setting
@@ -112,7 +113,8 @@ def html_report(
                 ),
             ),
         ],
-        f"{title(marker)}. {camera_words(setting.camera)}. {len(poses)} poses ({poses.name}{left_out}).",
+        f"{title(marker)}. {camera_words(setting.camera)}. "
+        f"{len(poses)} poses ({poses_in_words(poses.name)}{left_out}).",
         "The same marker, options, and seed give the same page.",
         drawing_of(marker),
         4,
@@ -188,7 +190,7 @@ def rig_report(
                 ),
             ),
         ],
-        f"{title}. {camera_words(series.camera)}. {len(poses)} poses ({poses.name}), of which "
+        f"{title}. {camera_words(series.camera)}. {len(poses)} poses ({poses_in_words(poses.name)}), of which "
         f"{int(in_view.served.sum())} show a plate well enough to find it.",
         "The same rig, options, and seed give the same page.",
     )
