@@ -5,15 +5,22 @@ python -m docs.generate
 
 import json
 from pathlib import Path
+from typing import Any
 
 import typer
+from pydantic import TypeAdapter
 
 from markergen.api.templates import overview
 from markergen.cli.commands import app
 from markergen.cli.options import Help
 from markergen.model.body_json import rig_schema
 from markergen.model.marker_file import VERSIONS, json_schema
-from markergen.read.spec_file import spec_schema
+from markergen.model.shape_file import BoundaryFile, HoleFile
+from markergen.options import Option, declared
+from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
+from markergen.options.kinds import KINDS
+from markergen.options.shared import PlateKeywords
+from markergen.read.spec_file import CameraTable, ImageNoiseTable
 from markergen.read.templates import template_text
 
 HERE = Path(__file__).parent
@@ -40,6 +47,57 @@ def rig_file_schema() -> str:
 def spec_file_schema() -> str:
     """Return the published JSON Schema of a spec file."""
     return json.dumps(spec_schema(), indent=2) + "\n"
+
+
+def spec_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
+    options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_SPEC}
+    keys = {key: _described(option) for option in options.values() for key in (option.name, *option.aliases)}
+    plate = {name: _described(option) for name, option in declared(PlateKeywords).items()}
+    boundary, hole = _lengths_as_text([TypeAdapter(BoundaryFile).json_schema(), HoleFile.model_json_schema()])
+    tables = {"Boundary": boundary, "Camera": CameraTable.model_json_schema()}
+    definitions: dict[str, Any] = {}
+    for name, table in tables.items():
+        definitions |= table.pop("$defs", {})
+        definitions[name] = table
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Spec of a design",
+        "description": "What markergen design is asked for; lengths are meters, or text with a unit such as 150mm.",
+        "type": "object",
+        "properties": {
+            "title": {"type": "string", "description": "What it is for, in a line."},
+            **keys,
+            "substrate": {
+                "type": "object",
+                "description": "The plate: the same keys as outside of this table, and its holes one by one.",
+                "properties": {**plate, "holes": {"type": "array", "items": hole}},
+                "additionalProperties": False,
+            },
+        },
+        "additionalProperties": False,
+        "$defs": definitions,
+    }
+
+
+def _described(option: Option) -> dict[str, Any]:
+    text = f"{option.help} Default: {option.shown}." if option.shown else option.help
+    default = {} if option.default is None else {"default": option.default}
+    schema = KINDS[option.kind].schema
+    if option.kind == "settings":
+        schema = {"anyOf": [{"type": "string"}, ImageNoiseTable.model_json_schema()]}
+    return {**schema, "description": text, **default}
+
+
+def _lengths_as_text(schema: Any) -> Any:
+    """Return a schema in which every number may also be text with a unit, as in spec files."""
+    if isinstance(schema, list):
+        return [_lengths_as_text(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if schema.get("type") == "number":
+        return {**schema, "type": ["number", "string"]}
+    return {key: _lengths_as_text(value) for key, value in schema.items()}
 
 
 def reference() -> str:

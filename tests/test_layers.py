@@ -31,7 +31,7 @@ STUDIO_DOOR = "studio/look.py"
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above.
     ("model/camera.py", "Camera.load"): "read.cameras.load_camera",
-    ("model/camera.py", "Camera.from_message"): "read.cameras.ros.camera_of_message",
+    ("model/camera.py", "Camera.from_message"): "read.cameras.calibration.camera_of_message",
     ("model/camera.py", "Camera.from_cv2"): "read.cameras.calibration.camera_of_arrays",
     ("model/camera.py", "Camera.save"): "read.cameras.writing.camera_file",
     ("model/marker.py", "Marker.load"): "model.body_json.load_marker",

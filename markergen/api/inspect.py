@@ -25,14 +25,15 @@ from markergen.options.kinds import File, Files
 from markergen.presentation.plots import FAINT, INK, SERIES, axes_of, figure_bytes
 from markergen.presentation.results import SavableResult, StrPath, files_as_json, json_bytes, plain
 from markergen.presentation.tables import Table
-from markergen.read.cameras import format_name_of, load_camera, sized
+from markergen.read.cameras import CAMERA_FORMATS, load_camera, sized, sized_document
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.cameras.writing import camera_bytes, check_camera_path
 from markergen.read.dot_tables import read_layout
+from markergen.read.formats import recognized, written, written_format
 from markergen.read.kinds import kinds_of
 from markergen.read.outlines.boundary import outline_reading
-from markergen.read.outlines.writing import check_outline_path, outline_bytes
-from markergen.read.poses import AS_WRITTEN, pose_format_of, pose_reading, stated_convention
+from markergen.read.outlines.formats import OUTLINE_FORMATS
+from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, pose_reading, stated_convention
 from markergen.read.remarks import collected_remarks
 from markergen.read.templates import read_template
 from markergen.units import format_length
@@ -220,8 +221,8 @@ def _converted(facts: Sequence[Facts], target: Path) -> bytes:
 
 CHECKS: dict[str, Callable[[Path], object]] = {
     "camera": check_camera_path,
-    "poses": pose_format_of,
-    "outline": check_outline_path,
+    "poses": partial(written_format, POSE_FORMATS, "a file of poses"),
+    "outline": partial(written_format, OUTLINE_FORMATS, "an outline"),
 }
 """Functions that raise an error if no format of a kind has a path's ending."""
 
@@ -240,7 +241,7 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
     sigma = None if covariance is None else dict(zip(camera.parameter_names, np.sqrt(np.diag(covariance)), strict=True))
     share = np.hypot(*off) / np.hypot(camera.width, camera.height)
     values = {
-        "format": format_name_of(source),
+        "format": recognized(CAMERA_FORMATS, sized_document(source)[0]),
         **camera.as_dict(),
         "field_of_view_deg": {name: round(angle, 1) for name, angle in view.items()},
         "corner_distortion_px": [round(value, 2) for value in moved.tolist()],
@@ -342,17 +343,17 @@ def _poses(path: Path, asked: Mapping[str, Any]) -> Facts:
         "distance": f"{distance.min():.4g} to {distance.max():.4g} m, median {np.median(distance):.4g} m",
         "tilt": f"{tilt.min():.1f} to {tilt.max():.1f} deg, median {np.median(tilt):.1f} deg",
     }
-    return Facts("poses", rows, values, partial(_draw_poses, poses), partial(_pose_bytes, poses.numbers))
+    return Facts(
+        "poses",
+        rows,
+        values,
+        partial(_draw_poses, poses),
+        partial(written, POSE_FORMATS, "a file of poses", poses.numbers),
+    )
 
 
 def _range_of(values: Array) -> dict[str, float]:
     return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
-
-
-def _pose_bytes(numbers: Array, path: Path) -> bytes:
-    form, ending = pose_format_of(path)
-    assert form.write is not None
-    return form.write(numbers, ending).encode()
 
 
 def _draw_poses(poses: RecordedPoses, axes: "Axes") -> None:
@@ -404,7 +405,13 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
         "sides": f"{len(sides) - arcs} lines, {arcs} arcs",
         "area": f"{total * 1e6:.7g} mm^2",
     }
-    return Facts("outline", rows, values, partial(_draw_outline, contours), partial(outline_bytes, contours))
+    return Facts(
+        "outline",
+        rows,
+        values,
+        partial(_draw_outline, contours),
+        partial(written, OUTLINE_FORMATS, "an outline", contours),
+    )
 
 
 def _draw_outline(contours: Sequence[Contour], axes: "Axes") -> None:

@@ -212,7 +212,7 @@ class Camera:
         >>> print(Camera.from_message(info))
         640x480 px, fx 800, fy 800, cx 319.5, cy 239.5, radtan k1 0.1, k2 -0.2, p1 0, p2 0, k3 0
         """
-        return door("read.cameras.ros.camera_of_message")(message)
+        return door("read.cameras.calibration.camera_of_message")(message)
 
     @classmethod
     def from_cv2(cls, matrix: Any, distortion: Any, size: Sequence[int], fisheye: bool = False) -> "Camera":

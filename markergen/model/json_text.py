@@ -5,6 +5,7 @@ A finding is ``path: words (got ...)``: the same wording for every reader.
 # tests: tests/model/test_body_json.py tests/model/test_marker_file.py tests/drawing/test_sheet_layout.py
 
 import json
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -62,9 +63,18 @@ def parsed(text: str, name: str) -> Any:
         actual = "endless nesting"
     except ValueError as error:
         actual = str(error)
-    raise InputError(
-        f"complete JSON in {name}", actual, "the file is cut off or damaged: design it again or restore it"
-    )
+    raise InputError(f"complete JSON in {name}", actual, "the file is cut off or damaged: write it again or restore it")
+
+
+def parsed_toml(text: str, name: str) -> dict[str, Any]:
+    """Parse TOML; `name` is the file's name in messages. Raises InputError."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        problem = str(error)
+    except (ValueError, RecursionError):
+        problem = "an endless number or endless nesting"
+    raise InputError(f"complete TOML in {name}", problem, "correct it there, or write it again")
 
 
 def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import Content, read, text_of
 from markergen.model.rescale import MeasuredDot
 from markergen.model.spec import MOST_POINTS
+from markergen.read.poses.rows import RowsFile
 from markergen.units import METERS, parse_length
 
 MOST_ROWS = 10_000
@@ -53,33 +54,35 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
 
 def rows_of(content: Content) -> list[tuple[int, list[str]]]:
     """Return the lines of a table that are not empty and no comments, with their numbers, as words."""
-    text = text_of(content)
-    if text.count("\n") > MOST_ROWS:
+    if content.data.count(b"\n") > MOST_ROWS:
         raise InputError(f"at most {MOST_ROWS} rows in {content.name}", "more", "give one row for each dot")
-    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
-    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
-    mark = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)
-    return [(number, [word.strip().strip('"') for word in line.split(mark)]) for number, line in lines]
+    table = RowsFile(content.name, text_of(content).encode()).table()
+    return [(number, [word.strip() for word in words]) for number, words in table]
 
 
 def _columns(cells: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
     """Index and unit size in m of each column by name; 1 without a unit, and for id and rho."""
-    columns: dict[str, tuple[int, float]] = {}
-    if not any(match[1].lower() in _FORMS[1] | _FORMS[3] for word in cells if (match := COLUMN.fullmatch(word))):
-        raise InputError(f"the columns {WANTED} at {place}", "others", "name them, as in id,x_mm,y_mm")
+    columns, remedy = _named(cells), "name them, as in id,x_mm,y_mm"
+    if columns.keys().isdisjoint(_FORMS[1] | _FORMS[3]):
+        raise InputError(f"the columns {WANTED} at {place}", "others", remedy)
     for index, word in enumerate(cells):
         match = COLUMN.fullmatch(word)
         name = match[1].lower() if match else ""
         if match is None or name not in _FORMS[1] | _FORMS[3]:
-            raise InputError(f"the columns {WANTED} at {place}", brief(word), "correct the names, as in id,x_mm,y_mm")
-        if name in columns:
+            raise InputError(f"the columns {WANTED} at {place}", brief(word), remedy)
+        if columns[name][0] != index:
             raise InputError(f"every column once at {place}", f"{name} twice", "correct the names")
         if match[2] and name in ("id", "rho"):
             raise InputError(f"no unit for {name} at {place}", brief(word), "leave the unit out")
-        columns[name] = (index, UNITS[match[2].lower()] if match[2] else 1.0)
     if set(columns) not in _FORMS:
         raise InputError(f"the columns {WANTED} at {place}", ", ".join(columns), "add the missing ones")
     return columns
+
+
+def _named(cells: Sequence[str]) -> dict[str, tuple[int, float]]:
+    """Index and unit size in m of the columns whose names are words, perhaps with a unit."""
+    matches = [(index, match) for index, word in enumerate(cells) if (match := COLUMN.fullmatch(word))]
+    return {match[1].lower(): (index, UNITS[match[2].lower()] if match[2] else 1.0) for index, match in matches}
 
 
 def _dot(cells: Sequence[str], columns: dict[str, tuple[int, float]], place: str) -> MeasuredDot:
@@ -124,11 +127,7 @@ def read_layout(path: Any) -> Rows:
     """
     content = read(Path(str(path).strip()), "layout")
     (line, names), *body = rows_of(content) or [(1, [""])]
-    columns = {}
-    for index, word in enumerate(names):
-        match = COLUMN.fullmatch(word)
-        if match and match[1].lower() in AXES:
-            columns[match[1].lower()] = index, UNITS[match[2].lower()] if match[2] else 1.0
+    columns = {name: column for name, column in _named(names).items() if name in AXES}
     if not {"x", "y"} <= set(columns):
         expected = f"the columns x, y and perhaps z at line {line} of {content.name}"
         raise InputError(expected, "others", "name them, with their unit, as in x_mm,y_mm")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,12 +85,10 @@ class Image:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     """Properties of an image as its file states them."""
 
-    width: int
-    height: int
+    size: tuple[int, int]
     format: str
     orientation: int
 
@@ -118,8 +116,9 @@ def read_image(path: Path) -> Image:
     if pixels.dtype not in (np.uint8, np.uint16):
         remedy = "convert the image to 8 or 16 bit grey"
         raise InputError(f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", remedy)
-    if pixels.shape[1::-1] != (header.width, header.height):
-        expected = f"{header.width}x{header.height} px in {path}, as its header says"
+    if pixels.shape[1::-1] != header.size:
+        width, height = header.size
+        expected = f"{width}x{height} px in {path}, as its header says"
         raise InputError(expected, f"{pixels.shape[1]}x{pixels.shape[0]} px", "export the image again")
     if header.format == "TIFF":
         pixels = _UNDO.get(header.orientation, _UNDO[1])(pixels)
@@ -140,21 +139,17 @@ def decoded_levels(pixels: NDArray[Any]) -> Grey:
 
     colors = pixels if pixels.ndim == 3 else pixels[..., None]
     if _transparent(pixels):
+        most = float(np.iinfo(colors.dtype).max)
         strips = [colors[top : top + STRIP] for top in range(0, len(colors), STRIP)]
-        blended: Grey = np.concatenate([decoded_levels(_over_white(strip)) for strip in strips])
+        # Blend with white: c a + most (1 - a).
+        whitened = (most + strip[..., -1:] / most * (strip[..., :-1] - most) for strip in strips)
+        blended: Grey = np.concatenate([decoded_levels(np.rint(strip).astype(colors.dtype)) for strip in whitened])
         return blended
     if colors.shape[2] in (2, 4):
         colors = colors[..., :-1]
     colors = np.ascontiguousarray(colors)
     grey: Grey = colors[..., 0] if colors.shape[2] == 1 else cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)
     return grey
-
-
-def _over_white(colors: NDArray[Any]) -> NDArray[Any]:
-    most = float(np.iinfo(colors.dtype).max)
-    opacity = colors[..., -1:] / most
-    # Blend with white: c a + most (1 - a).
-    return np.rint(most + opacity * (colors[..., :-1] - most)).astype(colors.dtype)
 
 
 def grey_frame(frame: object) -> Grey:
@@ -175,11 +170,15 @@ def check_frame(frame: object) -> NDArray[Any]:
         In any memory layout and byte order.
     """
     if not isinstance(frame, np.ndarray):
-        raise InputError("an image as a numpy array", _named(frame), _made_array(frame))
+        kind = type(frame)
+        name = "None" if frame is None else f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+        remedy = next(remedy for types, remedy in _MADE_ARRAYS if isinstance(frame, types))
+        raise InputError("an image as a numpy array", name, remedy)
     # Byte order is not compared: arrays of files in the other order are images as well.
     kind = frame.dtype.newbyteorder("=")
     if kind not in (np.uint8, np.uint16):
-        raise InputError("an image of uint8 or uint16", str(kind), _made_integer(kind))
+        remedy = "give frame.astype(np.uint8) if white is 255, or frame.astype(np.uint16) if it is 65535"
+        raise InputError("an image of uint8 or uint16", str(kind), _MADE_INTEGERS.get(kind.kind, remedy))
     if not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (1, 3, 4))) or not frame.size:
         expected = "a grey image (h, w), or one in color, (h, w, 3) BGR or (h, w, 4) BGRA"
         raise InputError(expected, f"shape {frame.shape}", _reshaped(frame.shape))
@@ -190,27 +189,19 @@ def check_frame(frame: object) -> NDArray[Any]:
     return frame
 
 
-def _named(value: object) -> str:
-    kind = type(value)
-    return "None" if value is None else f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
-
-
-def _made_array(value: object) -> str:
-    if value is None:
-        return "cv2.imread returns None when it cannot read the file: check the path"
-    if isinstance(value, str | os.PathLike):
-        return "read the file first: cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)"
-    if isinstance(value, tuple):
-        return "cv2.VideoCapture.read returns (ok, frame): give the frame"
-    return "give what cv2.imread or cv2.VideoCapture.read gives; convert another library's image to a BGR array first"
-
-
-def _made_integer(kind: np.dtype[Any]) -> str:
-    if kind == np.bool_:
-        return "give 255 * frame.astype(np.uint8)"
-    if kind.kind == "f":
-        return "give (255 * frame).astype(np.uint8) if white is 1, or frame.astype(np.uint8) if white is 255"
-    return "give frame.astype(np.uint8) if white is 255, or frame.astype(np.uint16) if it is 65535"
+_READ_BY_CV2 = "give what cv2.imread or cv2.VideoCapture.read gives"
+_MADE_ARRAYS: tuple[tuple[Any, str], ...] = (
+    (type(None), "cv2.imread returns None when it cannot read the file: check the path"),
+    (str | os.PathLike, "read the file first: cv2.imread(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)"),
+    (tuple, "cv2.VideoCapture.read returns (ok, frame): give the frame"),
+    (object, f"{_READ_BY_CV2}; convert another library's image to a BGR array first"),
+)
+"""How images are made of what is no array, by its type."""
+_MADE_INTEGERS = {
+    "b": "give 255 * frame.astype(np.uint8)",
+    "f": "give (255 * frame).astype(np.uint8) if white is 1, or frame.astype(np.uint8) if white is 255",
+}
+"""How 8 bits are made of other numbers, by their kind."""
 
 
 def _reshaped(shape: tuple[int, ...]) -> str:
@@ -218,9 +209,8 @@ def _reshaped(shape: tuple[int, ...]) -> str:
         return "give an image with pixels; a slice may have gone past the image's edge"
     if len(shape) == 4:
         return "give one image at a time"
-    if len(shape) == 3 and shape[0] in (1, 3, 4):
-        return "put the colors last: frame.transpose(1, 2, 0)"
-    return "give what cv2.imread or cv2.VideoCapture.read gives"
+    is_first = len(shape) == 3 and shape[0] in (1, 3, 4)
+    return "put the colors last: frame.transpose(1, 2, 0)" if is_first else _READ_BY_CV2
 
 
 def size_in_file(path: Path) -> tuple[int, int] | None:
@@ -345,7 +335,7 @@ def _examine(path: Path, data: bytes) -> _Header:
             if image.format == "PNG":
                 # EXIF may follow the pixels: finding it reads them, and would swallow an error.
                 image.load()
-            header = _Header(width, height, str(image.format), _orientation(image))
+            header = _Header(image.size, str(image.format), _orientation(image))
             image.load()
     except UnidentifiedImageError:
         problem, remedy = "another format or depth", "convert the image to PNG"

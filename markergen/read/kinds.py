@@ -11,13 +11,13 @@ from typing import Any
 from markergen.errors import InputError, brief
 from markergen.guard import read
 from markergen.model.body_json import is_rig
-from markergen.read.cameras import format_of, split
+from markergen.read.cameras import CAMERA_FORMATS
 from markergen.read.cameras.document import Document
 from markergen.read.cameras.statements import refuse_lenses
+from markergen.read.formats import recognized, refuse_unreadable, split
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.poses import POSE_FORMATS
 from markergen.read.poses.rows import RowsFile
-from markergen.read.unreadable import refuse_unreadable
 
 KINDS = ("marker", "rig", "spec", "camera", "poses", "outline", "points")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
@@ -29,65 +29,62 @@ def kinds_of(path: Path) -> list[str]:
 
     Raises InputError if it cannot be read, is none of these, or is the calibration of a program that is not read.
     """
-    name, data = read(split(path)[0], "file")
-    content = _json(data)
+    name, data = read(Path(split(str(path))[0]), "file")
+    is_json, is_toml = data.lstrip()[:1] in (b"{", b"["), path.suffix.lower() == ".toml"
+    try:
+        content = json.loads(data) if is_json else None
+    except (ValueError, RecursionError):
+        content = None
     if isinstance(content, Mapping):
         if is_rig(content):
             return ["rig"]
         if "control_points" in content:
             return ["marker"]
-        if content.get("type") in GEOJSON:
-            return ["outline"]
-    if _is_drawing(OutlineFile(name, data)):
+    if content.get("type") in GEOJSON if isinstance(content, Mapping) else not is_json and _is_drawing(name, data):
         return ["outline"]
     document = Document(name, data)
-    if path.suffix.lower() == ".toml" and _SPEC.search(data):
+    if is_toml and _SPEC.search(data):
         return ["spec"]
-    kinds = [
-        kind for kind, fits in (("camera", _is_camera(document)), ("poses", _has_poses(name, data, content))) if fits
-    ]
+    kinds = ["camera"] * _is_camera(document)
+    if _has_list(content) if is_json else _has_poses(name, data) and not _is_layout(data):
+        kinds.append("poses")
     if kinds:
         return kinds
     if _is_layout(data):
         return ["points"]
     refuse_unreadable(name, data)
     refuse_lenses(document)
-    if path.suffix.lower() == ".toml":
+    if is_toml:
         return ["spec"]
-    known = "a marker.json, rig.json, spec .toml, camera, poses, outline .svg .dxf .geojson .kicad_pcb, or points .csv"
-    raise InputError(known, brief(path.name), "give one of these; docs/formats.md lists the programs")
+    expected = (
+        "a marker.json, rig.json, spec .toml, camera, poses, outline .svg .dxf .geojson .kicad_pcb, or points .csv"
+    )
+    raise InputError(expected, brief(path.name), "give one of these; docs/formats.md lists the programs")
 
 
-def _json(data: bytes) -> Any:
-    try:
-        return json.loads(data) if data.lstrip()[:1] in (b"{", b"[") else None
-    except (ValueError, RecursionError):
-        return None
-
-
-def _is_drawing(file: OutlineFile) -> bool:
-    # All XML may be SVG to its reader, and all JSON GeoJSON.
-    if file.data.lstrip()[:1] in (b"{", b"["):
-        return False
-    if file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<":
-        return re.search(rb"<(\w+:)?svg\b", file.data[:20_000]) is not None
-    return any(OUTLINE_FORMATS[name].fits(file) for name in OUTLINE_FORMATS)
+def _is_drawing(name: str, data: bytes) -> bool:
+    # All XML may be SVG to its reader.
+    if data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<":
+        return re.search(rb"<(\w+:)?svg\b", data[:20_000]) is not None
+    return recognized(OUTLINE_FORMATS, OutlineFile(name, data)) is not None
 
 
 def _is_camera(document: Document) -> bool:
     try:
-        return format_of(document) is not None
+        return recognized(CAMERA_FORMATS, document) is not None
     except InputError:
         return False
 
 
-def _has_poses(name: str, data: bytes, content: Any) -> bool:
-    if data.lstrip()[:1] in (b"{", b"["):
-        rows = [content.get(key) for key in ("poses", "frames")] if isinstance(content, Mapping) else [content]
-        return any(isinstance(row, list) and all(isinstance(pose, dict) for pose in row) for row in rows)
-    file = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
+def _has_list(content: Any) -> bool:
+    rows = [content.get(key) for key in ("poses", "frames")] if isinstance(content, Mapping) else [content]
+    return any(isinstance(row, list) and all(isinstance(pose, dict) for pose in row) for row in rows)
+
+
+def _has_poses(name: str, data: bytes) -> bool:
     try:
-        return any(POSE_FORMATS[form].fits(file) for form in POSE_FORMATS) and not _is_layout(data)
+        file = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
+        return recognized(POSE_FORMATS, file) is not None
     except InputError:
         return True
 

@@ -1,8 +1,6 @@
 """Lists of a rig's plates: TOML, JSON or CSV, each with a marker or room for one, and its pose T_rig_marker."""
 
-import csv
-import tomllib
-from io import StringIO
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,15 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from markergen.errors import InputError, among
 from markergen.guard import read, text_of
-from markergen.maths.rotation import exponential, turn_z
 from markergen.model.body import Plate
 from markergen.model.body_json import read_marker
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.json_text import findings_of, in_one_line, parsed
+from markergen.model.json_text import findings_of, in_one_line, parsed, parsed_toml
 from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, distance_span
 from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.poses.rows import RowsFile
 from markergen.read.spec_file import Finite, Length
 
 SUFFIXES = (".toml", ".json", ".csv")
@@ -73,7 +71,9 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     """
     text, name = text_of(read(path, "list")), str(path)
     try:
-        content: Any = _rows(text, name) if path.suffix.lower() == ".csv" else _table(text, path)
+        readers: dict[str, Callable[[str, str], Any]] = {".csv": _rows, ".json": parsed}
+        reader: Callable[[str, str], Any] = readers.get(path.suffix.lower(), parsed_toml)
+        content = reader(text, name)
         if not isinstance(content, dict) or "plates" not in content:  # What is no list of plates is not quoted.
             raise InputError(f"a table plates in {name}", "none", "write [[plates]] for each; see docs/rigs.md")
         plates = _Plates.model_validate(content).plates
@@ -105,18 +105,9 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     return RigShape("plates", tuple(faces), poses, {}), markers
 
 
-def _table(text: str, path: Path) -> Any:
-    if path.suffix.lower() == ".json":
-        return parsed(text, str(path))
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"valid TOML in {path}", str(error), "correct it there") from None
-
-
 def _rows(text: str, name: str) -> dict[str, Any]:
-    lines = csv.reader(StringIO("\n".join(line for line in text.splitlines() if not line.startswith("#"))))
-    header, *rows = [[cell.strip() for cell in line] for line in lines if any(line)] or [[]]
+    lines = RowsFile(name, text.encode()).table()
+    header, *rows = [[cell.strip() for cell in line] for _, line in lines if any(line)] or [[]]
     if not set(header) & set(COLUMNS):
         raise InputError(f"columns of plates in {name}", "others", f"known: {', '.join(COLUMNS)}")
     for column in header:
@@ -155,6 +146,8 @@ def _rotation(plate: _PlateEntry) -> tuple[tuple[float, ...], ...]:
     keys = [name for name in ("rotation_vector", "euler_deg", "matrix") if getattr(plate, name) is not None]
     if len(keys) > 1:
         raise InputError("one form of the rotation", " and ".join(keys), "leave out the others")
+    from scipy.spatial.transform import Rotation
+
     if plate.matrix is not None:
         matrix = np.array(plate.matrix)
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
@@ -163,9 +156,8 @@ def _rotation(plate: _PlateEntry) -> tuple[tuple[float, ...], ...]:
         left, _, right = np.linalg.svd(matrix)
         rotation = left @ right
     elif plate.euler_deg is not None:
-        roll, pitch, yaw = np.deg2rad(plate.euler_deg)
-        rotation = turn_z(np.array(yaw)) @ exponential(np.array([0, pitch, 0])) @ exponential(np.array([roll, 0, 0]))
+        rotation = Rotation.from_euler("xyz", plate.euler_deg, degrees=True).as_matrix()
     else:
-        rotation = exponential(np.array(plate.rotation_vector or [0.0, 0.0, 0.0]))
+        rotation = Rotation.from_rotvec(plate.rotation_vector or np.zeros(3)).as_matrix()
     whole = np.round(rotation)
     return tuple(map(tuple, (np.where(np.abs(rotation - whole) < 1e-12, whole, rotation) + 0.0).tolist()))

@@ -1,7 +1,8 @@
-"""Design specs: TOML files, templates, the spec stored in a marker.json, and the JSON Schema published for them."""
+"""Design specs: TOML files, templates, and the spec stored in a marker.json."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from functools import partial
 from os import PathLike
@@ -13,7 +14,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    TypeAdapter,
     ValidationError,
     ValidationInfo,
     create_model,
@@ -26,12 +26,11 @@ from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.json_text import findings_of, in_one_line
 from markergen.model.marker import Marker
 from markergen.model.poses import MOST_KEPT, RecordedPoses
-from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, built
+from markergen.model.shape_file import BoundaryFile, SubstrateFile, built
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
-from markergen.options import Option, declared
+from markergen.options import declared
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
-from markergen.options.kinds import KINDS
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera, sized
 from markergen.read.cameras.covariance import camera_covariance
@@ -43,11 +42,19 @@ from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import SMALLEST_LENGTH, parse_length, parse_settings
 
 
+@contextmanager
+def _as_findings(prefix: str = "") -> Iterator[None]:
+    """Raise InputErrors as ValueErrors, which pydantic collects with their paths; an InputError would stop it."""
+    try:
+        yield
+    except InputError as error:
+        raise ValueError(f"{prefix}{error}") from None
+
+
 def _length(value: object) -> float:
     try:
         return parse_length(value if isinstance(value, (str, int, float)) else str(value))
     except InputError as error:
-        # pydantic collects ValueErrors with their paths; an InputError would stop at the first.
         raise ValueError(error.args[2]) from None
 
 
@@ -78,16 +85,17 @@ def _shape(value: object, origin: str = "file") -> object:
     if isinstance(value, str):
         if not re.match(r"\s*(circle|rect):", value):
             raise ValueError("write rect:0.2x0.1, circle:0.15, or a table with kind and outlines")
-        try:
+        with _as_findings():
             return parse_boundary(value, origin=origin).as_dict()
-        except InputError as error:
-            raise ValueError(str(error)) from None
     if isinstance(value, Mapping):
-        return {"kind": "circle", **{key: item if key == "kind" else _lengths(item) for key, item in value.items()}}
+        return {"kind": "circle", **_lengths(value)}
     return value
 
 
-def _lengths(value: object, levels: int = 3) -> object:
+def _lengths(value: Any, levels: int = 3) -> Any:
+    """Values with all texts that are lengths in m, but for those that name something."""
+    if isinstance(value, Mapping):
+        return {key: item if key in ("kind", "use", "name") else _lengths(item) for key, item in value.items()}
     # Levels of outlines, corners and coordinates; deeper nesting is left for the table's validation.
     if isinstance(value, list) and levels:
         return [_lengths(item, levels - 1) for item in value]
@@ -105,38 +113,28 @@ def _plate(value: object) -> object:
     """Substrate table with its lengths in m and its holes listed one by one; unfit values are left for validation."""
     if not isinstance(value, Mapping):
         return value
-    table = {key: _lengths(item) for key, item in value.items() if key not in HOLES}
+    table = _lengths({key: item for key, item in value.items() if key not in HOLES})
     if "outline" in table:
-        table["outline"] = _shape(table["outline"])
+        table["outline"] = _shape(value["outline"])
     written = [asdict(hole) for key in HOLES for hole in _holes(key, value.get(key, []))]
     holes = table.get("holes", [])
     if isinstance(holes, list) and (holes or written):
-        table["holes"] = [_hole(hole) for hole in holes] + written
+        table["holes"] = holes + written
     return table
-
-
-def _hole(value: object) -> object:
-    if not isinstance(value, Mapping):
-        return value
-    return {key: item if key in ("use", "name") else _lengths(item) for key, item in value.items()}
 
 
 def _holes(key: str, texts: object) -> list[Hole]:
     every = texts if isinstance(texts, list) else [texts]
-    try:
+    with _as_findings(f"{key}: "):
         return [hole for text in every for hole in HOLES[key](text if isinstance(text, str) else brief(text))]
-    except InputError as error:
-        raise ValueError(f"{key}: {error}") from None
 
 
 def _quality(value: object) -> object:
     """Image quality, from text as on the command line or a table as it is."""
-    try:
-        return (
-            parse_settings(value, ImageNoiseTable.model_fields, "an image quality") if isinstance(value, str) else value
-        )
-    except InputError as error:
-        raise ValueError(str(error)) from None
+    if not isinstance(value, str):
+        return value
+    with _as_findings():
+        return parse_settings(value, ImageNoiseTable.model_fields, "an image quality")
 
 
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
@@ -162,10 +160,8 @@ class _Distortion(_Table):
 
     @model_validator(mode="after")
     def _known(self) -> "_Distortion":
-        try:
+        with _as_findings():
             Distortion(self.model, tuple(self.coefficients))
-        except InputError as error:
-            raise ValueError(str(error)) from None
         return self
 
 
@@ -211,11 +207,10 @@ def stated_poses(value: object) -> str | RecordedPoses:
         return poses if isinstance(poses, RecordedPoses) else RecordedPoses.from_distribution(poses)
     try:
         table = _Poses.model_validate(dict(value))
-        numbers = numbers_of_rows(table.rows)
     except ValidationError as error:
         raise ValueError(in_one_line(findings_of(error))) from None
-    except InputError as error:
-        raise ValueError(str(error)) from None
+    with _as_findings():
+        numbers = numbers_of_rows(table.rows)
     file = table.file if table.file.isprintable() else brief(table.file)
     return RecordedPoses.of(numbers, file, table.sha256, table.dropped, table.sampled_from)
 
@@ -345,11 +340,7 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
     if all(isinstance(values.get(key), str | PathLike | None) for key in READING):  # As above.
         poses = poses_as_stated(values.get("poses"), values)
-        values = {
-            key: value
-            for key, value in (values | ({"poses": poses} if "poses" in values else {})).items()
-            if key not in READING
-        }
+        values = {key: poses if key == "poses" else value for key, value in values.items() if key not in READING}
     if is_table(values.get("points")):
         values["points"] = read_layout(values["points"])
     camera = values.get("camera")
@@ -407,54 +398,3 @@ def _camera(table: CameraTable) -> Camera:
     if table.distortion is None:
         return Camera(**values)
     return Camera(**values, distortion=Distortion(table.distortion.model, tuple(table.distortion.coefficients)))
-
-
-def spec_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
-    options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_SPEC}
-    keys = {key: _described(option) for option in options.values() for key in (option.name, *option.aliases)}
-    plate = {name: _described(option) for name, option in declared(PlateKeywords).items()}
-    boundary, hole = _lengths_as_text([TypeAdapter(BoundaryFile).json_schema(), HoleFile.model_json_schema()])
-    tables = {"Boundary": boundary, "Camera": CameraTable.model_json_schema()}
-    definitions: dict[str, Any] = {}
-    for name, table in tables.items():
-        definitions |= table.pop("$defs", {})
-        definitions[name] = table
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Spec of a design",
-        "description": "What markergen design is asked for; lengths are meters, or text with a unit such as 150mm.",
-        "type": "object",
-        "properties": {
-            "title": {"type": "string", "description": "What it is for, in a line."},
-            **keys,
-            "substrate": {
-                "type": "object",
-                "description": "The plate: the same keys as outside of this table, and its holes one by one.",
-                "properties": {**plate, "holes": {"type": "array", "items": hole}},
-                "additionalProperties": False,
-            },
-        },
-        "additionalProperties": False,
-        "$defs": definitions,
-    }
-
-
-def _described(option: Option) -> dict[str, Any]:
-    text = f"{option.help} Default: {option.shown}." if option.shown else option.help
-    default = {} if option.default is None else {"default": option.default}
-    schema = KINDS[option.kind].schema
-    if option.kind == "settings":
-        schema = {"anyOf": [{"type": "string"}, ImageNoiseTable.model_json_schema()]}
-    return {**schema, "description": text, **default}
-
-
-def _lengths_as_text(schema: Any) -> Any:
-    """Return a schema in which every number may also be text with a unit, as in spec files."""
-    if isinstance(schema, list):
-        return [_lengths_as_text(item) for item in schema]
-    if not isinstance(schema, dict):
-        return schema
-    if schema.get("type") == "number":
-        return {**schema, "type": ["number", "string"]}
-    return {key: _lengths_as_text(value) for key, value in schema.items()}

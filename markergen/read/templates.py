@@ -2,13 +2,13 @@
 
 # tests: tests/api/test_templates.py
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from markergen.errors import InputError
 from markergen.files import shipped_folder
 from markergen.guard import read, text_of
+from markergen.model.json_text import parsed_toml
 from markergen.options import declared
 from markergen.options.declarations import DesignKeywords
 from markergen.options.rig import RigKeywords
@@ -22,12 +22,7 @@ def read_template(name: str) -> dict[str, Any]:
 
     Raises InputError if there is no such template or the file is not TOML.
     """
-    try:
-        values = tomllib.loads(template_text(name))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"TOML in {name}", str(error), "correct the file") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"TOML in {name}", "an endless number or endless nesting", "correct the file") from None
+    values = parsed_toml(template_text(name), name)
     # What is no spec is not quoted.
     if values and values.keys().isdisjoint({*OTHERS, *declared(DesignKeywords), *declared(RigKeywords)}):
         raise InputError(f"a spec in {name}", "none of its keys", "check the path; markergen templates shows specs")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.files import exists
 from markergen.read.images import quiet
+
+if TYPE_CHECKING:
+    from cv2 import VideoCapture
 
 SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".ts", ".webm", ".wmv")
 """Suffixes of the files that count as videos."""
@@ -31,14 +34,13 @@ TIME_NOTE = "time stamps that do not increase are replaced by those of the frame
 """Remarks on a video."""
 
 
-class Capture(Protocol):
-    """What is used of cv2.VideoCapture."""
-
-    def grab(self) -> bool: ...  # noqa: D102 - OpenCV's
-    def retrieve(self) -> tuple[bool, NDArray[np.uint8]]: ...  # noqa: D102
-    def get(self, prop: int, /) -> float: ...  # noqa: D102
-    def set(self, prop: int, value: float, /) -> bool: ...  # noqa: D102
-    def release(self) -> None: ...  # noqa: D102
+SOURCES = {
+    "camera": ("a camera", "none that opens", "check its number, its cable, and that no other program uses it"),
+    "stream": ("a stream at", "none that opens", "check the address and the network"),
+    "pipeline": ("a pipeline", "one that does not start", "try it with gst-launch-1.0, and end it in appsink"),
+    "file": ("a readable video", "one that is damaged or not a video", "convert it to .mp4 or .avi"),
+}
+"""What a source is called, and what is wrong with one that does not open."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +118,11 @@ def size_in_video(path: Path) -> tuple[int, int] | None:
     """Return width and height in px of the frames of a file, as they are read; None for what is live or unreadable."""
     import cv2
 
-    try:
-        capture = open_capture(str(path), "file") if _kind(str(path)) == "file" else None
-    except InputError:  # `open_video` says why.
+    if _kind(str(path)) != "file":
         return None
-    if capture is None:
+    try:
+        capture = open_capture(str(path), "file")
+    except InputError:  # `open_video` says why.
         return None
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
@@ -128,16 +130,12 @@ def size_in_video(path: Path) -> tuple[int, int] | None:
     return size if min(size) > 0 else None
 
 
-def open_capture(source: str, kind: str) -> Capture:
+def open_capture(source: str, kind: str) -> "VideoCapture":
     """Open a source with OpenCV, which then says nothing; raises InputError if that fails."""
     import cv2
 
-    expected = {
-        "camera": f"a camera {source}",
-        "stream": f"a stream at {source}",
-        "pipeline": f"a pipeline {source}",
-        "file": f"a readable video {source}",
-    }[kind]
+    what, problem, remedy = SOURCES[kind]
+    expected = f"{what} {source}"
     if kind == "file" and not exists(Path(source)):
         raise InputError(expected, "no such file", "check the path")
     # FFmpeg reads it when it is first used.
@@ -156,12 +154,6 @@ def open_capture(source: str, kind: str) -> Capture:
         else:
             capture = cv2.VideoCapture(int(source) if source.isdecimal() and kind == "camera" else source)
     if not capture.isOpened():
-        problem, remedy = {
-            "camera": ("none that opens", "check its number, its cable, and that no other program uses it"),
-            "stream": ("none that opens", "check the address and the network"),
-            "pipeline": ("one that does not start", "try it with gst-launch-1.0, and end it in appsink"),
-            "file": ("one that is damaged or not a video", "convert it to .mp4 or .avi"),
-        }[kind]
         raise InputError(expected, problem, remedy)
     return capture
 
@@ -196,7 +188,13 @@ class Video:
     """
 
     def __init__(
-        self, name: str, live: bool, rate: float | None, count: int | None, notes: tuple[str, ...], capture: Capture
+        self,
+        name: str,
+        live: bool,
+        rate: float | None,
+        count: int | None,
+        notes: tuple[str, ...],
+        capture: "VideoCapture",
     ) -> None:
         self.name, self.live, self.rate, self.count, self.notes = name, live, rate, count, list(notes)
         self.dropped = 0

@@ -8,12 +8,13 @@ import time
 import numpy as np
 import pytest
 import shapely
+from drawings import read_outline
 
 from markergen.errors import InputError
 from markergen.geometry.outlines import canonical_polygons
 from markergen.read.cameras import read_camera
 from markergen.read.cameras.covariance import read_camera_covariance
-from markergen.read.outlines.boundary import parse_boundary, read_outline, read_room
+from markergen.read.outlines.boundary import parse_boundary, read_room
 from markergen.read.poses import poses_from, read_poses
 
 CAMERA = (

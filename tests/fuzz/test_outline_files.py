@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from drawings import read_outline
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mutants import replaced
 
 from markergen.errors import InputError
-from markergen.read.outlines.boundary import parse_boundary, read_outline
+from markergen.read.outlines.boundary import parse_boundary
 
 DATA = Path(__file__).parent.parent / "read" / "data"
 SVG = (

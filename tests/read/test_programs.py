@@ -17,7 +17,8 @@ from pose_programs import POSES, ROT, T
 from markergen.errors import InputError
 from markergen.geometry.contour import area
 from markergen.geometry.outlines import polygons_of
-from markergen.read.cameras import format_name_of, read_camera
+from markergen.read.cameras import CAMERA_FORMATS, read_camera, sized_document
+from markergen.read.formats import recognized
 from markergen.read.outlines.boundary import outline_reading
 from markergen.read.poses import pose_reading
 from markergen.read.poses.conventions import PoseConvention
@@ -43,7 +44,7 @@ def as_camera(path, row):
     off = np.abs(camera.to_pixels(RAYS) - opencv_pixels(*lens, matrix)).max() if lens != "refused" else np.inf
     # KITTI rounds to seven digits.
     is_right = off < (1e-3 if "kitti" in path.name else 1e-9) and (camera.width, camera.height) == (1280, 720)
-    return format_name_of(f"{path}{suffix}"), is_right, False
+    return recognized(CAMERA_FORMATS, sized_document(f"{path}{suffix}")[0]), is_right, False
 
 
 def as_poses(path, row):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from sentences import pattern
 
+from docs.generate import spec_schema
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, Polygon, polygon_from
@@ -14,7 +15,7 @@ from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
-from markergen.read.spec_file import spec_from_mapping, spec_schema
+from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, shipped_templates
 
 CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}

@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from markergen.geometry.outlines import polygons_of
+from markergen.read.outlines.boundary import read_contours
+
 DATA = Path(__file__).parents[1] / "read" / "data"
 # 200 x 100 mm with corners of radius 10 mm; a hole of 40 mm across, four of 6 mm.
 PLATE = 0.2 * 0.1 - (4 - math.pi) * 0.01**2
@@ -68,3 +71,8 @@ def farthest(points, polyline):
     if not np.ptp(polyline, axis=0).any():
         return float(np.hypot(*(points - polyline[0]).T).max())
     return float(shapely.distance(shapely.points(points), shapely.LineString(polyline)).max())
+
+
+def read_outline(path, unit=None, layer=None):
+    """Closed outlines of a file as polygons."""
+    return polygons_of(read_contours(path, unit, layer))

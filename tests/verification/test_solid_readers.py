@@ -175,7 +175,7 @@ def test_3mf_and_glb_that_grow(marker, data, tmp_path):
         return refused(marker, tmp_path, ".3mf", with_model(data[".3mf"], head + resources + tail.format(build)))
 
     start = time.process_time()
-    assert "objects that exist" in said(mesh + ten, '<item objectid="9"/>')
+    assert "20000 parts of objects" in said(mesh + ten, '<item objectid="9"/>')
     assert "at most 20000 items" in said(mesh, '<item objectid="0"/>' * 20_001)
     bases = '<base name="a" displaycolor="#FFFFFF"/>' * 20_001
     assert "at most 20000 materials" in said(f'<basematerials id="1">{bases}</basematerials>')

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
-from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
-from markergen.read.cameras.statements import refuse_lenses, remark_doubts, remark_unused_keys
+from markergen.read.cameras.statements import doubts, refuse_lenses, remark_unused_keys
+from markergen.read.formats import Format, recognized, refuse_unreadable, split, unknown_format
 from markergen.read.images import find_images, size_in_file
 from markergen.read.remarks import collected_remarks, remark
-from markergen.read.unreadable import refuse_unreadable
 from markergen.read.videos import is_video, size_in_video
 from markergen.registry import Registry
 
@@ -54,34 +53,19 @@ class CameraRecord:
 
 
 @dataclass(frozen=True)
-class CameraFormat:
-    """A calibration file format.
+class CameraFormat(Format[Document, Camera, CameraRecord]):
+    """A calibration file format, which is read as a camera; the second argument names one of several in a file.
 
     Attributes
     ----------
-    signs : str
-        Typical contents of such a file, for the message that no format fits.
-    fits : callable
-        True if a document has this format; true for exactly one format if a file is usable.
-    read : callable
-        Makes a camera from a document; the second argument names one of several cameras, or is None.
-    table : callable
-        Returns the table that `CameraRecord.extras` are in, from the same arguments.
-    endings : tuple of str
-        Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
     holds : callable
         True if the format can hold a record: its lens, with all that is known of it.
-    write : callable or None
-        Makes the text of a file from a record that the format holds, and the ending; None if it is only read.
+    table : callable
+        Returns the table that `CameraRecord.extras` are in, from the arguments of `read`.
     """
 
-    signs: str
-    fits: Callable[[Document], bool]
-    read: Callable[[Document, str | None], Camera]
-    table: Callable[[Document, str | None], Fields] = lambda document, _: Fields(document.name, {})
-    endings: tuple[str, ...] = ()
     holds: Callable[[CameraRecord], bool] = lambda _: True
-    write: Callable[[CameraRecord, str], str] | None = None
+    table: Callable[[Document, str | None], Fields] = lambda document, _: Fields(document.name, {})
 
 
 CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__, "markergen.camera_formats", CameraFormat)
@@ -118,20 +102,6 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     return _camera_of(*sized_document(path))
 
 
-def format_of(document: Document) -> CameraFormat | None:
-    """Return the format of a document, if it is known; raises InputError if it is none and no text of keys either."""
-    damage: InputError | None = None
-    for name in CAMERA_FORMATS:
-        try:
-            if CAMERA_FORMATS[name].fits(document):
-                return CAMERA_FORMATS[name]
-        except InputError as error:  # Another format may be no table of keys.
-            damage = error
-    if damage:
-        raise damage
-    return None
-
-
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
@@ -164,35 +134,19 @@ def sized(source: Any, size: str | None, photos: Sequence[Any] = ()) -> Any:
 
 def sized_document(path: str | os.PathLike[str]) -> tuple[Document, str | None]:
     """Return a file's document with the size after ``#``, if there is one; or else the name of a camera there."""
-    path, choice = split(Path(path))
+    name, choice = split(os.fspath(path))
     if size := _SIZE.fullmatch(choice or ""):
-        path, choice = split(path)
-    return Document(*read(path, "camera"), size=(int(size[1]), int(size[2])) if size else None), choice
+        name, choice = split(name)
+    return Document(*read(Path(name), "camera"), size=(int(size[1]), int(size[2])) if size else None), choice
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:
     refuse_unreadable(document.name, document.data, "camera")
-    if (camera_format := format_of(document)) is not None:
-        camera = camera_format.read(document, choice)
-        remark_unused_keys(document, camera)
-        remark_doubts(document.name, camera)
-        return camera
-    refuse_lenses(document)
-    formats = [(name, CAMERA_FORMATS[name].signs) for name in CAMERA_FORMATS]
-    signs = "; ".join(name if signs == name else f"{name}: {signs}" for name, signs in formats)
-    raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {signs}")
-
-
-def format_name_of(source: str | os.PathLike[str]) -> str:
-    """Return the name of the format of a camera's file that was read."""
-    document, _ = sized_document(source)
-    form = format_of(document)
-    return next((name for name in CAMERA_FORMATS if CAMERA_FORMATS[name] is form), "")
-
-
-def split(path: Path) -> tuple[Path, str | None]:
-    """Split ``path#NAME`` into a path and the name of a camera in it, if there is one."""
-    stem, mark, choice = path.name.rpartition("#")
-    if not mark or not stem or exists(path):
-        return path, None
-    return path.with_name(stem), choice
+    if (name := recognized(CAMERA_FORMATS, document)) is None:
+        refuse_lenses(document)
+        raise unknown_format(CAMERA_FORMATS, document.name, "a camera")
+    camera = CAMERA_FORMATS[name].read(document, choice)
+    remark_unused_keys(document, camera)
+    for doubt in doubts(camera):
+        remark(f"{document.name}: {doubt}")
+    return camera

@@ -7,7 +7,7 @@ refused with its place in the file.
 # tests: tests/read/test_camera_files.py tests/read/test_cameras.py
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -18,9 +18,8 @@ from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
-from markergen.read.cameras.document import Fields, NoSizeError
-from markergen.read.cameras.names import KEYS, NAMED
-from markergen.read.cameras.statements import ANY, BY_COUNT, check_statements, lens_name, stated_lens
+from markergen.read.cameras.document import KEYS, NAMED, Fields, NoSizeError, document_of
+from markergen.read.cameras.statements import BY_COUNT, check_statements, stated_lens
 from markergen.read.remarks import remark
 
 MATRIX, COEFFICIENTS, RADIAL, TANGENTIAL, _, WIDTH, HEIGHT, SIZE, SHAPE, *PINHOLE, FOCAL, PRINCIPAL, PART = (
@@ -143,6 +142,28 @@ def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Dis
         return Distortion(model if lists[0] else "none", tuple(terms.get(name, 0.0) for name in lists[0]))
 
 
+FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
+"""Relevant fields of a message, in ROS 1 and 2."""
+
+
+def camera_of_message(message: Any) -> Camera:
+    """Make a camera from a CameraInfo, an object or a dict; see `Camera.from_message`."""
+    values = _fields(message, FIELDS)
+    if not values:
+        problem = f"{type(message).__name__} {brief(message)}"
+        raise InputError("a message sensor_msgs/CameraInfo", problem, "Camera.load reads files")
+    if "roi" in values:
+        values["roi"] = _fields(values["roi"], PART)
+    return calibrated_camera(document_of(values, "the CameraInfo").fields)
+
+
+def _fields(message: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Values of the fields that a message has, an object or a dict."""
+    is_dict = isinstance(message, Mapping)
+    values = {name: message.get(name) if is_dict else getattr(message, name, None) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = False) -> Camera:
     """Make a camera from OpenCV's arrays; see `Camera.from_cv2`."""
     square = _array(matrix, "matrix")
@@ -155,7 +176,7 @@ def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = Fa
     sides = _array(size, "size")
     if sides.shape != (2,) or not (sides == np.round(sides)).all():
         raise InputError("a size (width, height) in px", brief(size), "for an image, image.shape[1::-1]")
-    lens = make_distortion("fisheye" if fisheye else "", coefficients.ravel().tolist(), "fisheye", "distortion")
+    lens = make_distortion("equidistant" if fisheye else "", coefficients.ravel().tolist(), "fisheye", "distortion")
     width, height = (int(side) for side in sides)
     return make_camera(width, height, pinhole_of(square.ravel().tolist(), "matrix"), lens, "matrix", "size")
 
@@ -229,35 +250,24 @@ def with_place(place: str) -> Iterator[None]:
 
 
 def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:
-    """Make the distortion of a model given by any of its names, or, without a name, of OpenCV's by coefficient count.
+    """Make the distortion of a model or, without its name, of OpenCV's by the number of coefficients.
 
     `model_place` and `place` locate the name and the coefficients in the file.
     """
-    model = ("radtan" if len(coefficients) < 8 else "rational") if name == "" else _named(name.lower(), model_place)
+    model = name or ("radtan" if len(coefficients) < 8 else "rational")
+    with with_place(model_place):
+        lens = LENSES[model]  # Raises if the model is a broken plug-in.
     # Without coefficients a fisheye is still not a pinhole camera: its image is linear in the angle.
-    if not coefficients and LENSES[model].opencv:
+    if not coefficients and lens.opencv:
         return Distortion()
     # OpenCV pads with zeros: 12 coefficients include thin prisms, 14 also a tilted sensor.
-    most = max(map(len, LENSES[model].coefficients))
+    most = max(map(len, lens.coefficients))
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
     with with_place(place):
         if len(cut) in (12, 14) and model == "rational":
             expected = "no thin prism and no tilted sensor, coefficients 9 to 14"
             raise InputError(expected, f"{len(cut)} coefficients that are not 0", "calibrate without these terms")
         return Distortion(model, tuple(cut))
-
-
-def _named(name: str, place: str) -> str:
-    """Name in `Distortion` of a model, from its name in ROS, Kalibr or OpenCV code."""
-    if name in LENSES:
-        with with_place(place):
-            LENSES[name]  # Raises if the model is a broken plug-in.
-        return name
-    if (model := lens_name(name)) in (None, ANY, BY_COUNT):
-        names = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
-        raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(names)}")
-    assert model is not None
-    return model
 
 
 def make_camera(

@@ -14,15 +14,16 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import place_of, read
 from markergen.model.camera import NAMED_CAMERAS, Camera
-from markergen.read.cameras import COVARIANCE, NAMES, format_of, sized_document, split
+from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, sized_document
 from markergen.read.cameras.calibration import entries
 from markergen.read.cameras.document import Document, Fields, document_of
+from markergen.read.formats import recognized, split
 
 TOLERANCE = 1e-6
 """Allowed asymmetry and negative eigenvalue of a covariance, as a correlation: files round to six digits."""
 
 
-DEVIATIONS, LENS_DEVIATIONS = ("camera_matrix_std_dev",), ("dist_coeffs_std_dev",)
+DEVIATIONS, LENS_DEVIATIONS = "camera_matrix_std_dev", "dist_coeffs_std_dev"
 """Keys of standard deviations of fx, fy, cx, cy, and of the coefficients."""
 
 EXACT = "none"
@@ -74,7 +75,8 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     not symmetric, or with a negative eigenvalue; or if it is a camera file without one.
     """
     if isinstance(source, Path | str):
-        path, choice = split(Path(source))
+        name, choice = split(os.fspath(source))
+        path = Path(name)
         name, data = read(path, "covariance")
         document = Document(name, data)
         if data.startswith(b"\x93NUMPY"):
@@ -105,7 +107,7 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
 
 def _is_camera(document: Document) -> bool:
     try:
-        return format_of(document) is not None
+        return recognized(CAMERA_FORMATS, document) is not None
     except InputError:
         # Not YAML, XML or TOML: damaged, unless it is a table of numbers.
         if document.lines and re.match(r"[-+.\d]", document.lines[0]):
@@ -115,10 +117,10 @@ def _is_camera(document: Document) -> bool:
 
 def _stored(document: Document, choice: str | None, camera: Camera) -> Array | None:
     """Covariance (k, k) of the camera's parameters from its file; 0 for those that are not in it."""
-    form = format_of(document)
+    form = recognized(CAMERA_FORMATS, document)
     if form is None:
         return None
-    table = form.table(document, choice)
+    table = CAMERA_FORMATS[form].table(document, choice)
     key = table.find(COVARIANCE)
     if key is None:
         return _of_deviations(table, camera)
@@ -141,16 +143,17 @@ def _stored(document: Document, choice: str | None, camera: Camera) -> Array | N
 
 def _of_deviations(table: Fields, camera: Camera) -> Array | None:
     """Covariance from the standard deviations that OpenCV's interactive-calibration writes; None without them."""
-    if table.find(*DEVIATIONS) is None:
+    if table.find(DEVIATIONS) is None:
         return None
     sigmas = np.zeros(len(camera.parameter_names))
-    for keys, first, last in ((DEVIATIONS, 0, 4), (LENS_DEVIATIONS, 4, len(sigmas))):
-        values = entries(table, table.key(*keys), None) if table.find(*keys) else []
-        if any(values[last - first :]):
-            expected = f"{last - first} standard deviations at {table.place(keys[0])}"
-            raise InputError(expected, str(len(values)), "correct the file")
-        sigmas[first : first + len(values)] = values[: last - first]
-    return _of_sigmas(sigmas, table.place(DEVIATIONS[0]))
+    for key, part in ((DEVIATIONS, sigmas[:4]), (LENS_DEVIATIONS, sigmas[4:])):
+        values = entries(table, table.key(key), None) if table.find(key) else []
+        if any(values[len(part) :]):
+            raise InputError(
+                f"{len(part)} standard deviations at {table.place(key)}", str(len(values)), "correct the file"
+            )
+        part[: len(values)] = values[: len(part)]
+    return _of_sigmas(sigmas, table.place(DEVIATIONS))
 
 
 def _of_sigmas(sigmas: Array, name: str) -> Array:
@@ -195,19 +198,15 @@ def _text(document: Document) -> Array:
 
 
 def _array(values: object) -> Array:
-    problem = ""
     try:
         array = np.atleast_2d(np.asarray(values, dtype=float))
-        if array.ndim != 2 or not array.size:
-            problem = f"shape {array.shape}"
+        problem = f"shape {array.shape}" if array.ndim != 2 or not array.size else ""
     except (TypeError, ValueError):
         problem = " ".join(brief(values).split())
     if problem:
-        raise InputError(
-            "a covariance of the camera's parameters: an array, or the path of a file",
-            problem,
-            "give the (k, k) matrix or k standard deviations of fx, fy, cx, cy and the distortion coefficients",
-        )
+        expected = "a covariance of the camera's parameters: an array, or the path of a file"
+        remedy = "give the (k, k) matrix or k standard deviations of fx, fy, cx, cy and the distortion coefficients"
+        raise InputError(expected, problem, remedy)
     return array
 
 

@@ -8,7 +8,6 @@ mappings. Numbers remain text until they are requested, since formats write them
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +16,7 @@ from typing import Any
 
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, text_of
+from markergen.model.json_text import parsed_toml
 from markergen.read.remarks import remark
 
 DEEPEST = 20
@@ -26,6 +26,44 @@ _LONGEST_KEY = 40
 """Maximum length of keys that are looked for in any spelling; the longest has 23, distortion_coefficients."""
 _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
 _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
+
+
+NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Keys of single coefficients."""
+
+KEYS: dict[str, tuple[str, ...]] = {
+    "matrix": ("camera_matrix", "K", "intrinsic_matrix", "mtx", "M", "camera_intrinsics", "intrinsics_matrix",
+               "intrinsic", "intrinsics", "matrix", "cam_K", "camera_intrinsic"),
+    "coefficients": ("distortion_coefficients", "D", "dist_coeffs", "distortion_coeffs", "dist", "dist_coeff", "coeffs",
+                     "distortion_coeff", "distortions", "distCoef", "distortion", "distortion_parameters",
+                     "cameraExtrinsics", "distortion_coefs", "kc"),
+    "radial": ("radial", "radial_distortion"),
+    "tangential": ("tangential", "tangential_distortion"),
+    "model": ("distortion_model",),
+    "width": ("image_width", "width", "img_width", "w", "cols", "resolution_x"),
+    "height": ("image_height", "height", "img_height", "h", "rows", "resolution_y"),
+    "size": ("image_size", "resolution", "img_size", "camera_resolution", "image_resolution", "imagersize",
+             "image_dimension", "size", "S"),
+    "shape": ("image_shape", "img_shape", "shape"),
+    "fx": ("fx", "fl_x", "focal_length_x"),
+    "fy": ("fy", "fl_y", "focal_length_y"),
+    "cx": ("cx", "ppx", "principal_point_x", "u0"),
+    "cy": ("cy", "ppy", "principal_point_y", "v0"),
+    "focal": ("focal_length", "focal_lengths", "focal", "fc", "camera_params"),
+    "principal": ("principal_point", "center", "cc"),
+    "part": ("x_offset", "y_offset", "height", "width"),
+}  # fmt: skip
+"""Keys by what they have, the first that messages name; `part` is the region of interest of a ROS message."""
+
+
+def plain(key: str) -> str:
+    """Return a key without what its spelling may vary in."""
+    return re.sub(r"[\W_]", "", key.lower())
+
+
+SIDES = frozenset(map(plain, (*KEYS["width"], *KEYS["height"])))
+KNOWN = frozenset(map(plain, NAMED)).union(*(map(plain, KEYS[name]) for name in KEYS if name != "part"))
+"""What `plain` makes of the keys of sides, and of all."""
 
 
 class NoSizeError(InputError):
@@ -109,17 +147,16 @@ class Document:
             if self.text.lstrip().startswith("<"):
                 values = _xml(self.text, self.name)
             elif self.lines and _TOML.match(self.lines[0]):
-                values = _toml(self.text, self.name)
+                # tomllib takes a minute and 9 GB for 100 kB of one dotted key.
+                if len(self.text) > KINDS["spec"].largest:
+                    expected = f"at most {KINDS['spec'].size} of TOML in {self.name}"
+                    raise InputError(expected, "a larger file", "check the path")
+                values = parsed_toml(self.text, self.name)
             else:
                 values = _yaml(self.text, self.name)
         except InputError as error:
             return error
         return Fields(self.name, values if isinstance(values, dict) else {}, size=self.size)
-
-    @property
-    def unused(self) -> list[tuple[str, Any]]:
-        """Places and values that a reader left, if it read by keys."""
-        return [place for table in self.tables if table.used for place in table.unused()]
 
 
 @dataclass(frozen=True)
@@ -149,7 +186,8 @@ class Fields:
 
     def _all(self, names: Sequence[str]) -> list[str]:
         places = [name for name in names if name in self.values and ("." in name or name in self.names)]
-        return [*places, *(key for name in dict.fromkeys(map(plain, names)) for key in self._keys.get(name, []))]
+        keys = (key for name in dict.fromkeys(map(plain, names)) for key in self._keys.get(name, []))
+        return list(dict.fromkeys([*places, *keys]))
 
     def key(self, *names: str) -> str:
         """Return the key like `find`, but require it, and mark it as used; refuse others for it with another value."""
@@ -247,11 +285,6 @@ def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> st
     lines = [", ".join(map(repr, row)) for row in values]
     between = ",\n       " if len(values[0]) > 1 else ", "
     return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"
-
-
-def plain(key: str) -> str:
-    """Return a key without what its spelling may vary in."""
-    return re.sub(r"[\W_]", "", key.lower())
 
 
 def tables_in(value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -387,15 +420,3 @@ def _xml(text: str, name: str) -> dict[str, Any]:
             raise _damaged("XML", name, f"a key twice in {brief(element.tag)}")
         values[element.tag] = {child.tag: child.text or "" for child in element} or (element.text or "").strip()
     return values
-
-
-def _toml(text: str, name: str) -> dict[str, Any]:
-    # tomllib takes a minute and 9 GB for 100 kB of one dotted key.
-    if len(text) > KINDS["spec"].largest:
-        raise InputError(f"at most {KINDS['spec'].size} of TOML in {name}", "a larger file", "check the path")
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _damaged("TOML", name, str(error)) from None
-    except (ValueError, RecursionError):
-        raise _damaged("TOML", name, "an endless number or endless nesting") from None

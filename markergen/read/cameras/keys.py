@@ -8,17 +8,15 @@ name for ``path#NAME``.
 # tests: tests/read/test_camera_programs.py
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, CameraFormat, CameraRecord
+from markergen.read.cameras import COVARIANCE, NAMES, CameraFormat
 from markergen.read.cameras.calibration import calibrated_camera
-from markergen.read.cameras.document import Document, Fields, names_of, plain, tables_in
-from markergen.read.cameras.names import KEYS, KNOWN, SIDES
+from markergen.read.cameras.document import KEYS, KNOWN, SIDES, Document, Fields, names_of, plain, tables_in
 from markergen.read.cameras.programs import PROGRAMS, values_of
 
 MOST_CAMERAS = 10_000
@@ -171,23 +169,13 @@ def _numbers(table: Fields) -> str:
     return repr(sorted((name, str(value)) for name, value in names if name in KNOWN))
 
 
-def _read(document: Document, choice: str | None) -> Camera:
-    return calibrated_camera(camera_table(document, choice), PROGRAMS[values_of(document)[0]].corner)
+def keyed(name: str, **written: Any) -> CameraFormat:
+    """Return the format of a program in `PROGRAMS`, with the endings, `holds` and `write` of one that is written."""
 
+    def fits(document: Document) -> bool:
+        return values_of(document)[0] == name and bool(cameras_of(document))
 
-def _fits(name: str, document: Document) -> bool:
-    return values_of(document)[0] == name and bool(cameras_of(document))
+    def read(document: Document, choice: str | None) -> Camera:
+        return calibrated_camera(camera_table(document, choice), PROGRAMS[name].corner)
 
-
-def keyed(
-    name: str,
-    endings: tuple[str, ...] = (),
-    holds: Callable[[CameraRecord], bool] = lambda _: True,
-    write: Callable[[CameraRecord, str], str] | None = None,
-) -> CameraFormat:
-    """Return the format of a program in `PROGRAMS`, which is written if there is a function for it."""
-    return CameraFormat(PROGRAMS[name].signs, partial(_fits, name), _read, camera_table, endings, holds, write)
-
-
-for _name in PROGRAMS.keys() - {"kalibr", "markergen", "opencv", "ros"}:
-    CAMERA_FORMATS.register(_name)(keyed(_name))
+    return CameraFormat(PROGRAMS[name].signs, fits, read, table=camera_table, **written)

@@ -8,14 +8,14 @@ A row names the program, recognizes its files, and renames or converts what its 
 import ast
 import math
 import re
+import struct
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from markergen.errors import InputError
-from markergen.read.cameras.document import Document, Fields, document_of, nested, plain
-from markergen.read.cameras.names import KEYS
+from markergen.errors import InputError, brief
+from markergen.read.cameras import COVARIANCE, NAMES
+from markergen.read.cameras.document import KEYS, Document, Fields, document_of, nested, plain
 from markergen.read.remarks import remark
 
 Values = dict[str, Any]
@@ -69,6 +69,76 @@ def _middlebury(text: str) -> Values:
     }
 
 
+COLMAP: dict[str, tuple[int, str, tuple[int, ...], int]] = {
+    "SIMPLE_PINHOLE": (1, "none", (), 0),
+    "PINHOLE": (2, "none", (), 0),
+    "SIMPLE_RADIAL": (1, "radtan", (0,), 4),
+    "RADIAL": (1, "radtan", (0, 1), 4),
+    "OPENCV": (2, "radtan", (0, 1, 2, 3), 4),
+    "OPENCV_FISHEYE": (2, "equidistant", (0, 1, 2, 3), 4),
+    "FULL_OPENCV": (2, "rational", tuple(range(8)), 8),
+    "FOV": (2, "FOV", (0,), 1),
+    "SIMPLE_RADIAL_FISHEYE": (1, "equidistant", (0,), 4),
+    "RADIAL_FISHEYE": (1, "equidistant", (0, 1), 4),
+    "THIN_PRISM_FISHEYE": (2, "THIN_PRISM_FISHEYE", tuple(range(8)), 8),
+    "SIMPLE_FISHEYE": (1, "equidistant", (), 4),
+    "FISHEYE": (2, "equidistant", (), 4),
+}
+"""Number of focal lengths, lens, which of its coefficients are parameters (the rest are 0), and how many there are; the
+first eleven in the order of their numbers in cameras.bin."""
+COLMAP_ORDER = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS"
+
+
+def _colmap(text: str) -> Values:
+    """Cameras of a cameras.txt by number; with a single one also what stands beside it as ``# key: value``."""
+    comments = [line.strip().lstrip("# ") for line in text.splitlines() if line.lstrip()[:1] == "#"]
+    lines = [line.split() for line in text.splitlines() if line.strip() and line.lstrip()[:1] != "#"]
+    for comment in comments:
+        header = re.findall(r"[A-Z_]{5,}", comment.upper())
+        if "CAMERA_ID" in header and header != COLMAP_ORDER.split():
+            raise InputError(f"columns {COLMAP_ORDER}", brief(" ".join(header)), "reorder the columns")
+    cameras: Values = {}
+    for line in lines:
+        place = f"at camera {line[0][:20]}"
+        if len(line) < len(COLMAP_ORDER.split()):
+            raise InputError(f"{COLMAP_ORDER} {place}", brief(" ".join(line)), "correct it")
+        number, model, width, height, *parameters = line
+        if model not in COLMAP:
+            raise InputError(f"a known camera model {place}", brief(model), f"known: {', '.join(COLMAP)}")
+        focals, lens, places, length = COLMAP[model]
+        count = focals + 2 + len(places)
+        if len(parameters) != count:
+            raise InputError(f"{count} parameters of {model} {place}", str(len(parameters)), "correct it")
+        if number in cameras:
+            raise InputError("every camera once", f"{brief(number)} twice", "remove one")
+        terms = dict(zip(places, parameters[focals + 2 :], strict=True))
+        numbers = dict(zip(("fx", "fy", "cx", "cy"), [parameters[0], *parameters[focals - 1 :]], strict=False))
+        cameras[number] = {"width": width, "height": height, **numbers, "distortion_model": lens,
+                           "D": [terms.get(index, "0") for index in range(length)]}  # fmt: skip
+    pairs = [comment.partition(":") for comment in comments if len(cameras) == 1]
+    return cameras | {key: value.strip() for key, _, value in pairs if key in (NAMES, COVARIANCE)}
+
+
+def _colmap_bytes(text: str) -> Values:
+    """Cameras of a cameras.bin, whose bytes are the characters of a text; none if it is something else."""
+    data, lines, place = text.encode("latin-1"), [], 8
+    numbered = list(COLMAP)[:11]
+    for _ in range(int.from_bytes(data[:8], "little")):
+        if len(data) < place + 24:
+            return {}
+        number, model, width, height = struct.unpack_from("<IiQQ", data, place)
+        if not 0 <= model < len(numbered):
+            return {}
+        focals, _, places, _ = COLMAP[numbered[model]]
+        count = focals + 2 + len(places)
+        place += 24 + 8 * count
+        if place > len(data):
+            return {}
+        values = struct.unpack_from(f"<{count}d", data, place - 8 * count)
+        lines.append(" ".join(map(str, (number, numbered[model], width, height, *values))))
+    return _colmap("\n".join(lines)) if lines and place == len(data) else {}
+
+
 def _ost(text: str) -> Values:
     parts = re.findall(r"^([a-z ]+)\n+((?:[-+.\deE ]+\n)+)", text + "\n", re.MULTILINE)
     return {key: numbers.strip() for key, numbers in parts}
@@ -82,6 +152,8 @@ def _realsense_text(text: str) -> Values:
 
 
 TEXTS: dict[str, tuple[str, Callable[[str], Values]]] = {
+    "colmap": (r"\A(?:\s*+#[^\n]*+\n)*+\s*+\d++\s++[A-Z][A-Z0-9_]*+\s", _colmap),
+    "colmap cameras.bin": (r"\A[\s\S]{2}\0{6}", _colmap_bytes),
     "dso": (rf"\A(?:(?:Pinhole|RadTan|EquiDistant|KannalaBrandt|FOV) )?{_N}(?: {_N}){{3,8}} *\n\d+ \d+ *\n"
             rf"(?:crop|full|none|{_N} {_N})", _dso),
     "matrix": (r"\A[-+.\deE,\s]{17,}\Z", _matrix),
@@ -92,8 +164,9 @@ TEXTS: dict[str, tuple[str, Callable[[str], Values]]] = {
 }  # fmt: skip
 """Texts that are no YAML, JSON, TOML or XML: how they are recognized, and what makes keys and values, or none."""
 
-_BEGINNING = 2_000
-"""Number of characters at the beginning of a text that are looked at: their headers come first."""
+_BEGINNING = 20_000
+"""Number of characters at the beginning of a text that are looked at: their headers come first, COLMAP's with a
+covariance."""
 
 
 def _of_text(document: Document) -> tuple[str, Values]:
@@ -102,7 +175,9 @@ def _of_text(document: Document) -> tuple[str, Values]:
     for name, (form, read) in TEXTS.items():
         if re.search(form, beginning):
             try:
-                if values := read(document.text.replace("\r\n", "\n")):
+                binary = b"\0" in document.data[:8]
+                text = document.data.decode("latin-1") if binary else document.text.replace("\r\n", "\n")
+                if values := read(text):
                     return name, dict(document_of(values, document.name).fields.values)
             except InputError as error:
                 expected, problem, remedy = error.args
@@ -112,6 +187,7 @@ def _of_text(document: Document) -> tuple[str, Values]:
     return "", {}
 
 
+@lru_cache(maxsize=1)  # Every format asks for the same document.
 def values_of(document: Document) -> tuple[str, Values]:
     """Return the name of the program that a file with keys is of, and its keys and values, as the program means them.
 
@@ -139,23 +215,12 @@ def _camodocal(document: Document, values: Values) -> Values:
 
 
 def _matlab(document: Document, values: Values) -> Values:
-    table = Fields(document.name, values)
-    radial, tangential = table.numbers("RadialDistortion"), table.numbers("TangentialDistortion")
-    numbers, size = table.numbers(*KEYS["matrix"]), table.numbers("ImageSize")
-    if (len(numbers), len(size), len(tangential)) != (9, 2, 2):
-        expected = f"K, ImageSize and TangentialDistortion of MATLAB in {document.name}"
-        raise InputError(expected, "others", "write it again")
-    matrix = np.reshape(numbers, (3, 3))
-    matrix = matrix if matrix[0, 2] else matrix.T
-    # Rows come before columns, and the first pixel is (1, 1).
-    matrix[:2, 2] -= 1
-    terms = [*radial[:2], *tangential, *radial[2:]]
-    others = {
-        key: value for key, value in values.items() if plain(key) not in map(plain, (*KEYS["matrix"], "ImageSize"))
-    }
-    drop = ("RadialDistortion", "TangentialDistortion")
-    others = {key: value for key, value in others.items() if key not in drop and "Tangential" not in key}
-    return {**others, "K": matrix.tolist(), "image_size": size[::-1], "D": terms}
+    """Rows come before columns, in K if it is transposed and in ImageSize; the center of the first pixel is (1, 1)."""
+    key = Fields(document.name, values).key(*KEYS["matrix"])
+    numbers = Fields(document.name, values).numbers(key)
+    columns = [*numbers[::3], *numbers[1::3], *numbers[2::3]] if len(numbers) == 9 and not numbers[2] else numbers
+    others = {name: value for name, value in values.items() if name not in (key, "ImageSize") and name[:4] != "Esti"}
+    return {**others, "K": columns, "image_shape": values["ImageSize"]}
 
 
 def _nerf(document: Document, values: Values) -> Values:
@@ -246,7 +311,7 @@ PROGRAMS: dict[str, Program] = {
     "basalt": Program("value0 with intrinsics, resolution", _has("value0")),
     "camodocal": Program("model_type, projection_parameters", _has("projection_parameters"), _camodocal),
     "depthai": Program("cameraData", _has("cameraData")),
-    "matlab": Program("RadialDistortion, ImageSize", _has("RadialDistortion", "ImageSize"), _matlab),
+    "matlab": Program("RadialDistortion, ImageSize", _has("RadialDistortion", "ImageSize"), _matlab, 1.0),
     "nerf": Program(
         "fl_x, cx, w, frames",
         lambda values: "fl_x" in values or {"camera_angle_x", "frames"} <= values.keys() or _has_single(values),
@@ -260,7 +325,7 @@ PROGRAMS: dict[str, Program] = {
         lambda values: _any("camera_info")(values) or (_any(*KEYS["matrix"])(values) and _any(*KEYS["model"])(values))),
     "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*KEYS["matrix"])),
     "orb-slam": Program("Camera.fx, Camera.width", _any("Camera.fx", "Camera1.fx")),
-    **{name: Program(name, lambda _: False) for name in TEXTS},
+    **{name: Program(name, lambda _: False, corner=0.5 if "colmap" in name else 0.0) for name in TEXTS},
     "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),
 }  # fmt: skip
 """Programs by name; the last takes what no other has."""

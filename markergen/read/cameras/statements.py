@@ -14,9 +14,8 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import Document, Fields, names_of, plain, tables_in
-from markergen.read.cameras.names import KEYS, NAMED
-from markergen.read.remarks import remark, remark_unused
+from markergen.read.cameras.document import KEYS, NAMED, Document, Fields, names_of, plain, tables_in
+from markergen.read.remarks import remark_unused
 
 BY_COUNT, ANY = "by count", "any"
 """What a name leaves open: which of OpenCV's models, by the number of coefficients; or everything."""
@@ -209,7 +208,8 @@ def _last(key: str) -> str:
 
 def remark_unused_keys(document: Document, camera: Camera) -> None:
     """Report in one line the keys of a file that are neither used nor known to be irrelevant."""
-    names = [path for path, value in document.unused if not _irrelevant(path, value)]
+    unused = (item for table in document.tables if table.used for item in table.unused())
+    names = [path for path, value in unused if not _irrelevant(path, value)]
     text = document.data.decode("utf-8", "replace")
     if camera.distortion.model != "equidistant" and COMMENT.search(text):
         comments = [line.strip() for line in text.splitlines() if line.lstrip()[:1] in ("#", "<")]
@@ -271,9 +271,3 @@ def folded_share(camera: Camera) -> float:
     sides = [np.stack(np.broadcast_arrays(x, edge), axis=-1) for edge in (0.0, camera.height - 1.0)]
     sides += [np.stack(np.broadcast_arrays(edge, y), axis=-1) for edge in (0.0, camera.width - 1.0)]
     return float(np.isnan(camera.from_pixels(np.concatenate(sides))).any(axis=-1).mean())
-
-
-def remark_doubts(name: str, camera: Camera) -> None:
-    """Report in one line each what is unusual about a camera."""
-    for line in doubts(camera):
-        remark(f"{name}: {line}")

@@ -1,7 +1,4 @@
-"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.mesh`.
-
-trimesh parses STL. Because it accepts malformed files, the keywords of a text STL are checked first.
-"""
+"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.mesh`."""
 
 # tests: tests/verification/test_solid_readers.py
 
@@ -12,7 +9,8 @@ import warnings
 import zipfile
 import zlib
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple, NoReturn
@@ -31,7 +29,9 @@ Attributes = dict[str, str]
 Reply = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 """Names and colors of a file's objects, and arrays keyed ``corners`` or ``paints`` plus the object's number."""
 
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_WORDS = {b"solid", b"endsolid", b"facet", b"outer", b"vertex", b"endloop", b"endfacet"}
+"""A triangle of a binary STL, and the first words of the lines of a text."""
 
 
 def _reply(meshes: list[MeshObject], flaws: Iterable[str] = ()) -> Reply:
@@ -42,38 +42,22 @@ def _reply(meshes: list[MeshObject], flaws: Iterable[str] = ()) -> Reply:
 
 
 def read_stl(data: bytes) -> Reply:
-    """Read the triangles of a binary or text STL; its normals are ignored."""
-    # An STL has no unit, color or parts.
+    """Read the triangles of a binary or text STL; its normals are ignored, and it has no unit, color or parts."""
     count = int.from_bytes(data[80:84], "little")
-    is_binary = len(data) >= 84 and len(data) == 84 + 50 * count
-    if not is_binary:
-        _check_text(data)
-    elif not count:
-        return _reply([])
-    from trimesh.exchange.stl import load_stl
-
-    with warnings.catch_warnings():
-        # numpy only warns where it stops reading.
-        warnings.simplefilter("error")
-        try:
-            loaded = load_stl(BytesIO(data))
-        except (ValueError, DeprecationWarning):
-            raise InputError("numbers", "something else", "export it again") from None
-    bodies = [loaded] if "vertices" in loaded else list(loaded["geometry"].values())
-    corners = [body["vertices"][body["faces"]] for body in bodies]
-    whole = np.concatenate(corners) if corners else np.zeros((0, 3, 3))
-    if not is_binary and len(whole) != data.lower().count(b"endfacet"):
-        raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
-    return _reply([MeshObject(whole)])
+    if len(data) >= 84 and len(data) == 84 + 50 * count:
+        corners = np.frombuffer(data, FACET, offset=84)["corners"].astype(float)
+    else:
+        corners = _text_corners(data, count)
+    return _reply([MeshObject(corners)] if len(corners) else [])
 
 
-def _check_text(data: bytes) -> None:
-    """Refuse anything but the keywords of a text STL, since trimesh skips unknown lines."""
+def _text_corners(data: bytes, count: int) -> Array:
+    """Corners (m, 3, 3) of a text STL, of which every line is known."""
     if data.lstrip()[:5].lower() != b"solid":
-        count = int.from_bytes(data[80:84], "little")
         problem = f"{len(data)} bytes where the header implies {84 + 50 * count}"
         raise InputError("a complete STL", problem, "export it again")
-    firsts = [line.split(None, 1)[0].lower() for line in data.splitlines() if line.strip()]
+    lines = [line.split(None, 1) for line in data.splitlines() if line.strip()]
+    firsts = [line[0].lower() for line in lines]
     if not set(firsts) <= STL_WORDS:
         raise InputError("an STL", "lines of another kind", "export it again")
     facets = firsts.count(b"endfacet")
@@ -81,6 +65,14 @@ def _check_text(data: bytes) -> None:
         raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "export it with a larger tolerance")
     if firsts[-1] != b"endsolid" or firsts.count(b"vertex") != 3 * facets:
         raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
+    places = b" ".join(line[-1] for line, first in zip(lines, firsts, strict=True) if first == b"vertex")
+    with warnings.catch_warnings():
+        # numpy only warns where it stops reading.
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(places, sep=" ").reshape(facets, 3, 3)
+        except (ValueError, DeprecationWarning):
+            raise InputError("three numbers for each corner", "something else", "export it again") from None
 
 
 # --- GLB --------------------------------------------------------------------------------------------------------------
@@ -183,12 +175,9 @@ def _glb_matrix(node: dict[str, Any]) -> Array:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     matrix = np.eye(4)
     x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=float)
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, :3] = np.array(rotation) * np.array(node.get("scale", (1, 1, 1)), dtype=float)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=float)
     matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=float)
     return matrix
 
@@ -280,9 +269,6 @@ MOST_ENTRIES = 1_000
 DEEPEST_COMPONENT = 10
 """Maximum depth of components in components."""
 
-MOST_CORNERS = MOST_TRIANGLES
-"""A closed mesh has half as many corners as triangles."""
-
 
 @dataclass
 class _Object:
@@ -314,23 +300,26 @@ def read_3mf(data: bytes) -> Reply:
             if len(infos) > MOST_ENTRIES:
                 raise InputError(f"at most {MOST_ENTRIES} files in a 3MF", str(len(infos)), "export it again")
             names = {info.filename.lower(): info for info in infos}
-            root = _Root()
-            if links := names.get("_rels/.rels"):
-                _parse_xml(_pieces(package, links), root.start, lambda _: None)
-            info = names.get(root.path.lower())
+            path = "3d/3dmodel.model"
+            for tag, attributes in _elements(package, names.get("_rels/.rels")):
+                if tag.endswith(" Relationship") and attributes and attributes.get("Type") == ROOT:
+                    path = posixpath.normpath(attributes.get("Target", path)).lstrip("/")
+            info = names.get(path.lower())
             if info is None:
                 raise InputError("a 3MF", "a package without a model", "export it again")
             if info.file_size > LARGEST:
                 raise InputError(f"a model of at most {LARGEST // 10**6} MB", "a larger one", "export the marker alone")
             model = _Model()
-            _parse_xml(_pieces(package, info), model.start, model.end)
-            ranges = _Ranges()
-            if volumes := names.get(VOLUMES):
-                _parse_xml(_pieces(package, volumes), ranges.start, ranges.end)
+            for tag, attributes in _elements(package, info):
+                model.take(tag, attributes)
+            volumes, flaws = _volumes(_elements(package, names.get(VOLUMES)))
     # zipfile, zlib and struct raise these for broken packages; RuntimeError is for encrypted ones.
     except (zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError) as error:
         raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
-    return _reply(model.built(ranges.volumes), [*model.flaws, *ranges.flaws])
+    # Names and numbers that are missing or invalid.
+    except (ValueError, KeyError, OverflowError):
+        raise InputError("the numbers of a 3MF", "missing or invalid ones", "export it again") from None
+    return _reply(model.built(volumes), [*model.flaws, *flaws])
 
 
 def _pieces(package: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[bytes]:
@@ -344,67 +333,59 @@ def _pieces(package: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[bytes]:
             yield piece
 
 
-def _parse_xml(pieces: Iterable[bytes], start: Callable[[str, Attributes], None], end: Callable[[str], None]) -> None:
-    """Parse XML, refusing document types and thus entities, and endless tags; names are ``namespace name``."""
+def _elements(package: zipfile.ZipFile, info: zipfile.ZipInfo | None) -> Iterator[tuple[str, Attributes | None]]:
+    """Yield the elements of an entry, ``namespace name`` with attributes, and their ends, which have none.
+
+    Document types and thus entities, and endless tags, are refused.
+    """
     parser = expat.ParserCreate(namespace_separator=" ")
+    events: list[tuple[str, Attributes | None]] = []
 
     def refuse(*_: object) -> NoReturn:
         raise InputError("plain XML", "a document type", "export it again")
 
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
+    parser.StartElementHandler = lambda tag, attributes: events.append((tag, attributes))
+    parser.EndElementHandler = lambda tag: events.append((tag, None))
     fed = 0
     try:
-        for piece in pieces:
+        for piece in _pieces(package, info) if info else ():
             parser.Parse(piece, False)
             fed += len(piece)
             if fed - parser.CurrentByteIndex > 2 * PIECE:
                 raise InputError("plain XML", "a tag or text without an end", "export it again")
-        parser.Parse(b"", True)
+            yield from events
+            events.clear()
+        if info:
+            parser.Parse(b"", True)
     except expat.ExpatError as error:
         raise InputError("complete XML", brief(str(error)), "export it again") from None
-    except (ValueError, KeyError, OverflowError):
-        raise InputError("the numbers of a 3MF", "missing or invalid ones", "export it again") from None
+    yield from events
 
 
-class _Root:
-    """Path of the model that a package's relationships name."""
-
-    def __init__(self) -> None:
-        self.path = "3d/3dmodel.model"
-
-    def start(self, tag: str, attributes: Attributes) -> None:
-        if tag.endswith(" Relationship") and attributes.get("Type") == ROOT:
-            self.path = posixpath.normpath(attributes.get("Target", self.path)).lstrip("/")
-
-
-class _Ranges:
-    """PrusaSlicer's parts by the number of their object."""
-
-    def __init__(self) -> None:
-        self.volumes: dict[str, list[_Volume]] = {}
-        self.flaws: list[str] = []
-        self._object = ""
-
-    def start(self, tag: str, attributes: Attributes) -> None:
-        ranges = self.volumes.setdefault(self._object, [])
+def _volumes(elements: Iterable[tuple[str, Attributes | None]]) -> tuple[dict[str, list[_Volume]], list[str]]:
+    """PrusaSlicer's parts by the number of their object, and which of them are not printed."""
+    volumes: dict[str, list[_Volume]] = {}
+    flaws: list[str] = []
+    ranges: list[_Volume] = []
+    for tag, attributes in elements:
+        if attributes is None:
+            continue
         if tag == "object":
-            self._object = attributes["id"]
+            ranges = volumes.setdefault(attributes["id"], [])
         elif tag == "volume":
-            if sum(map(len, self.volumes.values())) >= MOST_OBJECTS:
+            if sum(map(len, volumes.values())) >= MOST_OBJECTS:
                 raise InputError(f"at most {MOST_OBJECTS} parts", "more", "export it again")
             ranges.append(_Volume(int(attributes["firstid"]), int(attributes["lastid"]), "", ""))
         elif tag == "metadata" and ranges and attributes.get("type") == "volume":
-            if attributes.get("key") == "name":
-                ranges[-1] = ranges[-1]._replace(name=attributes["value"][:LONGEST])
-            elif attributes.get("key") == "extruder":
-                ranges[-1] = ranges[-1]._replace(tool=attributes["value"][:LONGEST])
-            elif attributes.get("key") in ("volume_type", "modifier") and attributes["value"] not in ("ModelPart", "0"):
-                self.flaws.append(f"the part {brief(ranges[-1].name)} is a {brief(attributes['value'])}, not printed")
-
-    def end(self, tag: str) -> None:
-        """Do nothing."""
+            key, value = attributes.get("key"), attributes["value"][:LONGEST]
+            if key == "name":
+                ranges[-1] = ranges[-1]._replace(name=value)
+            elif key == "extruder":
+                ranges[-1] = ranges[-1]._replace(tool=value)
+            elif key in ("volume_type", "modifier") and value not in ("ModelPart", "0"):
+                flaws.append(f"the part {brief(ranges[-1].name)} is a {brief(value)}, not printed")
+    return volumes, flaws
 
 
 class _Model:
@@ -418,28 +399,23 @@ class _Model:
         self.objects: dict[str, _Object] = {}
         self.items: list[tuple[str, Array]] = []
         self._current: _Object | None = None
-        self._corners = self._triangles = self._components = self._steps = 0
+        self._counts = Counter[str]()
         self._starts = {
             f"{CORE} {word}": getattr(self, f"_{word}")
             for word in ("vertex", "triangle", "model", "basematerials", "base", "object", "component", "item")
         }
 
-    def start(self, tag: str, attributes: Attributes) -> None:
-        """Collect objects, materials and build items."""
-        if (handler := self._starts.get(tag)) is not None:
+    def take(self, tag: str, attributes: Attributes | None) -> None:
+        """Collect objects, materials and build items; without attributes, leave an element."""
+        if attributes is not None and (handler := self._starts.get(tag)) is not None:
             handler(attributes)
-
-    def end(self, tag: str) -> None:
-        """Leave an object."""
-        if tag == f"{CORE} object":
+        elif attributes is None and tag == f"{CORE} object":
             self._current = None
 
     def _vertex(self, attributes: Attributes) -> None:
         if self._current:
             self._current.vertices.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
-            self._corners += 1
-            if self._corners > MOST_CORNERS:
-                raise InputError(f"at most {MOST_CORNERS} corners", "more", "export it with a larger tolerance")
+            self._counted("corners", MOST_TRIANGLES)  # Of a closed mesh half as many.
 
     def _triangle(self, attributes: Attributes) -> None:
         current = self._current
@@ -449,9 +425,7 @@ class _Model:
         current.paints.append(
             self._paint(attributes.get("pid", current.group), attributes["p1"]) if "p1" in attributes else current.paint
         )
-        self._triangles += 1
-        if self._triangles > MOST_TRIANGLES:
-            raise InputError(f"at most {MOST_TRIANGLES} triangles", "more", "export it with a larger tolerance")
+        self._counted("triangles", MOST_TRIANGLES)
 
     def _model(self, attributes: Attributes) -> None:
         unit = attributes.get("unit", "millimeter")
@@ -466,7 +440,7 @@ class _Model:
         self.palette.append(_color(attributes["displaycolor"]))
         if len(attributes["displaycolor"]) == 9 and attributes["displaycolor"][7:].lower() != "ff":
             self.flaws.append(f"the material {brief(attributes.get('name', ''))} is transparent")
-        self._bounded(len(self.palette), "materials")
+        self._counted("materials")
 
     def _object(self, attributes: Attributes) -> None:
         if (kind := attributes.get("type", "model")) not in ("model", "solidsupport"):
@@ -474,28 +448,28 @@ class _Model:
         group = attributes.get("pid", "")
         paint = self._paint(group, attributes.get("pindex", "0")) if group else -1
         self._current = self.objects[attributes["id"]] = _Object(attributes.get("name", "")[:LONGEST], paint, group)
-        self._bounded(len(self.objects), "objects")
+        self._counted("objects")
 
     def _paint(self, group: str, number: str) -> int:
         """Index of a material in the palette; -1 for none."""
         index = self.first.get(group, -1 - MOST_OBJECTS) + int(number)
         return index if 0 <= index < len(self.palette) else -1
 
-    def _bounded(self, count: int, what: str) -> None:
-        if count > MOST_OBJECTS:
-            raise InputError(f"at most {MOST_OBJECTS} {what}", "more", "export it again")
+    def _counted(self, what: str, most: int = MOST_OBJECTS) -> None:
+        self._counts[what] += 1
+        if self._counts[what] > most:
+            raise InputError(f"at most {most} {what}", "more", "export it with a larger tolerance, or the marker alone")
 
     def _component(self, attributes: Attributes) -> None:
         if self._current:
             self._current.components.append((attributes["objectid"], _matrix_of(attributes.get("transform"))))
-            self._components += 1
-            self._bounded(self._components, "components")
+            self._counted("components")
 
     def _item(self, attributes: Attributes) -> None:
         if any(key.split(" ")[-1] == "printable" and value in ("0", "false") for key, value in attributes.items()):
             self.flaws.append("an item is not to be printed")
         self.items.append((attributes["objectid"], _matrix_of(attributes.get("transform"))))
-        self._bounded(len(self.items), "items to build")
+        self._counted("items to build")
 
     def built(self, volumes: dict[str, list[_Volume]]) -> list[MeshObject]:
         """Triangles in mm of all build items; of a single one without its shift, which is its place on the bed."""
@@ -512,8 +486,8 @@ class _Model:
     def _place(self, placed: list[tuple[str, Array]], key: str, transform: Array, depth: int) -> None:
         """Find the meshes of an object and their transforms, for at most `MOST_OBJECTS` steps."""
         item = self.objects.get(key)
-        self._steps += 1
-        if item is None or depth > DEEPEST_COMPONENT or self._steps > MOST_OBJECTS:
+        self._counted("parts of objects")
+        if item is None or depth > DEEPEST_COMPONENT:
             raise InputError("objects that exist", f"object {brief(key)}", "export it again")
         for part, move in item.components:
             # Points are rows, so the leftmost transform applies first.

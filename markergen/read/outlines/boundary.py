@@ -7,7 +7,7 @@ outline is left out with a warning: shapes without area, center lines, and loops
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 from pathlib import Path
@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.files import exists
 from markergen.geometry.contour import Contour, area, backward, mirrored, placed, without_loops
-from markergen.geometry.outlines import TOLERANCE, canonical_contours, place, polygons_of
+from markergen.geometry.outlines import TOLERANCE, canonical_contours
+from markergen.guard import read
 from markergen.model.boundary import Boundary, Circle, polygon_from
+from markergen.read.formats import recognized, refuse_unreadable, split, unknown_format
 from markergen.read.outlines.curves import MOST_POINTS
 from markergen.read.outlines.formats import (
     MOST_PIECES,
@@ -29,24 +29,18 @@ from markergen.read.outlines.formats import (
     UNITS,
     Drawing,
     OutlineFile,
-    load,
 )
-from markergen.read.outlines.joining import Track, closed_contours
+from markergen.read.outlines.joining import Track, closed_contours, remark_left_out
 from markergen.read.remarks import remark, remark_unused
-from markergen.read.unreadable import refuse_unreadable
 from markergen.units import format_length, parse_length
 
 SMALLEST, LARGEST = 1e-3, 100.0
 """Plausible sizes across in m; anything outside was most likely given in another unit."""
 
+TINY = "a loop below 0.01 mm^2,"
 SMALLEST_LOOP, SHORTEST_LOOP = 1e-8, 2e-3
 """Area in m^2 below which a loop is left out, and the length in m of those that are sought in outlines that cross
 themselves: box generators leave loops of 0.0006 mm^2 at inner corners, half a kerf wide."""
-
-
-def read_outline(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Array, ...]:
-    """Read all closed outlines as polygons (m, 2), with arcs approximated to 5 um; otherwise as `read_contours`."""
-    return polygons_of(read_contours(path, unit, layer))
 
 
 def read_contours(
@@ -90,15 +84,13 @@ def outline_reading(
     """Read outlines as `read_contours` does, with what their file says of them."""
     if unit is not None and unit not in UNITS:
         raise InputError("a known --boundary-unit", brief(unit), f"known: {', '.join(UNITS)}")
-    file = load(Path(path))
+    file = OutlineFile(*read(Path(path), "outline"))
     refuse_unreadable(file.name, file.data, "outline")
-    format_ = next((OUTLINE_FORMATS[name] for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(file)), None)
-    if format_ is None:
-        signs = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)
-        raise InputError(f"an outline in {file.name}", "an unknown format", f"known formats: {signs}")
+    if (form := recognized(OUTLINE_FORMATS, file)) is None:
+        raise unknown_format(OUTLINE_FORMATS, file.name, "an outline")
     # Overflows become infinite, and are reported with the piece's name.
     with np.errstate(over="ignore", invalid="ignore"):
-        drawing = format_.read(file, layer)
+        drawing = OUTLINE_FORMATS[form].read(file, layer)
         if len(drawing.pieces) > MOST_PIECES:
             raise file.too_much(f"at most {MOST_PIECES} pieces of outline")
         size = _size(drawing, file)
@@ -115,14 +107,13 @@ def outline_reading(
     contours = _canonical(rings, file.name)
     # Mirroring reverses the direction of an outline.
     upright = tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
-    name = next(name for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name] is format_)
-    return OutlineReading(upright, name, scale)
+    return OutlineReading(upright, form, scale)
 
 
 def _canonical(rings: list[Contour], source: str) -> tuple[Contour, ...]:
     """Return contours that are nested and do not cross, without loops that no tool can cut."""
     large = [ring for ring in rings if abs(area(ring)) >= SMALLEST_LOOP] or rings
-    _remark_left_out(source, "a loop below 0.01 mm^2", [ring.points[0] for ring in rings if ring not in large])
+    remark_left_out(source, [(TINY, ring.points[0]) for ring in rings if ring not in large])
 
     def canonical(contours: list[Contour]) -> tuple[Contour, ...]:
         return canonical_contours([ring.points for ring in contours], [ring.bulges for ring in contours])
@@ -139,14 +130,8 @@ def _canonical(rings: list[Contour], source: str) -> tuple[Contour, ...]:
         except InputError as last:
             expected, problem, remedy = last.args
             raise InputError(f"{expected} in {source}", problem, remedy) from None
-    _remark_left_out(source, "a loop below 0.01 mm^2", [point for points in places for point in points])
+    remark_left_out(source, [(TINY, point) for points in places for point in points])
     return contours
-
-
-def _remark_left_out(source: str, kind: str, points: Sequence[Iterable[float]]) -> None:
-    if points:
-        more = f", and {len(points) - 1} more" if len(points) > 1 else ""
-        remark(f"left out of {source}: {kind}, at {place(np.array(list(points[0])))}{more}")
 
 
 def _size(drawing: Drawing, file: OutlineFile) -> float:
@@ -195,21 +180,18 @@ def _tracks(drawing: Drawing, scale: float, tolerance: float, file: OutlineFile)
     tracks, total = [], 0
     for piece in drawing.pieces:
         try:
-            points, bulges = _traced([curve.trace(tolerance / scale) for curve in piece.curves])
+            parts = [curve.trace(tolerance / scale) for curve in piece.curves]
         except InputError as error:
             expected, problem, remedy = error.args
             raise file.unreadable(expected, f"{problem}, {piece.name}", remedy) from None
+        # With a line from each curve to the next.
+        points = np.concatenate([points for points, _ in parts])
+        bulges = np.concatenate([np.append(bulges, 0.0) for _, bulges in parts])[:-1]
         total += len(points)
         if total > MOST_POINTS:
             raise file.too_much(f"outlines that {MOST_POINTS} points can approximate to {tolerance * 1e6:.2g} um")
         tracks.append(Track(piece.name, points * scale, piece.closed, bulges))
     return tracks
-
-
-def _traced(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Points and bulges of consecutive curves, with a line from each to the next."""
-    bulges = [np.append(bulges, 0.0) for _, bulges in parts]
-    return np.concatenate([points for points, _ in parts]), np.concatenate(bulges)[:-1]
 
 
 def _none(drawing: Drawing, file: OutlineFile) -> InputError:
@@ -222,6 +204,7 @@ def _none(drawing: Drawing, file: OutlineFile) -> InputError:
 _NUMBER = re.compile(r"\s*[-+]?\.?\d[^/\\]*")
 _SUFFIXES = (".svg", ".dxf", ".json", ".geojson", ".kicad_pcb")
 _SHAPE = re.compile(r"(circle|rect):([^@]*)(?:@([^@]*))?")
+_RECTANGLE = "write rect:0.2x0.1 or rect:200mmx100mm"
 _FORMS = (
     "write a radius such as 0.15, circle:150mm, rect:0.2x0.1 or rect:200mmx100mm, or an SVG, DXF, GeoJSON or KiCad file"
 )
@@ -263,7 +246,12 @@ def parse_boundary(
         radius = parse_length(measures, "radius", inf)
         _check_size(2 * radius, text, origin)
         return Circle(radius, center)
-    half = _half_sides(measures)
+    sides = measures.split("x")
+    if len(sides) != 2:
+        raise InputError("a width and a height", brief(f"rect:{measures}"), _RECTANGLE)
+    half = np.array([parse_length(side, name, inf) / 2 for side, name in zip(sides, ("width", "height"), strict=True)])
+    if not (half > 0).all():
+        raise InputError("sides above 0", brief(f"rect:{measures}"), _RECTANGLE)
     _check_size(2 * hypot(*half), text, origin)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     return polygon_from([corners + center], "file")
@@ -309,7 +297,7 @@ def read_room(
     InputError
         See `parse_boundary`.
     """
-    drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(_split(text)[0])]
+    drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(split(text)[0])]
     if unit is not None and not drawings:
         raise InputError("a drawing for --boundary-unit", "none", "write the unit with the number: 150mm")
     if ignore_open and not drawings:
@@ -352,16 +340,6 @@ def _check_size(size: float, text: str | Path, origin: str) -> None:
         )
 
 
-def _half_sides(measures: str) -> Array:
-    sides = measures.split("x")
-    if len(sides) != 2:
-        raise InputError("a width and a height", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
-    half = np.array([parse_length(side, name, inf) / 2 for side, name in zip(sides, ("width", "height"), strict=True)])
-    if not (half > 0).all():
-        raise InputError("sides above 0", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
-    return half
-
-
 def _place(text: str | None, origin: str) -> tuple[float, float]:
     if text is None:
         return 0.0, 0.0
@@ -374,7 +352,7 @@ def _place(text: str | None, origin: str) -> tuple[float, float]:
 
 
 def _keep_out(text: str, unit: str | None, offset: tuple[float, float], ignore_open: bool) -> Boundary:
-    path, layer = _split(text)
+    path, layer = split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
     return moved_outline(parse_boundary(path, unit, layer, "file", ignore_open), offset)
@@ -386,10 +364,3 @@ def moved_outline(region: Boundary, origin: Sequence[float]) -> Boundary:
         x, y = (round(value - start, 12) + 0.0 for value, start in zip(region.center, origin, strict=True))
         return Circle(region.size, (x, y))
     return polygon_from([placed(contour, 1.0, origin, 12) for contour in region.contours()], "file")
-
-
-def _split(text: str) -> tuple[str, str | None]:
-    path, mark, layer = text.rpartition("#")
-    if not mark or not path or exists(Path(text)):
-        return text, None
-    return path, layer

@@ -4,7 +4,7 @@ import io
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
+from markergen.geometry.contour import Contour, placed
 from markergen.read.outlines.curves import Arc, Curve, Polyline, Spline, bulge
 from markergen.read.outlines.formats import (
     MOST_PIECES,
@@ -45,15 +46,13 @@ IRRELEVANT = ("TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION",
 """Kinds of entities that annotate a drawing, and are no part of its shapes."""
 ELSEWHERE = "shapes on other layers"
 
-Parts = Iterator[tuple[list[Curve], bool]]
-"""Consecutive curves, and whether the last is joined to the first."""
+Parts = tuple[list[Curve], bool]
+"""Consecutive curves, perhaps none, and whether the last is joined to the first."""
 
 HIGHEST_DEGREE = 11
 """Maximum degree of a spline; CAD programs write 3, and seldom more."""
 MOST_FIT_POINTS = 500
 """Maximum number of fit points of a spline: ezdxf solves a full matrix, which takes 2 GB and 30 s for 10,000."""
-
-_RAISED = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
 
 # ezdxf logs its repairs, and without a handler Python would print them to standard error.
 logging.getLogger("ezdxf").addHandler(logging.NullHandler())
@@ -154,10 +153,11 @@ class PlacedEntity(NamedTuple):
         """Name that the user recognizes."""
         return f"{self.kind} on layer {brief(self.layer)}"
 
-    def curves(self, file: OutlineFile) -> Parts:
-        """Its curves in the drawing, if it is one of `CURVES`."""
+    def curves(self, file: OutlineFile) -> Iterator[Parts]:
+        """Yield its curves in the drawing, if it is one of `CURVES`."""
         with _undamaged(file):
-            for curves, closed in CURVES[self.kind](self.entity, file, self.name):
+            curves, closed = CURVES[self.kind](self.entity, file, self.name)
+            if curves:
                 yield [curve.mapped(self.frame) for curve in curves], closed
 
 
@@ -177,12 +177,12 @@ class DxfReader:
     def entities(self) -> Iterator[PlacedEntity]:
         """Entities of the model space, through blocks."""
         with _undamaged(self.file):
-            yield from self._of_block(self.document.modelspace(), np.eye(4)[:3], "0", ())
+            yield from self._of_block(self.document.modelspace(), np.eye(4), "0", ())
 
     def _of_block(
         self, entities: Iterable[Any], matrix: Array, outer: str, blocks: tuple[str, ...]
     ) -> Iterator[PlacedEntity]:
-        """Entities of a block whose coordinates `matrix` (3, 4) maps to the model's; `outer` is its layer."""
+        """Entities of a block whose coordinates `matrix` (4, 4) maps to the model's; `outer` is its layer."""
         for entity in entities:
             self._step()
             # Entities on layer 0 of a block take the layer of its INSERT.
@@ -190,7 +190,7 @@ class DxfReader:
             layer = outer if blocks and layer == "0" else layer
             self.layers[layer] = None
             if entity.dxftype() != "INSERT":
-                yield PlacedEntity(entity, layer, _times(matrix, coordinate_system_of(entity)))
+                yield PlacedEntity(entity, layer, (matrix @ coordinate_system_of(entity))[:3])
             elif self._visible(entity, layer):
                 yield from self._insert(entity, matrix, layer, blocks)
             else:
@@ -209,8 +209,8 @@ class DxfReader:
             raise self.file.unreadable(f"blocks at most {DEEPEST} deep", problem, "explode the blocks")
         for copy in self._copies(insert):
             # ezdxf multiplies rows from the left, so its matrices are transposed.
-            placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T[:3]
-            yield from self._of_block(block, _times(matrix, placed), layer, (*blocks, name))
+            placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T
+            yield from self._of_block(block, matrix @ placed, layer, (*blocks, name))
 
     def _copies(self, insert: Any) -> Iterator[Any]:
         rows, columns = int(insert.dxf.get("row_count", 1)), int(insert.dxf.get("column_count", 1))
@@ -324,37 +324,32 @@ def _text(file: OutlineFile) -> str:
         return data.decode(toencoding(match[1].decode("ascii", "replace")) if match else "cp1252", "replace")
 
 
-def _times(a: Array, b: Array) -> Array:
-    return np.column_stack([a[:, :3] @ b[:, :3], a[:, :3] @ b[:, 3] + a[:, 3]])
-
-
 def coordinate_system_of(entity: Any) -> Array:
-    """Map (3, 4) from an entity's coordinates to the drawing's; only some kinds have an object coordinate system."""
-    planar = entity.dxftype() in ("ARC", "CIRCLE", "LWPOLYLINE")
-    if not planar and not (entity.dxftype() == "POLYLINE" and entity.is_2d_polyline):
-        return np.eye(4)[:3]
-    ocs = entity.ocs()
-    return np.column_stack([np.array([ocs.ux, ocs.uy, ocs.uz], dtype=float).T, np.zeros(3)])
+    """Map (4, 4) from an entity's coordinates to the drawing's; only some kinds have an object coordinate system."""
+    matrix = np.eye(4)
+    kind = entity.dxftype()
+    if kind in ("ARC", "CIRCLE", "LWPOLYLINE") or (kind == "POLYLINE" and entity.is_2d_polyline):
+        matrix[:3, :3] = np.array(list(map(tuple, (entity.ocs().ux, entity.ocs().uy, entity.ocs().uz)))).T
+    return matrix
 
 
-def _line(entity: Any, file: OutlineFile, name: str) -> Parts:
-    del file, name
-    yield [Polyline(np.array([entity.dxf.start, entity.dxf.end], dtype=float))], False
-
-
-def _circle(entity: Any, file: OutlineFile, name: str) -> Parts:
-    center, u, v = _round(entity, file, name)
-    yield [Arc(center, u, v)], True
+def _line(entity: Any, *_: object) -> Parts:
+    return [Polyline(np.array([entity.dxf.start, entity.dxf.end], dtype=float))], False
 
 
 def _arc(entity: Any, file: OutlineFile, name: str) -> Parts:
-    center, u, v = _round(entity, file, name)
+    # ezdxf assumes a radius of 1 where the file has none.
+    if not entity.dxf.hasattr("radius") or entity.dxf.radius < 0:
+        stated = f"{entity.dxf.radius:g}" if entity.dxf.hasattr("radius") else "none"
+        raise file.unreadable("a radius above 0", f"{stated} for {name}", "correct it, or remove it")
+    center, (u, v, _) = np.array(entity.dxf.center, dtype=float), float(entity.dxf.radius) * np.eye(3)
+    if entity.dxftype() == "CIRCLE":
+        return [Arc(center, u, v)], True
     start, end = np.radians(float(entity.dxf.start_angle)), np.radians(float(entity.dxf.end_angle))
-    yield [Arc(center, u, v, float(start), _turn(start, end))], False
+    return [Arc(center, u, v, float(start), _turn(start, end))], False
 
 
-def _ellipse(entity: Any, file: OutlineFile, name: str) -> Parts:
-    del file, name
+def _ellipse(entity: Any, *_: object) -> Parts:
     u = np.array(entity.dxf.major_axis, dtype=float)
     normal = np.array(entity.dxf.extrusion, dtype=float)
     # A DXF gives the major axis, and the minor one as a ratio of it.
@@ -363,13 +358,12 @@ def _ellipse(entity: Any, file: OutlineFile, name: str) -> Parts:
     angle = _turn(start, end)
     # A full ellipse is written as 0 to 2 pi, with varying precision.
     whole = abs(angle - 2 * np.pi) < 1e-6
-    yield [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else angle)], whole
+    return [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else angle)], whole
 
 
-def _lwpolyline(entity: Any, file: OutlineFile, name: str) -> Parts:
-    del name
+def _lwpolyline(entity: Any, file: OutlineFile, _: str) -> Parts:
     rows = np.array(list(entity.get_points("xyb")), dtype=float).reshape(-1, 3)
-    yield _bulged(rows, float(entity.dxf.elevation), bool(entity.closed), file), bool(entity.closed)
+    return _bulged(rows, float(entity.dxf.elevation), bool(entity.closed), file)
 
 
 def _polyline(entity: Any, file: OutlineFile, name: str) -> Parts:
@@ -378,15 +372,11 @@ def _polyline(entity: Any, file: OutlineFile, name: str) -> Parts:
     # Skip control vertices of a curve (flag 16), which the other vertices approximate.
     vertices = [vertex for vertex in entity.vertices if not int(vertex.dxf.flags) & 16]
     points = np.array([vertex.dxf.location for vertex in vertices], dtype=float).reshape(-1, 3)
-    closed = bool(entity.is_closed)
-    if not len(points):
-        return
-    if entity.is_2d_polyline:
-        bulges = [float(vertex.dxf.get("bulge", 0.0)) for vertex in vertices]
-        height = float(entity.dxf.elevation[2]) if entity.dxf.hasattr("elevation") else 0.0
-        yield _bulged(np.column_stack([points[:, :2], bulges]), height, closed, file), closed
-    else:
-        yield [Polyline(points)], closed
+    if not len(points) or not entity.is_2d_polyline:
+        return [Polyline(points)] if len(points) else [], bool(entity.is_closed)
+    bulges = [float(vertex.dxf.get("bulge", 0.0)) for vertex in vertices]
+    height = float(entity.dxf.elevation[2]) if entity.dxf.hasattr("elevation") else 0.0
+    return _bulged(np.column_stack([points[:, :2], bulges]), height, bool(entity.is_closed), file)
 
 
 def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
@@ -418,30 +408,21 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
     if not sound:
         problem = f"a degree above {HIGHEST_DEGREE}, or inconsistent points, knots and weights in {name}"
         raise file.unreadable("a valid spline", problem, "write it again")
-    yield [Spline(points, weights, knots, degree)], False
+    return [Spline(points, weights, knots, degree)], False
 
 
-def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> list[Curve]:
+def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> Parts:
     """Curves in space through vertices (x, y, bulge), where a bulge applies to the segment that follows."""
     if len(rows) > MOST_PIECES:
         raise file.too_much(f"polylines of at most {MOST_PIECES} points")
     # Affine map of the plane to the elevation of the polyline.
-    lift = np.column_stack([_RAISED[:, :2], [0.0, 0.0, height]])
+    lift = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, height]])
     if not rows[:, 2].any():
-        return [Polyline(rows[:, :2]).mapped(lift)]
+        return [Polyline(rows[:, :2]).mapped(lift)], closed
     # The bulge of the last vertex of an open polyline means nothing.
     ends = np.roll(rows, -1, axis=0) if closed else rows[1:]
     steps = zip(rows[: len(ends)], ends, strict=True)
-    return [bulge(start[:2], end[:2], float(start[2])).mapped(lift) for start, end in steps]
-
-
-def _round(entity: Any, file: OutlineFile, name: str) -> tuple[Array, Array, Array]:
-    # ezdxf assumes a radius of 1 where the file has none.
-    if not entity.dxf.hasattr("radius") or entity.dxf.radius < 0:
-        stated = f"{entity.dxf.radius:g}" if entity.dxf.hasattr("radius") else "none"
-        raise file.unreadable("a radius above 0", f"{stated} for {name}", "correct it, or remove it")
-    radius = float(entity.dxf.radius)
-    return np.array(entity.dxf.center, dtype=float), np.array([radius, 0.0, 0.0]), np.array([0.0, radius, 0.0])
+    return [bulge(start[:2], end[:2], float(start[2])).mapped(lift) for start, end in steps], closed
 
 
 def _turn(start: float, end: float) -> float:
@@ -452,7 +433,7 @@ def _turn(start: float, end: float) -> float:
 
 CURVES: dict[str, Callable[[Any, OutlineFile, str], Parts]] = {
     "LINE": _line,
-    "CIRCLE": _circle,
+    "CIRCLE": _arc,
     "ARC": _arc,
     "ELLIPSE": _ellipse,
     "LWPOLYLINE": _lwpolyline,
@@ -462,4 +443,23 @@ CURVES: dict[str, Callable[[Any, OutlineFile, str], Parts]] = {
 """Functions that make curves, by entity type; other types are not outlines."""
 
 
-OUTLINE_FORMATS.register("dxf")(OutlineFormat("groups that start with 0 SECTION", _fits, _read))
+def _write(contours: Sequence[Contour], _: str) -> str:
+    import ezdxf
+
+    with without_time():
+        document = ezdxf.new("R2010", units=4)  # type: ignore[attr-defined]
+        model = document.modelspace()
+        for contour in contours:
+            drawn = placed(contour, 1000.0, (0.0, 0.0), 9)
+            if (whole := drawn.as_circle) is not None:
+                model.add_circle(whole[:2], whole[2])
+                continue
+            bulges = drawn.bulges or (0.0,) * len(drawn.points)
+            rows = [(x, y, bulge) for (x, y), bulge in zip(drawn.points, bulges, strict=True)]
+            model.add_lwpolyline(rows, format="xyb", close=True)
+        stream = io.StringIO()
+        document.write(stream)
+        return stream.getvalue()
+
+
+OUTLINE_FORMATS.register("dxf")(OutlineFormat("groups that start with 0 SECTION", _fits, _read, (".dxf",), _write))

@@ -2,16 +2,17 @@
 
 # tests: tests/read/outlines/test_files.py
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
-from markergen.guard import read
+from markergen.geometry.contour import Contour
+from markergen.read.formats import Format
 from markergen.read.outlines.curves import Curve
+from markergen.read.remarks import MOST_LISTED
 from markergen.registry import Registry
 from markergen.units import METERS
 
@@ -24,8 +25,6 @@ UNITS |= {"px": 0.0254 / PIXELS_PER_INCH, "pt": 0.0254 / 72}
 
 MOST_PIECES = 10_000
 """Maximum number of lines, curves and steps to find them in one file, as of corners of a boundary."""
-MOST_LISTED = 12
-"""Maximum number of layers that a message lists."""
 
 _WHOLE = "export the outline alone, simplified"
 
@@ -40,7 +39,7 @@ class OutlinePiece:
         Name that the user recognizes: kind, and id or layer.
     closed : bool
         True if the last end is joined to the first start, by a line if they are apart.
-    look : Look or None
+    look : Paint or None
         How it is painted, in formats that say it.
     """
 
@@ -56,23 +55,14 @@ class Paint:
 
     Attributes
     ----------
-    shape : int
-        Number of the shape, in the order of painting; the pieces of one shape are filled together.
     style : mapping
         Values of properties such as ``fill``.
-    opacity : float
-        Opacity of the shape with the groups around it.
     layers : tuple of str
         Names of the groups around it, outermost first.
-    scale : float
-        Ratio of the drawing's lengths to the shape's own, for the width of its stroke.
     """
 
-    shape: int
     style: Mapping[str, str]
-    opacity: float
     layers: tuple[str, ...]
-    scale: float
 
 
 @dataclass(frozen=True)
@@ -132,10 +122,6 @@ class OutlineFile:
         """Return an error about a detail of the file."""
         return InputError(f"{expected} in {self.name}", problem, remedy)
 
-    def external(self, what: str) -> InputError:
-        """Return the error that the file refers to others."""
-        return self.unreadable("no references to other files", what, "embed it, or remove it")
-
     def too_much(self, what: str) -> InputError:
         """Return the error that reading would take too long; `what` is a limit such as ``at most 5 layers``."""
         return self.unreadable(what, "more", _WHOLE)
@@ -148,28 +134,11 @@ class OutlineFile:
         return self.unreadable("a known layer", brief(layer), remedy)
 
 
-def load(path: Path) -> OutlineFile:
-    """Read the bytes of a file; raises InputError as `guard.read` does."""
-    return OutlineFile(*read(path, "outline"))
+class OutlineFormat(Format[OutlineFile, Drawing, Sequence[Contour]]):
+    """A drawing format, which is read as a drawing of one layer or of all visible ones, and written from contours in m.
 
-
-@dataclass(frozen=True)
-class OutlineFormat:
-    """A drawing format.
-
-    Attributes
-    ----------
-    signs : str
-        Typical contents of such a file, for the message that no format fits.
-    fits : callable
-        True if a file has this format; true for at most one format.
-    read : callable
-        Makes the drawing of a file; the second argument names one layer, or is None for all visible ones.
+    Written in mm with its unit; GeoJSON, which has none, in m and without arcs, which raises InputError.
     """
-
-    signs: str
-    fits: Callable[[OutlineFile], bool]
-    read: Callable[[OutlineFile, str | None], Drawing]
 
 
 OUTLINE_FORMATS: Registry[OutlineFormat] = Registry(

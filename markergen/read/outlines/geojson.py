@@ -3,13 +3,16 @@
 # tests: tests/read/outlines/test_files.py
 
 import json
+from collections.abc import Sequence
 from itertools import count
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from markergen.errors import brief
-from markergen.model.json_text import distinct
+from markergen.errors import InputError, brief
+from markergen.geometry.contour import Contour
+from markergen.geometry.outlines import polygons_of
+from markergen.model.json_text import parsed
 from markergen.read.outlines.curves import Polyline
 from markergen.read.outlines.formats import (
     MOST_PIECES,
@@ -31,9 +34,11 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing of all polygons, in a unit that GeoJSON does not specify."""
     if layer is not None:
         raise file.unknown_layer(layer, [])
+    if len(file.data) > LARGEST_JSON:
+        raise file.too_much(f"at most {LARGEST_JSON // 10**6} MB of GeoJSON")
     pieces: list[OutlinePiece] = []
     others: list[str] = []
-    todo: list[tuple[Any, str]] = [(_json(file), "file")]
+    todo: list[tuple[Any, str]] = [(parsed(file.text, file.name), "file")]
     for steps in count(1):
         if not todo:
             break
@@ -70,10 +75,7 @@ def _piece(file: OutlineFile, ring: Any, name: str) -> OutlinePiece:
         for position in ring
     ):
         raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file")
-    try:
-        points = np.array([position[:2] for position in ring], dtype=float).reshape(-1, 2)
-    except OverflowError:
-        raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file") from None
+    points = np.array([position[:2] for position in ring], dtype=float).reshape(-1, 2)
     # Rings repeat their first position; a ring that does not is open, and reported like any other gap.
     return OutlinePiece(name, (Polyline(points),), False)
 
@@ -86,20 +88,11 @@ def _items(file: OutlineFile, value: Any, name: str) -> list[tuple[Any, str]]:
     return [(item, f"{name}[{i}]") for i, item in enumerate(value)]
 
 
-def _json(file: OutlineFile) -> Any:
-    if len(file.data) > LARGEST_JSON:
-        raise file.too_much(f"at most {LARGEST_JSON // 10**6} MB of GeoJSON")
-
-    def refuse(constant: str) -> NoReturn:
-        raise file.unreadable("finite coordinates", constant, "correct the file")
-
-    try:
-        return json.loads(file.text, parse_constant=refuse, object_pairs_hook=distinct)
-    except json.JSONDecodeError as error:
-        raise file.damaged("complete JSON", f"line {error.lineno}: {error.msg}") from None
-    except (ValueError, RecursionError) as error:
-        twice = str(error) if "twice" in str(error) else "an endless number or endless nesting"
-        raise file.damaged("JSON", twice) from None
+def _write(contours: Sequence[Contour], _: str) -> str:
+    if any(contour.has_arcs for contour in contours):
+        raise InputError("an outline without arcs for GeoJSON", "arcs", "write .svg or .dxf, which have them")
+    rings = [[*ring.tolist(), ring[0].tolist()] for ring in polygons_of(contours)]
+    return json.dumps({"type": "Polygon", "coordinates": rings}) + "\n"
 
 
 OUTLINE_FORMATS.register("geojson")(
@@ -107,5 +100,7 @@ OUTLINE_FORMATS.register("geojson")(
         "JSON with a type such as Polygon or FeatureCollection",
         lambda file: file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"["),
         _read,
+        (".geojson",),
+        _write,
     )
 )

@@ -2,9 +2,11 @@
 # tests: tests/read/outlines/test_joining.py tests/read/outlines/test_left_out.py
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from markergen.arrays import Array
 from markergen.errors import InputError
@@ -31,10 +33,6 @@ class Track:
     closed: bool
     bulges: Array
 
-    def backward(self) -> "Track":
-        """Return the reversed track."""
-        return Track(self.name, self.points[::-1], self.closed, -self.bulges[::-1])
-
 
 def closed_contours(tracks: Sequence[Track], tolerance: float, source: str, ignore_open: bool = False) -> list[Contour]:
     """Join tracks into closed contours, in the order of their first tracks, and merge arcs of one circle.
@@ -60,9 +58,7 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str, igno
         open_tracks = [item for k, item in enumerate(open_tracks) if k not in loose]
         if not rings and not open_tracks:
             raise InputError(f"closed outlines in {source}", f"{len(left_out)} open ones", "close one")
-        names = [f"{track.name} at {place(track.points[0])}" for track in left_out[:MOST_LISTED]]
-        more = f", and {len(left_out) - MOST_LISTED} more" if len(left_out) > MOST_LISTED else ""
-        remark(f"left out of {source}, open: {', '.join(names)}{more}")
+        remark_left_out(f"{source}, open", [(track.name, track.points[0]) for track in left_out], MOST_LISTED)
     lone = _lone_lines([track for _, track in open_tracks], tolerance)
     joined = _joined([open_tracks[k] for k in range(len(open_tracks)) if k not in lone], tolerance, source)
     closed = [(track, _contour(track, tolerance)) for _, track in sorted(rings + joined, key=lambda ring: ring[0])]
@@ -78,22 +74,23 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str, igno
             "draw it as a closed shape with an inside, or choose the outline's --layer",
         )
     for kind, left_out in (("of zero area", flat), ("a line that bounds nothing", lines)):
-        if left_out:
-            more = f", and {len(left_out) - 1} more" if len(left_out) > 1 else ""
-            first = left_out[0]
-            remark(f"left out of {source}: {first.name}, {kind}, at {place(first.points[0])}{more}")
+        remark_left_out(source, [(f"{track.name}, {kind},", track.points[0]) for track in left_out])
     return [merged(contour, tolerance) for contour in contours]
+
+
+def remark_left_out(source: str, pieces: Sequence[tuple[str, ArrayLike]], most: int = 1) -> None:
+    """Report in one line the names and places of pieces that are left out, if any; `most` of them are listed."""
+    more = f", and {len(pieces) - most} more" if len(pieces) > most else ""
+    if pieces:
+        names = (f"{name} at {place(np.array(point))}" for name, point in pieces[:most])
+        remark(f"left out of {source}: {', '.join(names)}{more}")
 
 
 def _loose(tracks: list[Track], tolerance: float) -> set[int]:
     """Indices of tracks that end where no other does, also once the others of these are gone."""
-    from scipy.spatial import cKDTree
-
     loose: set[int] = set()
-    if not tracks:
-        return loose
-    ends = np.array([end for track in tracks for end in (track.points[0], track.points[-1])])
-    meeting = [set(ends_near) - {end} for end, ends_near in enumerate(cKDTree(ends).query_ball_point(ends, tolerance))]
+    ends, tree = _ends(tracks)
+    meeting = [set(ends_near) - {end} for end, ends_near in enumerate(tree.query_ball_point(ends, tolerance))]
     todo = [end // 2 for end, others in enumerate(meeting) if not others]
     while todo:
         if (k := todo.pop()) not in loose:
@@ -107,13 +104,8 @@ def _loose(tracks: list[Track], tolerance: float) -> set[int]:
 
 def _lone_lines(tracks: list[Track], tolerance: float) -> set[int]:
     """Indices of straight tracks whose ends meet no other and are not even near the loose ends of others."""
-    if not tracks:
-        return set()
-    from scipy.spatial import cKDTree
-
-    ends = np.array([end for track in tracks for end in (track.points[0], track.points[-1])])
-    tree = cKDTree(ends)
     lone = set()
+    ends, tree = _ends(tracks)
     for k, track in enumerate(tracks):
         chord = track.points[-1] - track.points[0]
         length = float(np.hypot(*chord))
@@ -140,8 +132,7 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
     """Join open tracks into rings: each end 2 i (start) or 2 i + 1 (end) of track i has exactly one partner."""
     if not tracks:
         return []
-    ends = np.array([end for _, track in tracks for end in (track.points[0], track.points[-1])])
-    partners = _partners(ends, [track.name for _, track in tracks], tolerance, source)
+    partners = _partners([track for _, track in tracks], tolerance, source)
     rings = []
     left = dict.fromkeys(range(len(tracks)))
     while left:
@@ -150,7 +141,7 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
         while end // 2 in left:
             del left[end // 2]
             part = tracks[end // 2][1]
-            parts.append(part if end % 2 == 0 else part.backward())
+            parts.append(replace(part, points=part.points[::-1], bulges=-part.bulges[::-1]) if end % 2 else part)
             end = partners[end ^ 1]
         index, track = tracks[first]
         # Each part starts at the end of the last one.
@@ -159,11 +150,19 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
     return rings
 
 
-def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> list[int]:
+def _ends(tracks: Sequence[Track]) -> tuple[Array, Any]:
+    """First and last points (2 t, 2) of tracks, and a tree of them."""
+    from scipy.spatial import cKDTree
+
+    ends = np.array([end for track in tracks for end in (track.points[0], track.points[-1])]).reshape(-1, 2)
+    return ends, cKDTree(ends)
+
+
+def _partners(tracks: Sequence[Track], tolerance: float, source: str) -> list[int]:
     """Index of the partner of each end (2 t,)."""
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(ends)
+    ends, tree = _ends(tracks)
     # Three neighbors suffice to detect a branch.
     distances, partners = tree.query(ends, k=min(3, len(ends)))
     meeting = np.count_nonzero(distances <= tolerance, axis=1)
@@ -178,15 +177,15 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
         more = len(alone) // 2 - 1
         raise InputError(
             f"closed outlines in {source}",
-            f"{names[alone[i] // 2]} open: a gap of {format_length(gap)} between {place(loose[i])} and {place(there)}"
-            + (f", and {more} more gaps" if more > 0 else ""),
+            f"{tracks[alone[i] // 2].name} open: a gap of {format_length(gap)} between {place(loose[i])} and "
+            f"{place(there)}{f', and {more} more gaps' if more > 0 else ''}",
             "close it there, choose the outline's --layer, or leave open lines out with --ignore-open",
         )
     if (meeting > 2).any():
         i = int(np.flatnonzero(meeting > 2)[0])
         raise InputError(
             f"outlines that do not branch in {source}",
-            f"three or more ends at {place(ends[i])}, one of {names[i // 2]}",
+            f"three or more ends at {place(ends[i])}, one of {tracks[i // 2].name}",
             "remove what is drawn twice or joins two sides, or choose the outline's --layer",
         )
     self_first = partners[:, 0] == np.arange(len(ends))

@@ -6,7 +6,7 @@ Those of footprints are placed by their position and angle. Coordinates are in m
 # tests: tests/read/outlines/test_kicad.py
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -29,33 +29,16 @@ LARGEST_BOARD = 20_000_000
 DEEPEST = 30
 """Maximum nesting; KiCad writes up to eight levels."""
 
+_START = re.compile(rb"\s*\((?:kicad_pcb|footprint|module)\s")
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*+"|[^\s()"]++')
 _SHAPE = re.compile(r"(?:gr|fp)_(line|arc|circle|rect|poly|curve)")
 _OTHER = re.compile(r"(?:gr|fp)_\w+|pad|dimension|target|image")
 """What else may be on a layer, or drill a hole."""
 
-KEPT = (
-    "kicad_pcb",
-    "footprint",
-    "module",
-    "at",
-    "layer",
-    "layers",
-    "start",
-    "end",
-    "mid",
-    "center",
-    "pts",
-    "angle",
-    "xy",
-)
+_KEPT = re.compile(r"kicad_pcb|footprint|module|at|layers?|start|end|mid|center|pts|angle|xy")
 
 Node = list[Any]
 """A name, followed by words and further nodes."""
-
-
-def _fits(file: OutlineFile) -> bool:
-    return re.match(rb"\s*\((?:kicad_pcb|footprint|module)\s", file.data) is not None
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
@@ -75,8 +58,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         if len(pieces) >= MOST_PIECES:
             raise file.too_much(f"at most {MOST_PIECES} lines and arcs")
         name = f"{node[0]} on {brief(wanted)}"
-        curves, closed = KINDS[kind[1]](node, file, name)
-        pieces.append(OutlinePiece(name, tuple(curve.mapped(matrix) for curve in curves), closed))
+        curves = tuple(curve.mapped(matrix) for curve in _curves(kind[1], node, file, name))
+        pieces.append(OutlinePiece(name, curves, kind[1] in CLOSED))
     if layer is not None and layer not in layers:
         raise file.unknown_layer(layer, sorted(layers))
     return Drawing(pieces, 1e-3, y_down=True, others=others if pieces else [*others, f"nothing on {EDGE}"])
@@ -95,7 +78,7 @@ def _parsed(file: OutlineFile) -> Node:
         elif len(stack) > 1:
             node = stack.pop()
             # Tracks, zones and models take most of a board.
-            if len(stack) > 3 or not node or node[0] in KEPT or _OTHER.fullmatch(str(node[0])):
+            if len(stack) > 3 or not node or _KEPT.fullmatch(str(node[0])) or _OTHER.fullmatch(str(node[0])):
                 stack[-1].append(node)
         if len(stack) > DEEPEST:
             raise file.too_much(f"at most {DEEPEST} levels")
@@ -138,59 +121,42 @@ def _points(node: Node, file: OutlineFile, name: str, *keys: str) -> Array:
     return np.array(numbers)
 
 
-Parts = tuple[list[Curve], bool]
-
-
-def _line(node: Node, file: OutlineFile, name: str) -> Parts:
-    return [Polyline(_points(node, file, name, "start", "end"))], False
-
-
-def _arc(node: Node, file: OutlineFile, name: str) -> Parts:
-    start, end = _points(node, file, name, "start", "end")
+def _curves(kind: str, node: Node, file: OutlineFile, name: str) -> list[Curve]:
+    """Curves of a shape, one after the other."""
+    if kind == "poly":
+        children = [child for points in _all(node, "pts") for child in points[1:] if isinstance(child, list)]
+        if not children or any(child[0] not in ("arc", "xy") for child in children):
+            raise file.unreadable("points xy and arcs", f"others or none for {name}", "save it again")
+        return [curve for child in children for curve in _curves(child[0], child, file, name)]
+    if kind == "xy":
+        return [Polyline(_points(["", node], file, name, "xy"))]
+    if kind == "curve":
+        points = [_points(["", child], file, name, "xy")[0] for pts in _all(node, "pts") for child in _all(pts, "xy")]
+        if len(points) != 4:
+            raise file.unreadable("four points of a curve", f"{len(points)} for {name}", "save it again")
+        return [Bezier(np.array(points))]
+    start, end = ends = _points(node, file, name, "center" if kind == "circle" else "start", "end")
+    if kind == "line":
+        return [Polyline(ends)]
+    if kind == "rect":
+        return [Polyline(np.array([start, [end[0], start[1]], end, [start[0], end[1]]]))]
+    if kind == "circle":
+        radius = float(np.hypot(*(end - start)))
+        return [Arc(start, np.array([radius, 0.0]), np.array([0.0, radius]))]
     if angle := _numbers(node, "angle"):
         # Until KiCad 5: the center, the first point, and an angle that is clockwise on the screen.
         u = end - start
-        return [Arc(start, u, np.array([-u[1], u[0]]), 0.0, float(np.radians(angle[0])))], False
+        return [Arc(start, u, np.array([-u[1], u[0]]), 0.0, float(np.radians(angle[0])))]
     (middle,) = _points(node, file, name, "mid")
     # Half the sweep is twice the angle at the start between the chord and the middle.
     to_middle, to_end = middle - start, end - middle
     quarter = np.arctan2(to_middle[0] * to_end[1] - to_middle[1] * to_end[0], to_middle @ to_end) / 2
-    return [bulge(start, end, float(np.tan(quarter)))], False
+    return [bulge(start, end, float(np.tan(quarter)))]
 
 
-def _circle(node: Node, file: OutlineFile, name: str) -> Parts:
-    center, end = _points(node, file, name, "center", "end")
-    radius = float(np.hypot(*(end - center)))
-    return [Arc(center, np.array([radius, 0.0]), np.array([0.0, radius]))], True
+CLOSED = ("circle", "rect", "poly")
+"""Kinds of shapes whose end is joined to their start."""
 
-
-def _rect(node: Node, file: OutlineFile, name: str) -> Parts:
-    (x, y), (u, v) = _points(node, file, name, "start", "end")
-    return [Polyline(np.array([[x, y], [u, y], [u, v], [x, v]]))], True
-
-
-def _poly(node: Node, file: OutlineFile, name: str) -> Parts:
-    parts: list[Curve] = []
-    for child in (child for points in _all(node, "pts") for child in points[1:] if isinstance(child, list)):
-        if child[0] not in ("arc", "xy"):
-            raise file.unreadable("points xy and arcs", f"another for {name}", "save it again")
-        is_arc = child[0] == "arc"
-        parts += _arc(child, file, name)[0] if is_arc else [Polyline(_points(["", child], file, name, "xy"))]
-    if not parts:
-        raise file.unreadable("points", f"none for {name}", "save it again")
-    return parts, True
-
-
-def _curve(node: Node, file: OutlineFile, name: str) -> Parts:
-    points = [_points(["", child], file, name, "xy")[0] for pts in _all(node, "pts") for child in _all(pts, "xy")]
-    if len(points) != 4:
-        raise file.unreadable("four points of a curve", f"{len(points)} for {name}", "save it again")
-    return [Bezier(np.array(points))], False
-
-
-KINDS: dict[str, Callable[[Node, OutlineFile, str], Parts]] = {
-    "line": _line, "arc": _arc, "circle": _circle, "rect": _rect, "poly": _poly, "curve": _curve,
-}  # fmt: skip
-"""Functions that make curves and tell whether they are closed, by kind of shape."""
-
-OUTLINE_FORMATS.register("kicad")(OutlineFormat("(kicad_pcb with Edge.Cuts", _fits, _read))
+OUTLINE_FORMATS.register("kicad")(
+    OutlineFormat("(kicad_pcb with Edge.Cuts", lambda file: _START.match(file.data) is not None, _read)
+)

@@ -1,17 +1,18 @@
 """Read all visible closed shapes of an SVG: through groups, uses and nested svg elements, with styles and transforms.
 
-svgelements parses path data. Its `SVG.parse` was tried for the whole file, and does not serve: without a word it draws
-what a clip cuts off or `visibility` hides, reads a path, a polygon or a transform with an error as far as it goes,
-takes a missing size for pixels, and accepts entities, negative radii, references to other files and selectors that it
-does not know. All of this is refused in one line or left out here.
+svgelements was tried for the whole file, and does not serve: without a word it draws what a clip cuts off or
+`visibility` hides, reads a path, a polygon or a transform with an error as far as it goes, takes a missing size for
+pixels, and accepts entities, negative radii, references to other files and selectors that it does not know. All of this
+is refused in one line or left out here. For path data alone its checks and those of what it makes are as long as a
+parser, it takes ten times as long, and its arcs are off by 1e-7 of their size; it is what the tests compare with.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from math import pi, remainder, sqrt
-from typing import Any, NoReturn
+from math import asin, pi, remainder, sqrt
+from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -19,6 +20,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import brief
+from markergen.geometry.contour import Contour, box, mirrored, placed, radius_of
 from markergen.geometry.region import Region
 from markergen.read.outlines.curves import MOST_POINTS, Arc, Bezier, Curve, Polyline
 from markergen.read.outlines.formats import (
@@ -50,9 +52,6 @@ MOST_CLIPS = 16
 UNREAD = {"text": "text", "image": "image", "foreignObject": "foreign object"}
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
-_PHYSICAL = re.compile(r"\s*([-+.\deE]+?)\s*(mm|cm|in|pt|pc|q)\s*", re.IGNORECASE)
-_PIXELS = re.compile(r"\s*+((?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(?:px)?\s*+", re.IGNORECASE)
-_SIZE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(|px|mm|cm|in|pt|pc)", re.IGNORECASE)
 _SHAPED = re.compile(
     r"'(?:dx|dy|rotate|textLength)'|shape-inside|inline-size|text-(?:indent|shadow)|'transform-|font:"
     r"|(?:letter|word)-spacing\W+(?!0|normal)|baseline-shift\W+(?!0|baseline)|writing-mode\W+(?!lr|horizontal)"
@@ -103,20 +102,20 @@ PLAIN = re.compile(
 LARGEST_PATH = 300_000
 """Maximum length of all path data in characters, ample for the maximum number of corners of an outline."""
 
-MOST_CLOSES = 20
-"""Maximum number of closes after one move: each begins a new subpath, and one is what editors write."""
-
 PX = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6, "pt": 96 / 72, "pc": 16.0}
-"""CSS units in user units (px)."""
+SCREEN = ("", "px")
+"""CSS units in user units (px), and those without a physical size."""
 
 # Atomic groups prevent backtracking, which would take forever on a long text.
 _NUMBER = r"(?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]*+|%)\s*+")
 _NO_NUMBERS = re.compile(r"[^\s,]")
-_NO_PATH = re.compile(r"[^\s,MmZzLlHhVvCcSsQqTtAa]")
-_PLAIN = re.compile(r"\s*+M[MLQCZ\s,\d.eE+-]*+")
-_STEP = re.compile(r"([MLQCZ])([^MLQCZ]*+)")
-_NUMBERS = re.compile(_NUMBER)
+_COMMAND = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])([^MmLlHhVvCcSsQqTtAaZz]*+)")
+_ROW = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+"""Numbers after each command of path data, which may repeat them."""
+_GAP = r"[\s,]*+"
+# The flags of an arc need nothing between them.
+_ARC = re.compile(_GAP.join([_GAP, *[f"({_NUMBER})"] * 3, "([01])", "([01])", *[f"({_NUMBER})"] * 2]))
 _TRANSFORMS = re.compile(r"[\s,]*+(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*+\([^()]*+\)[\s,]*+)*+")
 _TRANSFORM = re.compile(r"(\w+)\s*\(([^)]*)\)")
 
@@ -148,28 +147,19 @@ class Shapes:
             return self.length(element.get(key), f"{key} of {name}", viewport, key, default)
 
         if kind == "line":
-            return [
-                OutlinePiece(name, (Polyline(np.array([[length(f"x{i}"), length(f"y{i}")] for i in (1, 2)])),), False)
-            ]
+            ends = np.array([[length(f"x{i}"), length(f"y{i}")] for i in (1, 2)])
+            return [OutlinePiece(name, (Polyline(ends),), False)]
+        rx, ry = (length("r") if kind == "circle" else length(key, -1.0) for key in ("rx", "ry"))
+        if kind == "circle" and rx < 0:
+            raise self.file.unreadable("a radius above 0", f"{rx:g} for {name}", "correct it, or remove it")
+        # One that is missing is as the other.
+        rx, ry = rx if rx >= 0 else ry, ry if ry >= 0 else rx
         if kind == "rect":
             x, y, width, height = (length(key) for key in ("x", "y", "width", "height"))
-            rx, ry = (length(key, -1.0) for key in ("rx", "ry"))
-            if width <= 0 or height <= 0:
-                return []
-            return [
-                OutlinePiece(name, _rectangle(x, y, width, height, rx if rx >= 0 else ry, ry if ry >= 0 else rx), True)
-            ]
-        center = np.array([length("cx"), length("cy")])
-        if kind == "circle":
-            rx = ry = length("r")
-            if rx < 0:
-                raise self.file.unreadable("a radius above 0", f"{rx:g} for {name}", "correct it, or remove it")
-        else:
-            rx, ry = length("rx", -1.0), length("ry", -1.0)
-            rx, ry = rx if rx >= 0 else ry, ry if ry >= 0 else rx
-        if rx <= 0 or ry <= 0:
-            return []
-        return [OutlinePiece(name, (Arc(center, np.array([rx, 0.0]), np.array([0.0, ry])),), True)]
+            sides = _rectangle(x, y, width, height, rx, ry)
+            return [OutlinePiece(name, sides, True)] if width > 0 and height > 0 else []
+        arc = Arc(np.array([length("cx"), length("cy")]), np.array([rx, 0.0]), np.array([0.0, ry]))
+        return [OutlinePiece(name, (arc,), True)] if rx > 0 and ry > 0 else []
 
     def length(
         self, text: str | None, name: str, viewport: tuple[float, float], key: str, default: float = 0.0
@@ -177,14 +167,14 @@ class Shapes:
         """Length in user units; percentages refer to the viewport's width, height or, for other keys, diagonal."""
         if text is None or text.strip() in ("", "auto"):
             return default
-        match = _LENGTH.fullmatch(text)
-        if match and match[2] == "%":
+        value, unit = _measure(text) or (0.0, text)
+        if unit == "%":
             width, height = viewport
             whole = width if "x" in key or key == "width" else height
-            return float(match[1]) / 100 * (whole if key != "r" else float(np.hypot(width, height)) / 2**0.5)
-        if match is None or match[2].lower() not in PX:
+            return value / 100 * (whole if key != "r" else float(np.hypot(width, height)) / 2**0.5)
+        if unit not in PX:
             raise self.file.unreadable("a length", f"{brief(text)} as {name}", f"known units: {', '.join(PX)[2:]}")
-        return float(match[1]) * PX[match[2].lower()]
+        return value * PX[unit]
 
     def numbers(self, text: str, name: str) -> list[float]:
         """Numbers separated by blanks or commas."""
@@ -195,7 +185,7 @@ class Shapes:
         return [float(number) for number in re.findall(_NUMBER, text)]
 
     def matrix(self, element: Element, name: str) -> Array:
-        """Affine map (2, 3) from the transform attribute."""
+        """Affine map (3, 3) from the transform attribute."""
         text = element.get("transform", "")
         if moved_by_style(element):
             problem = f"one in the style of {name}"
@@ -208,8 +198,8 @@ class Shapes:
             numbers = self.numbers(values, f"transform of {name}")
             if len(numbers) not in _COUNTS[kind]:
                 raise self.file.unreadable("a transform", f"{kind} of {len(numbers)} numbers at {name}", "correct it")
-            matrix = matrix @ np.vstack([_MATRICES[kind](*numbers), [0.0, 0.0, 1.0]])
-        return matrix[:2]
+            matrix = matrix @ _MATRICES[kind](*numbers)
+        return matrix
 
     def _count(self, data: str) -> None:
         self.path_data += len(data)
@@ -219,119 +209,95 @@ class Shapes:
 
     def _path(self, data: str, name: str) -> list[OutlinePiece]:
         """Pieces of path data, one per subpath."""
-        from svgelements import Close, Move, Path
-
         self._count(data)
         if not data.strip() or data.strip() == "none":
             return []
-        # svgelements accepts nan, ignores unknown commands, and stops silently at errors.
-        commands, numbers = re.subn(_NUMBER, "", data)
-        odd = _NO_PATH.search(commands)
+        odd = _NO_NUMBERS.search(re.sub(_NUMBER, "", _COMMAND.sub(r" \2", data)))
         if odd or data.lstrip()[0] not in "Mm":
             problem = repr(odd[0]) if odd else "no move to start from"
             raise self.file.unreadable("path data", f"{problem} in {name}", "correct the path")
-        most = MOST_PIECES * self.file.patience
-        # A command makes at least one segment and takes at most seven numbers per segment.
-        if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > most:
-            raise self.file.too_much(f"at most {most} lines and curves")
-        # svgelements searches back to the last move at each close.
-        if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
-            expected = f"path data with at most {MOST_CLOSES} closes after a move"
-            raise self.file.unreadable(expected, f"more in {name}", "correct the path")
-        if (plain := _plain_path(data, name)) is not None:
-            self.segments += sum(len(piece.curves) for piece in plain)
-            return plain
         try:
-            segments = list(Path(data))
-        except Exception:  # The parser raises errors of all kinds.
-            raise self.file.unreadable("path data", f"{brief(data)} of {name}", "correct the path") from None
-        self.segments += len(segments)
-        if self.segments > most:
+            pieces = [OutlinePiece(name, tuple(curves), closed) for curves, closed in _subpaths(data) if curves]
+        except ValueError as error:
+            raise self.file.unreadable("path data", f"{error} in {name}", "correct the path") from None
+        curves = [curve for piece in pieces for curve in piece.curves]
+        self.segments += sum(len(curve.points) - 1 if isinstance(curve, Polyline) else 1 for curve in curves)
+        if self.segments > (most := MOST_PIECES * self.file.patience):
             raise self.file.too_much(f"at most {most} lines and curves")
-        pieces: list[OutlinePiece] = []
-        curves: list[Curve] = []
-        for segment in segments:
-            if isinstance(segment, Move | Close):
-                # After a close without a move the next piece starts at the start of the closed one.
-                if curves:
-                    pieces.append(OutlinePiece(name, tuple(curves), isinstance(segment, Close)))
-                curves = []
-            else:
-                curves.append(_curve(segment))
-        if curves:
-            pieces.append(OutlinePiece(name, tuple(curves), False))
         return pieces
 
 
-def _plain_path(data: str, name: str) -> list[OutlinePiece] | None:
-    """Pieces of path data of absolute lines and curves, as of text; None for all others.
-
-    svgelements takes ten times as long, and a sheet has thousands of curves.
-    """
-    if not _PLAIN.fullmatch(data):
-        return None
-    pieces: list[OutlinePiece] = []
+def _subpaths(data: str) -> Iterator[tuple[list[Curve], bool]]:
+    """Yield the curves of each subpath, and whether it is closed; ValueError where numbers are missing."""
     curves: list[Curve] = []
-    start = here = np.zeros(2)
-    for command, text in _STEP.findall(data):
+    start = here = control = np.zeros(2)
+    before = ""
+    for letter, text in _COMMAND.findall(data):
+        command, is_relative = letter.upper(), letter.islower()
+        rows = _rows(command, text)
+        if command in "MZ":
+            yield curves, command == "Z"
+            curves = []
         if command == "Z":
-            pieces += [OutlinePiece(name, tuple(curves), True)] if curves else []
-            curves, here = [], start
-            continue
-        points = np.array(_NUMBERS.findall(text), dtype=float)
-        degree = {"M": 1, "L": 1, "Q": 2, "C": 3}[command]
-        if not len(points) or len(points) % (2 * degree):
-            return None
-        points = points.reshape(-1, 2)
-        if command == "M":
-            pieces += [OutlinePiece(name, tuple(curves), False)] if curves else []
-            start, curves = points[0], []
-            if len(points) > 1:
-                curves.append(Polyline(points))
-        elif command == "L":
-            curves.append(Polyline(np.concatenate([here[None], points])))
+            here = start
+        elif command in "MLHV":
+            if command in "HV":  # The other coordinate stays.
+                other = np.full(len(rows), 0.0 if is_relative else here[int(command == "H")])
+                rows = np.column_stack([rows[:, 0], other] if command == "H" else [other, rows[:, 0]])
+            points = np.cumsum([here, *rows], axis=0) if is_relative else np.vstack([here, rows])
+            if command == "M":
+                start, points = points[1], points[1:]
+            curves += [Polyline(points)] if len(points) > 1 else []
+            here = points[-1]
+        elif command == "A":
+            for *radii, angle, is_large, is_positive, x, y in rows.tolist():
+                end = np.array([x, y]) + (here if is_relative else 0.0)
+                curves.append(_arc(here, end, np.abs(radii), angle, is_large != is_positive, bool(is_positive)))
+                here = end
         else:
-            ends = np.concatenate([here[None], points[degree - 1 :: degree]])
-            for k in range(len(points) // degree):
-                curves.append(Bezier(np.concatenate([ends[k : k + 1], points[degree * k : degree * (k + 1)]])))
-        here = points[-1]
-    return pieces + ([OutlinePiece(name, tuple(curves), False)] if curves else [])
+            for row in rows.reshape(len(rows), -1, 2):
+                points = row + here if is_relative else row
+                if command in "ST":  # The first control point is the last one, mirrored.
+                    is_smooth = before in {"S": "CS", "T": "QT"}[command]
+                    points = np.vstack([2 * here - control if is_smooth else here, points])
+                curves.append(Bezier(np.vstack([here, points])))
+                control, here, before = points[-2], points[-1], command
+        before = command
+    yield curves, False
 
 
-def _curve(segment: Any) -> Curve:
-    from svgelements import Arc as SvgArc
-    from svgelements import CubicBezier, QuadraticBezier
-
-    start, end = _point(segment.start), _point(segment.end)
-    if isinstance(segment, QuadraticBezier):
-        return Bezier(np.array([start, _point(segment.control), end]))
-    if isinstance(segment, CubicBezier):
-        return Bezier(np.array([start, _point(segment.control1), _point(segment.control2), end]))
-    if isinstance(segment, SvgArc) and segment.sweep and segment.rx and segment.ry:
-        center = _point(segment.center)
-        axes = np.column_stack([_point(segment.prx) - center, _point(segment.pry) - center])
-        return _arc(start, end, center, axes, float(segment.sweep))
-    return Polyline(np.stack([start, end]))
+def _rows(command: str, text: str) -> Array:
+    """Numbers (k, n) after a command, a row for each time that it is repeated."""
+    width = _ROW[command]
+    if command == "A":
+        numbers = [number for arc in _ARC.findall(text) for number in arc]
+        complete = not _ARC.sub("", text).strip(" ,\t\r\n\f")
+    else:
+        numbers = re.findall(_NUMBER, text)
+        complete = not width or len(numbers) % width == 0
+    if not complete or bool(numbers) != bool(width):
+        raise ValueError(f"{command} of {len(numbers)} numbers")
+    return np.array(numbers, dtype=float).reshape(-1, width or 1)
 
 
-def _arc(start: Array, end: Array, center: Array, axes: Array, sweep: float) -> Curve:
-    """Arc about nearly this center with exact end points: those of svgelements are off by some 1e-7 of its size."""
+def _arc(start: Array, end: Array, radii: Array, angle: float, is_left: bool, is_positive: bool) -> Curve:
+    """Arc of an ellipse between points, whose center is to the left of the chord or to its right."""
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    axes = np.array([[c, -s], [s, c]]) * radii
+    if not radii.all() or (start == end).all():
+        return Polyline(np.stack([start, end]))
     # In coordinates along the semi-axes, where the ellipse is the unit circle.
-    a, b = np.linalg.solve(axes, np.stack([start - center, end - center]).T).T
+    a, b = np.linalg.solve(axes, np.stack([start, end]).T).T
     half = (b - a) / 2
     reach = float(np.hypot(*half))
-    if reach > 1 or not np.isfinite(reach):
+    if reach > 1:  # It is enlarged until it reaches both.
         a, b, half, axes, reach = a / reach, b / reach, half / reach, axes * reach, 1.0
     across = np.array([-half[1], half[0]]) * (sqrt(1 - reach**2) / max(reach, np.finfo(float).tiny))
-    middle = (a + b) / 2
-    offset = min(middle + across, middle - across, key=lambda point: float(np.hypot(*point)))
-    first, last = (float(np.arctan2(*(point - offset)[::-1])) for point in (a, b))
-    exact = sweep + remainder(last - first - sweep, 2 * pi)
-    return Arc(center + axes @ offset, axes[:, 0], axes[:, 1], first, exact)
-
-
-def _point(value: Any) -> Array:
-    return np.array([float(value.x), float(value.y)])
+    center = (a + b) / 2 + (across if is_left else -across)
+    first, last = (float(np.arctan2(*(point - center)[::-1])) for point in (a, b))
+    sweep = 2 * asin(reach) if is_left == is_positive else 2 * pi - 2 * asin(reach)
+    sweep = sweep if is_positive else -sweep
+    return Arc(axes @ center, axes[:, 0], axes[:, 1], first, sweep + remainder(last - first - sweep, 2 * pi))
 
 
 def _rectangle(x: float, y: float, width: float, height: float, rx: float, ry: float) -> tuple[Curve, ...]:
@@ -345,19 +311,23 @@ def _rectangle(x: float, y: float, width: float, height: float, rx: float, ry: f
     return tuple(arcs)
 
 
+def _affine(a: float, b: float, c: float, d: float, e: float, f: float) -> Array:
+    return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
+
+
 def _rotate(degrees: float, x: float = 0.0, y: float = 0.0) -> Array:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y]])
+    return _affine(c, s, -s, c, x - c * x + s * y, y - s * x - c * y)
 
 
 _COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
 _MATRICES: dict[str, Callable[..., Array]] = {
-    "matrix": lambda a, b, c, d, e, f: np.array([[a, c, e], [b, d, f]]),
-    "translate": lambda x, y=0.0: np.array([[1.0, 0.0, x], [0.0, 1.0, y]]),
-    "scale": lambda x, y=None: np.array([[x, 0.0, 0.0], [0.0, x if y is None else y, 0.0]]),
+    "matrix": _affine,
+    "translate": lambda x, y=0.0: _affine(1.0, 0.0, 0.0, 1.0, x, y),
+    "scale": lambda x, y=None: _affine(x, 0.0, 0.0, x if y is None else y, 0.0, 0.0),
     "rotate": _rotate,
-    "skewX": lambda a: np.array([[1.0, np.tan(np.radians(a)), 0.0], [0.0, 1.0, 0.0]]),
-    "skewY": lambda a: np.array([[1.0, 0.0, 0.0], [np.tan(np.radians(a)), 1.0, 0.0]]),
+    "skewX": lambda a: _affine(1.0, 0.0, np.tan(np.radians(a)), 1.0, 0.0, 0.0),
+    "skewY": lambda a: _affine(1.0, np.tan(np.radians(a)), 0.0, 1.0, 0.0, 0.0),
 }
 
 
@@ -407,15 +377,6 @@ def is_painted(style: Style) -> bool:
     return style["visibility"] == "visible" and (filled or stroked)
 
 
-def fraction(value: str) -> float:
-    """Opacity as a number from 0 to 1; 1 for what is none."""
-    try:
-        share = float(value.removesuffix("%")) / (100 if value.endswith("%") else 1)
-    except ValueError:
-        return 1.0
-    return min(max(share, 0.0), 1.0)
-
-
 def gone(style: Style) -> bool:
     """Tell whether an element is omitted together with its contents."""
     return style["display"] == "none" or _zero(style["opacity"])
@@ -462,7 +423,7 @@ def parse_svg(file: OutlineFile) -> Element:
 
     def instruct(target: str, _: str) -> None:
         if target == "xml-stylesheet":
-            raise file.external("a style sheet")
+            raise file.unreadable("no references to other files", "a style sheet", "embed it, or remove it")
 
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
@@ -507,7 +468,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     if root.get("transform", "").strip():
         raise file.unreadable("transforms inside the drawing", "one on the svg element itself", "put it on a group")
     sheet = sheet_of(root, file)
-    reader = _SvgReader(file, sheet, _by_id(root), _layer_elements(root, layer, file), others=odd_attributes(root))
+    by_id = {element.get("id", ""): element for element in reversed(list(root.iter()))}
+    reader = _SvgReader(file, sheet, by_id, _layer_elements(root, layer, file), others=odd_attributes(root))
     style = style_of(root, INITIAL, sheet)
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
@@ -527,8 +489,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
 
 @dataclass(frozen=True)
 class _Place:
-    """Inherited state of an element: map to the root's units, style, viewport, whether its layer is wanted, depth,
-    opacity, and the names of the groups around it.
+    """Inherited state of an element: map to the root's units, style, viewport, whether its layer is wanted, depth, and
+    the names of the groups around it.
     """
 
     matrix: Array
@@ -536,7 +498,6 @@ class _Place:
     viewport: Viewport
     wanted: bool
     depth: int
-    opacity: float = 1.0
     layers: tuple[str, ...] = ()
 
 
@@ -583,10 +544,9 @@ class _SvgReader:
             self.others.append("hidden shapes")
             return
         name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
-        matrix = _times(place.matrix, self._shapes.matrix(element, name))
-        opacity = place.opacity * fraction(style["opacity"])
+        matrix = place.matrix @ self._shapes.matrix(element, name)
         layers = (*place.layers, *_names(element)[:1]) if kind == "g" else place.layers
-        here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1, opacity, layers)
+        here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1, layers)
         before = len(self.pieces)
         if kind in GROUPS:
             self.children(element, here)
@@ -601,10 +561,9 @@ class _SvgReader:
         self._refuse_cuts(style, self.pieces[before:], here, name)
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:
-        scale = float(np.sqrt(abs(np.linalg.det(place.matrix[:, :2]))))
-        look = Paint(len(self.pieces), place.style, place.opacity, place.layers, scale)
+        look = Paint(place.style, place.layers)
         for piece in self._shapes.pieces(element, name, place.viewport):
-            curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
+            curves = tuple(curve.mapped(place.matrix[:2]) for curve in piece.curves)
             self.pieces.append(OutlinePiece(name, curves, piece.closed, look))
 
     def _unread(self, element: Element, place: _Place, kind: str) -> None:
@@ -616,10 +575,10 @@ class _SvgReader:
             return
         label = content if kind == "text" else element.get("id")
         name = f"the {UNREAD[kind]} {brief(label)}" if label else f"the {UNREAD[kind]} without a name"
-        matrix = _times(place.matrix, self._shapes.matrix(element, name))
+        matrix = place.matrix @ self._shapes.matrix(element, name)
         x, y, right, bottom = self._text_box(element, style) if kind == "text" else self._box(element, place, name)
         corners = np.array([[x, y], [right, y], [right, bottom], [x, bottom]])
-        self.unread.append((name, corners @ matrix[:, :2].T + matrix[:, 2]))
+        self.unread.append((name, corners @ matrix[:2, :2].T + matrix[:2, 2]))
 
     def _box(self, element: Element, place: _Place, name: str) -> tuple[float, ...]:
         """Left, top, right and bottom of an image or a foreign object; nan if its contents give its size."""
@@ -632,25 +591,21 @@ class _SvgReader:
         """Left, top, right and bottom of a box that holds the lines of a text; nan if more than sizes shapes them."""
         lines = list(element.iter())
         styles = [style_of(line, style, self.sheet) for line in lines[1:]]
-        sizes = [_SIZE.fullmatch(line_style["font-size"]) for line_style in (style, *styles)]
+        sizes = [_pixels(line_style["font-size"], PX) for line_style in (style, *styles)]
         if any(
             line.tag not in ("text", "tspan", "title", "desc") or _SHAPED.search(f"{line.attrib}") or line_style["font"]
             for line, line_style in zip(lines, (style, *styles), strict=True)
         ) or not all(sizes):
             return (np.nan,) * 4
-        size = max(float(match[1]) * PX[match[2].lower()] for match in sizes if match)
-        anchors = [
-            float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
-            for line in lines
-            for key in ("x", "y")
-        ]
-        at = np.array(anchors).reshape(-1, 2)
+        size = max(filter(None, sizes))
+        measures = [_measure(line.get(key)) or (np.nan, "") for line in lines for key in ("x", "y")]
+        at = np.array([value * PX.get(unit, np.nan) for value, unit in measures]).reshape(-1, 2)
         at = at[np.isfinite(at).all(axis=1)] if len(lines) > 1 else np.nan_to_num(at)
         if not len(at):
             return (np.nan,) * 4
         # No letter is wider than 1.5 of its size, nor higher, from whichever line it is measured.
         strokes = [line_style["stroke-width"] for line_style in (style, *styles) if line_style["stroke"] != "none"]
-        size += max((_pixels(width) or np.nan for width in strokes), default=0.0)
+        size += max((_pixels(width, SCREEN) or np.nan for width in strokes), default=0.0)
         wide = 1.5 * size * max(len("".join(line.itertext())) for line in lines)
         (left, top), (right, bottom) = at.min(axis=0), at.max(axis=0)
         return left - wide, top - 1.5 * size, right + wide, bottom + 1.5 * size
@@ -662,23 +617,23 @@ class _SvgReader:
         if target.tag in ("symbol", "svg"):
             self._framed(target, element, place, name)
         else:
-            self._element(target, _moved(place, self._lengths(element, place, name)[:2]))
+            self._element(target, _moved(place, *self._lengths(element, place, name)[:2]))
 
     def _framed(self, element: Element, outer: Element, place: _Place, name: str) -> None:
         """Read the contents of a symbol or a nested svg; `outer` has the position and size."""
         x, y, width, height = self._lengths(outer, place, name)
         if outer is not element:  # A use translates its target; the svg gives the sizes that the use does not.
-            place = _moved(place, (x, y))
+            place = _moved(place, x, y)
             inner = self._lengths(element, place, name)
             x, y = inner[:2] if element.tag == "svg" else (0.0, 0.0)
             width = width if "width" in outer.attrib else inner[2]
             height = height if "height" in outer.attrib else inner[3]
-        place = _moved(place, (x, y))
+        place = _moved(place, x, y)
         viewport = (width, height)
         box = _view_box(element, self._shapes, name)
         if box is not None and width > 0 and height > 0:
             fit = _fit(box, viewport, element.get("preserveAspectRatio", ""))
-            place = replace(place, matrix=_times(place.matrix, fit), viewport=box[2:])
+            place = replace(place, matrix=place.matrix @ fit, viewport=box[2:])
         else:
             place = replace(place, viewport=viewport)
         if width > 0 and height > 0:
@@ -730,7 +685,7 @@ class _SvgReader:
         """Regions of a clip's shapes; empty if there are too many."""
         reader = _SvgReader(self.file, {}, {}, None)
         reader._numbers, reader._shapes = self._numbers, self._shapes
-        matrix = _times(place.matrix, self._shapes.matrix(clip, "a clip"))
+        matrix = place.matrix @ self._shapes.matrix(clip, "a clip")
         reader.children(clip, _Place(matrix, INITIAL, place.viewport, True, place.depth))
         if len(reader.pieces) > MOST_CLIPS:
             return []
@@ -739,50 +694,47 @@ class _SvgReader:
 
 
 def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array, Viewport]:
-    """Scale in m per user unit or None, px per user unit, map (2, 3) that undoes a stretch, size for percentages.
+    """Scale in m per user unit or None, px per user unit, map (3, 3) that undoes a stretch, size for percentages.
 
     A width or height in px has no physical size: only the user knows the size of these pixels.
     """
     shapes = Shapes(file)
     box = _view_box(root, shapes, "svg")
-    width, height = (_physical(root.get(key)) for key in ("width", "height"))
-    identity = np.eye(3)[:2]
+    sides = [root.get(key) for key in ("width", "height")]
+    # In px does not count as physical, since programs disagree about it.
+    physical = [_pixels(side, PX.keys() - SCREEN) for side in sides]
+    width, height = (size and size * 0.0254 / PX["in"] for size in physical)
+    identity = np.eye(3)
     if box is None:
-        sizes = [root.get(key, "100%") for key in ("width", "height")]
-        viewport = (shapes.length(sizes[0], "width", (0, 0), "x"), shapes.length(sizes[1], "height", (0, 0), "y"))
+        wide, high = (shapes.length(side or "100%", key, (0, 0), key) for side, key in zip(sides, "xy", strict=True))
         # Without a viewBox, user units are CSS pixels, but 90 per inch in Inkscape before 0.92.
         old = _OLD_INKSCAPE.match(root.get(f"{INKSCAPE} version", ""))
         is_physical = (width is not None or height is not None) and not old
-        return (0.0254 / PX["in"] if is_physical else None), 1.0, identity, viewport
+        return (0.0254 / PX["in"] if is_physical else None), 1.0, identity, (wide, high)
     in_pixels = width is None and height is None
     if in_pixels:
-        width, height = (_pixels(root.get(key)) for key in ("width", "height"))
+        width, height = (_pixels(side, SCREEN) for side in sides)
     scales = [size / side for size, side in zip((width, height), box[2:], strict=True) if size is not None]
     aspect = root.get("preserveAspectRatio", "")
     stretch = identity
     if len(scales) == 2 and "none" in aspect:
-        stretch = np.array([[1.0, 0.0, 0.0], [0.0, scales[1] / scales[0], 0.0]])
+        stretch = np.diag([1.0, scales[1] / scales[0], 1.0])
         scales = scales[:1]
     choose: Callable[[list[float]], float] = max if "slice" in aspect else min
     scale = choose(scales) if scales else None
     return (None, scale or 1.0, stretch, box[2:]) if in_pixels else (scale, 1.0, stretch, box[2:])
 
 
-def _physical(text: str | None) -> float | None:
-    """Length in m, if it has a physical unit; px does not count, since programs disagree about it."""
-    match = _PHYSICAL.fullmatch(text or "")
-    try:
-        value = float(match[1]) * PX[match[2].lower()] * 0.0254 / 96 if match else 0.0
-    except ValueError:
-        return None
-    return value if 0 < value < np.inf else None
+def _measure(text: str | None) -> tuple[float, str] | None:
+    """Number and unit, in lower case, of a length."""
+    match = _LENGTH.fullmatch(text or "")
+    return (float(match[1]), match[2].lower()) if match else None
 
 
-def _pixels(text: str | None) -> float | None:
-    """Length in px, if given in px or without a unit."""
-    match = _PIXELS.fullmatch(text or "")
-    value = float(match[1]) if match else 0.0
-    return value if 0 < value < np.inf else None
+def _pixels(text: str | None, units: Collection[str]) -> float | None:
+    """Length in px, if it is above 0 and in one of the units."""
+    value, unit = _measure(text) or (0.0, "")
+    return value * PX[unit] if unit in units and 0 < value < np.inf else None
 
 
 def _view_box(element: Element, shapes: Shapes, name: str) -> tuple[float, float, float, float] | None:
@@ -796,22 +748,17 @@ def _view_box(element: Element, shapes: Shapes, name: str) -> tuple[float, float
 
 
 def _fit(box: tuple[float, float, float, float], viewport: Viewport, aspect: str) -> Array:
-    """Map (2, 3) from a viewBox to a viewport according to preserveAspectRatio."""
+    """Map (3, 3) from a viewBox to a viewport according to preserveAspectRatio."""
     scale = np.array(viewport) / box[2:]
     if "none" not in aspect:
         scale[:] = scale.max() if "slice" in aspect else scale.min()
     shares = [0.0 if f"{axis}Min" in aspect else 1.0 if f"{axis}Max" in aspect else 0.5 for axis in "xY"]
     offset = shares * (np.array(viewport) - scale * box[2:]) - scale * box[:2]
-    return np.column_stack([np.diag(scale), offset])
+    return _affine(scale[0], 0.0, 0.0, scale[1], *offset)
 
 
-def _moved(place: _Place, offset: tuple[float, ...]) -> _Place:
-    matrix = _times(place.matrix, np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]]]))
-    return replace(place, matrix=matrix)
-
-
-def _times(a: Array, b: Array) -> Array:
-    return np.column_stack([a[:, :2] @ b[:, :2], a[:, :2] @ b[:, 2] + a[:, 2]])
+def _moved(place: _Place, x: float, y: float) -> _Place:
+    return replace(place, matrix=place.matrix @ _affine(1.0, 0.0, 0.0, 1.0, x, y))
 
 
 def _reference(element: Element) -> str:
@@ -822,16 +769,13 @@ def _refuse_references(root: Element, file: OutlineFile) -> None:
     """Refuse references to other files, except hyperlinks."""
     for element in root.iter():
         link = _reference(element)
-        if link and not link.startswith(("#", "data:")) and element.tag != "a":
-            raise file.external(f"{brief(link)} in {brief(element.tag)}")
+        outside = [link] if link and not link.startswith(("#", "data:")) and element.tag != "a" else []
         for text in (element.text or "" if element.tag == "style" else "", *element.attrib.values()):
-            match = _OUTSIDE.search(_FONTS.sub("", text)) if "url" in text or "@import" in text else None
-            if match:
-                raise file.external(f"{brief(match[0])} in {brief(element.tag)}")
-
-
-def _by_id(root: Element) -> dict[str, Element]:
-    return {element.get("id", ""): element for element in reversed(list(root.iter()))}
+            if "url" in text or "@import" in text:
+                outside += _OUTSIDE.findall(_FONTS.sub("", text))
+        if outside:
+            problem = f"{brief(outside[0])} in {brief(element.tag)}"
+            raise file.unreadable("no references to other files", problem, "embed it, or remove it")
 
 
 def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> set[int] | None:
@@ -862,6 +806,30 @@ def _names(group: Element) -> list[str]:
     return [group.attrib[key] for key in keys if group.get(key)]
 
 
+def _write(contours: Sequence[Contour], _: str) -> str:
+    # Mirrored, since y is down.
+    drawn = [placed(mirrored(contour), 1000.0, (0.0, 0.0), 9) for contour in contours]
+    boxes = np.array([box(contour) for contour in drawn])
+    (left, top), (right, low) = boxes[:, :2].min(axis=0).tolist(), boxes[:, 2:].max(axis=0).tolist()
+    size = f"{right - left!r} {low - top!r}"
+    width, height = (f"{side}mm" for side in size.split())
+    paths = "".join(f'<path d="{_data(contour)}"/>\n' for contour in drawn)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+        f'viewBox="{left!r} {top!r} {size}">\n'
+        f'<g fill="none" stroke="#000000" stroke-width="0.1">\n{paths}</g>\n</svg>\n'
+    )
+
+
+def _data(contour: Contour) -> str:
+    (x, y), words = contour.points[0], []
+    for side in contour.sides:
+        (u, v), bulge = side[1], side[2]
+        arc = f"A{radius_of(side)!r} {radius_of(side)!r} 0 0 {int(bulge > 0)} {u!r} {v!r}"
+        words.append(arc if bulge else f"L{u!r} {v!r}")
+    return f"M{x!r} {y!r}{''.join(words)}Z"
+
+
 OUTLINE_FORMATS.register("svg")(
     OutlineFormat(
         "XML with an svg element",
@@ -869,5 +837,7 @@ OUTLINE_FORMATS.register("svg")(
             file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" or file.data[:2] in (b"\xff\xfe", b"\xfe\xff")
         ),
         _read,
+        (".svg",),
+        _write,
     )
 )

@@ -1,7 +1,7 @@
 """Pose distributions: a preset, a cone, or a file in a format that is recognized by content."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,7 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
 from markergen.model.poses import PoseDistribution, RecordedPoses, is_named, named_poses, pose_forms
-from markergen.read.endings import by_ending
+from markergen.read.formats import Format, recognized, refuse_unreadable, unknown_format
 from markergen.read.poses.conventions import (
     MARKER_IN_CAMERA,
     READING,
@@ -24,40 +24,16 @@ from markergen.read.poses.conventions import (
     settled_frame,
 )
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, RowsFile, numbers_of
-from markergen.read.unreadable import refuse_unreadable
 from markergen.registry import Registry
-
-__all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
 
 AS_WRITTEN = PoseConvention()
 
 
-@dataclass(frozen=True)
-class PoseFormat:
-    """A pose file format.
+class PoseFormat(Format[RowsFile, RawPoses | NDArray[np.float64], NDArray[np.float64]]):
+    """A pose file format, which is read as poses with their frame and axes, and written from numbers.
 
-    Attributes
-    ----------
-    signs : str
-        Typical contents of such a file, for the message that no format fits.
-    which_way : str
-        A sentence on the frames that the poses map between, and their unit.
-    fits : callable
-        True if a file has this format; true for at most one format.
-    read : callable
-        Reads the poses with their frame and axes; plain numbers (P, 7), as in `RecordedPoses`, are T_camera_marker.
-    endings : tuple of str
-        Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
-    write : callable or None
-        Makes the text of a file from numbers (P, 7) of T_camera_marker and the ending; None if it is only read.
+    Plain numbers (P, 7), as in `RecordedPoses`, are T_camera_marker.
     """
-
-    signs: str
-    which_way: str
-    fits: Callable[[RowsFile], bool]
-    read: Callable[[RowsFile], RawPoses | NDArray[np.float64]]
-    endings: tuple[str, ...] = ()
-    write: Callable[[NDArray[np.float64], str], str] | None = None
 
 
 POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
@@ -162,7 +138,7 @@ class PoseReading:
 def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> RecordedPoses:
     """Read the poses of a file: a table of T_camera_marker as CSV or JSON, or a format of `POSE_FORMATS`.
 
-    The `which_way` of each format describes the direction of its poses, which the `convention` may replace.
+    The `convention` may replace what a format says of the direction of its poses.
 
     Raises InputError if the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose
     is invalid; the message names file and line. If the poses may be those of a body, or the file contradicts itself.
@@ -189,22 +165,13 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReadi
     refuse_unreadable(file.name, text, "poses")
     if b"\0" in data and not POSE_FORMATS["colmap"].fits(file):
         raise InputError(f"text in {name}", "bytes that are not text", "write the poses as text")
-    for kind in POSE_FORMATS:
-        if POSE_FORMATS[kind].fits(file):
-            reading = POSE_FORMATS[kind].read(file)
-            raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
-            frame, axes = settled_frame(convention, raw, file.stated, file.name)
-            numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
-            poses = RecordedPoses.of(numbers, file.name, _digest(data, convention))
-            return PoseReading(poses, kind, frame, axes)
-    signs = "; ".join(f"{kind}: {POSE_FORMATS[kind].signs}" for kind in POSE_FORMATS)
-    raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {signs}")
-
-
-def pose_format_of(path: Path | str) -> tuple[PoseFormat, str]:
-    """Return the format that a file's name stands for, and its ending; raises InputError if none is written."""
-    forms = [POSE_FORMATS[name] for name in POSE_FORMATS]
-    return by_ending(((end, form) for form in forms if form.write for end in form.endings), path, "a file of poses")
+    if (kind := recognized(POSE_FORMATS, file)) is None:
+        raise unknown_format(POSE_FORMATS, file.name, "poses")
+    reading = POSE_FORMATS[kind].read(file)
+    raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
+    frame, axes = settled_frame(convention, raw, file.stated, file.name)
+    numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
+    return PoseReading(RecordedPoses.of(numbers, file.name, _digest(data, convention)), kind, frame, axes)
 
 
 def _digest(data: bytes, convention: PoseConvention) -> str:

@@ -98,20 +98,15 @@ ASKED_COLUMN = re.compile(
 """Columns of a pose of anything in anything."""
 
 ANGLES = ("rad", "radian", "radians", "deg", "degree", "degrees")
-_NAMES_OF_UNITS = {
-    **dict.fromkeys(("meter", "meters", "metre", "metres"), "m"),
-    **dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
-    **dict.fromkeys(("centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
-    **dict.fromkeys(("micrometer", "micrometers", "micron", "microns"), "um"),
-    **dict.fromkeys(("inch", "inches"), "in"),
-    **dict.fromkeys(("feet", "foot"), "ft"),
-}
+_PREFIXES = {"": "m", "milli": "mm", "centi": "cm", "micro": "um"}
+_OTHER_UNITS = {"micron": "um", "microns": "um", "inch": "in", "inches": "in", "feet": "ft", "foot": "ft"}
 
 
 def length_unit(word: str) -> str | None:
     """Return the unit of length that a word names; None if it names none."""
     plain = word.strip().strip("\"'.").lower()
-    unit = _NAMES_OF_UNITS.get(plain, plain)
+    metric = re.fullmatch(r"(milli|centi|micro|)met(?:er|re)s?", plain)
+    unit = _PREFIXES[metric[1]] if metric else _OTHER_UNITS.get(plain, plain)
     return unit if unit in METERS and unit else None
 
 

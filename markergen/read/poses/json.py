@@ -15,11 +15,12 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
+from markergen.model.json_text import distinct
 from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, stated
-from markergen.read.poses.csv import frame_of
-from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, WHICH_WAY, RowsFile, columns_of, table_poses
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, RowsFile, columns_of, table_poses
+from markergen.read.poses.tables import frame_of
 from markergen.read.remarks import remark_unused
 
 NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
@@ -31,10 +32,6 @@ BOP = ("cam_R_m2c", "cam_t_m2c")
 
 LARGEST_JSON = 5_000_000
 """Maximum size in bytes; as Python objects they may take forty times as much."""
-
-
-def _fits(file: RowsFile) -> bool:
-    return file.data.lstrip()[:1] in (b"[", b"{")
 
 
 def _read(file: RowsFile) -> RawPoses:
@@ -103,13 +100,10 @@ def records(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         most = f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}"
         raise InputError(most, "more", "write this many poses as CSV")
     try:
-        content = json.loads(file.data.decode(), object_pairs_hook=_distinct)
-    except UnicodeDecodeError:
-        raise InputError(f"text in {file.name}", "bytes that are not UTF-8 text", "write the file as UTF-8") from None
-    except RecursionError:
-        raise InputError(f"poses in {file.name}", "endless nesting", "check the file") from None
-    except ValueError as error:
-        raise InputError(f"complete JSON in {file.name}", brief(str(error)), "correct the file") from None
+        content = json.loads(file.data.decode(), object_pairs_hook=distinct)
+    except (ValueError, RecursionError) as error:
+        problem = "endless nesting" if isinstance(error, RecursionError) else str(error)[:80]
+        raise InputError(f"complete JSON in {file.name}", problem, "correct the file") from None
     around: dict[str, Any] = {}
     content = _listed(content, file.name)
     if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
@@ -120,13 +114,6 @@ def records(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     if not (isinstance(content, list) and content and all(isinstance(pose, dict) for pose in content)):
         raise InputError(f"an array of poses in {file.name}", "something else", f"each is an object with {WANTED}")
     return content, around
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        raise ValueError("a key twice in one object")
-    return content
 
 
 def _number(value: object, place: str) -> float:
@@ -154,5 +141,11 @@ def _nerf(numbers: Array) -> str:
 
 
 POSE_FORMATS.register("json")(
-    PoseFormat(f"an array of objects with {WANTED}", WHICH_WAY, _fits, _read, (".json", NERF_NAME), _write)
+    PoseFormat(
+        f"an array of objects with {WANTED}",
+        lambda file: file.data.lstrip()[:1] in (b"[", b"{"),
+        _read,
+        (".json", NERF_NAME),
+        _write,
+    )
 )

@@ -67,12 +67,6 @@ MATRIX_COLUMNS = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "
 
 WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
 
-WHICH_WAY = (
-    "each row is T_camera_marker, X_camera = R X_marker + t, with t in m unless the header has"
-    " another unit: the marker's origin in the camera frame"
-    " (x right, y down, z forward)"
-)
-
 
 @dataclass(frozen=True)
 class RowsFile:
@@ -143,11 +137,6 @@ class RowsFile:
                     raise InputError(expected, str(len(cells)), "correct it")
                 return names
         return []
-
-    @cached_property
-    def odd(self) -> bool:
-        """True if the file may contain numbers such as 1_0, which Python reads as 10."""
-        return b"_" in self.data
 
     def place(self, number: int) -> str:
         """Return line and file, for messages."""
@@ -233,7 +222,7 @@ def table_poses(file: RowsFile, names: Sequence[str], rows: Iterable[tuple[int, 
     if order and file.stated.get("order", order) != order:
         problem = f"{order} and {file.stated['order']}"
         raise InputError(f"one order of the quaternion in {file.name}", problem, "correct it")
-    numbers, lines = array("d"), array("l")
+    numbers, lines, has_marks = array("d"), array("l"), b"_" in file.data
     for line, cells in rows:
         if len(cells) != len(names):
             raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
@@ -243,7 +232,8 @@ def table_poses(file: RowsFile, names: Sequence[str], rows: Iterable[tuple[int, 
         except ValueError:
             bad = brief(next(word for word in picked if not _is_number(word)))
             raise InputError(f"numbers at {file.place(line)}", bad, "correct the line") from None
-        if file.odd and any("_" in str(word) for word in picked):
+        # Python reads 1_0 as 10.
+        if has_marks and any("_" in str(word) for word in picked):
             raise InputError(f"numbers at {file.place(line)}", brief(" ".join(picked)), "remove the _")
         if len(lines) == MOST_ROWS:
             raise InputError(f"at most {MOST_ROWS} poses in {file.name}", "more", "take every tenth pose")
@@ -286,11 +276,7 @@ def lines_of(rows: Array, mark: str = " ", head: str = "") -> str:
 
 def numbers_of_rows(rows: Sequence[str]) -> Array:
     """Parse the numbers (P, 7) written by `RecordedPoses.as_dict`, exactly; raises InputError for invalid rows."""
-
-    def place(index: int) -> str:
-        return f"row {index}"
-
-    values = np.empty((len(rows), 7))
+    place, values = "row {}".format, np.empty((len(rows), 7))
     for index, row in enumerate(rows):
         try:
             values[index] = [float(word) for word in row.split()]

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
+from drawings import read_outline
 
 from markergen.errors import InputError
-from markergen.read.outlines.boundary import read_outline
 
 
 @pytest.fixture

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from drawings import dxf, svg
+from drawings import dxf, read_outline, svg
 
 from markergen.geometry.contour import area, center_of, radius_of
 from markergen.model.boundary import polygon_from
-from markergen.read.outlines.boundary import read_contours, read_outline
+from markergen.read.outlines.boundary import read_contours
 
 QUARTER = math.tan(math.pi / 8)
 

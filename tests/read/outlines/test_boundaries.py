@@ -4,11 +4,11 @@ import random
 
 import numpy as np
 import pytest
-from drawings import AREA_ERROR, DATA, HOLED, area
+from drawings import AREA_ERROR, DATA, HOLED, area, read_outline
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.read.outlines.boundary import parse_boundary, read_outline
+from markergen.read.outlines.boundary import parse_boundary
 
 
 @pytest.mark.parametrize(

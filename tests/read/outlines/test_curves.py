@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from drawings import area, farthest, svg
+from drawings import area, farthest, read_outline, svg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markergen.errors import InputError
 from markergen.geometry.outlines import TOLERANCE
-from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.curves import Arc, Bezier, Polyline, Spline, bulge
+from markergen.read.outlines.formats import OutlineFile
+from markergen.read.outlines.svg import Element, Shapes
 
 COORDINATE = st.floats(-0.3, 0.3).map(lambda x: round(x, 6))
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)
@@ -79,26 +81,48 @@ def test_path_data_as_svgelements_sees_it(data):
     """Points of svgelements' own curves are on the polygon; closed by the reader, so that any path has a ring."""
     from svgelements import Path as SvgPath
 
-    from markergen.read.outlines.formats import OutlineFile
-    from markergen.read.outlines.svg import Element, Shapes
-
     def numbers(count):
         return " ".join(f"{data.draw(st.floats(-60, 60)):.2f}" for _ in range(count))
 
-    text = f"M{numbers(2)}"
+    text, kind = f"M{numbers(2)}", ""
     for _ in range(data.draw(st.integers(1, 5))):
-        kind = data.draw(st.sampled_from("LlHhVvCcSsQqTtAa"))
+        # After a curve of the other degree svgelements mirrors its control point, against the standard.
+        others = {"C": "Tt", "S": "Tt", "Q": "Ss", "T": "Ss"}.get(kind.upper(), "")
+        kind = data.draw(st.sampled_from([letter for letter in "LlHhVvCcSsQqTtAa" if letter not in others]))
         if kind in "Aa":
             radii = " ".join(f"{data.draw(st.floats(1, 60)):.2f}" for _ in range(2))
             flags = " ".join(str(data.draw(st.integers(0, 1))) for _ in range(2))
             text += f"{kind}{radii} {data.draw(st.integers(-180, 180))} {flags} {numbers(2)}"
         else:
             text += kind + numbers({"L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2}[kind.upper()])
-    pieces = Shapes(OutlineFile("file", b"")).pieces(Element("path", {"d": text}), "path", (1, 1))
-    polyline = np.concatenate([curve.flatten(1e-3) for piece in pieces for curve in piece.curves])
+    polyline = path_points(text)
     points = [point for segment in SvgPath(text)[1:] for point in map(segment.point, np.linspace(0, 1, 41))]
     # svgelements' arcs are off by up to 1e-6 of their size.
     assert farthest(np.array([(point.x, point.y) for point in points]), polyline) <= 1e-3 + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("smooth", "plain"),
+    [
+        ("C 0 9 5 9 5 0 T 9 9", "C 0 9 5 9 5 0 Q 5 0 9 9"),
+        ("Q 3 9 5 0 s 4 0 4 9", "Q 3 9 5 0 C 5 0 9 0 9 9"),
+        ("c0-5 5-5 5 0 5 5 5 0", None),
+        ("a4 4 0 0110 0", "A4 4 0 0 1 10 0"),
+        ("a4 4 0 01.5.5", "A4 4 0 0 1 .5 .5"),
+    ],
+)
+def test_path_data_as_the_standard_has_it(smooth, plain):
+    """A smooth curve after one of another degree has no control point to mirror; flags need nothing between them."""
+    if plain is None:
+        with pytest.raises(InputError, match="path data"):
+            path_points(f"M 0 0 {smooth}")
+        return
+    np.testing.assert_array_equal(path_points(f"M 0 0 {smooth}"), path_points(f"M 0 0 {plain}"))
+
+
+def path_points(text):
+    pieces = Shapes(OutlineFile("file", b"")).pieces(Element("path", {"d": text}), "path", (1, 1))
+    return np.concatenate([curve.flatten(1e-3) for piece in pieces for curve in piece.curves])
 
 
 def test_a_circle_of_two_arcs_meets_itself(write):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from drawings import DATA, area, bounds, dxf, farthest
+from drawings import DATA, area, bounds, dxf, farthest, read_outline
 from sentences import sentence
 
-from markergen.read.outlines.boundary import read_contours, read_outline
+from markergen.read.outlines.boundary import read_contours
 
 
 def circle_area(radius):

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from drawings import AREA_ERROR, DATA, HOLED, PLATE, SQUARE, area, dxf, geojson, region, svg
+from drawings import AREA_ERROR, DATA, HOLED, PLATE, SQUARE, area, dxf, geojson, read_outline, region, svg
 
-from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.formats import OUTLINE_FORMATS
 
 
@@ -53,9 +52,12 @@ def test_every_format_reads_the_same(write):
 
 
 def test_each_file_is_of_one_format(write):
-    from markergen.read.outlines.formats import load
+    from markergen.guard import read
+    from markergen.read.outlines.formats import OutlineFile
 
     for path in DATA.iterdir():
         if path.suffix in (".svg", ".dxf", ".geojson"):
-            fitting = [name for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(load(path))]
+            fitting = [
+                name for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(OutlineFile(*read(path, "outline")))
+            ]
             assert fitting == [path.suffix[1:]]

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from drawings import area, region
+from drawings import area, read_outline, region
 
-from markergen.read.outlines.boundary import read_contours, read_outline
+from markergen.read.outlines.boundary import read_contours
 
 BOARD = """(kicad_pcb (version 20221018) (generator pcbnew)
  (layers (0 "F.Cu" signal) (44 "Edge.Cuts" user))

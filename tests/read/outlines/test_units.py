@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from drawings import SQUARE, dxf, geojson, svg
+from drawings import SQUARE, dxf, geojson, read_outline, svg
 from sentences import sentence
 
-from markergen.read.outlines.boundary import read_outline
 from markergen.read.outlines.formats import UNITS
 
 

@@ -1,10 +1,97 @@
-"""Files of programs that are recognized and not read, each with a way out."""
+"""Formats of files: recognized by content, written by the ending of a name; and those that are not read."""
 
-# tests: tests/read/test_programs.py
+# tests: tests/read/test_programs.py tests/api/test_inspect.py
 
+import os
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
+from markergen.files import exists
+from markergen.registry import Registry
+
+F = TypeVar("F")
+R = TypeVar("R")
+W = TypeVar("W")
+
+
+@dataclass(frozen=True)
+class Format(Generic[F, R, W]):
+    """A format of files, recognized by content.
+
+    Attributes
+    ----------
+    signs : str
+        Typical contents of such a file, for the message that no format fits.
+    fits : callable
+        True if a file has this format; true for at most one format if it is usable.
+    read : callable
+        Makes what is read from a file and, but for poses, the name of a camera or layer in it, or None.
+    endings : tuple of str
+        Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
+    write : callable or None
+        Makes the text of a file from its contents and the ending; None if it is only read.
+    """
+
+    signs: str
+    fits: Callable[[F], bool]
+    read: Callable[..., R]
+    endings: tuple[str, ...] = ()
+    write: Callable[[W, str], str] | None = None
+
+
+T = TypeVar("T", bound=Format[Any, Any, Any])
+
+
+def recognized(formats: Registry[T], file: object) -> str | None:
+    """Return the name of the format that a file has, if any; raises InputError if one says why it has none."""
+    damage: InputError | None = None
+    for name in formats:
+        try:
+            if formats[name].fits(file):
+                return name
+        except InputError as error:  # Another format may not be what is damaged.
+            damage = error
+    if damage:
+        raise damage
+    return None
+
+
+def unknown_format(formats: Registry[T], file: str, what: str) -> InputError:
+    """Return the error that a file has none of the formats."""
+    signs = {name: formats[name].signs for name in formats}
+    listed = "; ".join(name if name == sign else f"{name}: {sign}" for name, sign in signs.items())
+    return InputError(f"{what} in {file}", "an unknown format", f"known formats: {listed}")
+
+
+def written_format(formats: Registry[T], what: str, path: str | os.PathLike[str]) -> tuple[T, str]:
+    """Return the format that a file's name stands for, and its ending, of which the longest counts.
+
+    Raises InputError if there is none, with the known endings.
+    """
+    endings = {ending: form for name in formats if (form := formats[name]).write for ending in form.endings}
+    name = Path(path).name
+    for ending in sorted(endings, key=len, reverse=True):
+        if name.lower().endswith(ending):
+            return endings[ending], ending
+    raise InputError(f"a name for {what}", brief(name), f"known endings: {', '.join(sorted(endings))}")
+
+
+def written(formats: Registry[T], what: str, contents: object, path: str | os.PathLike[str]) -> bytes:
+    """Return contents as a file of the format that its name stands for."""
+    form, ending = written_format(formats, what, path)
+    assert form.write is not None
+    return form.write(contents, ending).encode()
+
+
+def split(text: str) -> tuple[str, str | None]:
+    """Split ``path#NAME`` into a path and the name of a camera or layer in its file, if there is one."""
+    path, mark, name = text.rpartition("#")
+    return (path, name) if mark and Path(path).name and not exists(Path(text)) else (text, None)
+
 
 _ARRAYS = "in Python, Camera.from_cv2(K, D, (width, height)).save('camera.yaml') writes one that is read"
 _OPENCV = "export it as OpenCV's XML or YAML, or calibrate with OpenCV"
