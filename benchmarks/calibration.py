@@ -109,7 +109,7 @@ def estimated(made: SimulatedSet) -> Adjustment:
     found = adjust_robustly(network, made.views).adjustment
     choice = choose_camera(found.network, found.views, np.arange(len(found.views)), found.weights)
     if isinstance(choice, CameraChoice) and choice.names != UNKNOWN:
-        network = replace(network, camera=choice.camera, freedom=choice.freedom)
+        network = replace(network, cameras=(choice.camera,), freedom=choice.freedom)
         found = adjust_robustly(network, made.views).adjustment
     return found
 

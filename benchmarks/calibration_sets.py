@@ -48,7 +48,7 @@ class SimulatedSet:
         camera = camera or self.camera
         n = len(self.design)
         return Network(
-            self.design, np.zeros(n), camera, freedom or CameraFreedom.held(camera), np.zeros(n, dtype=np.intp)
+            self.design, np.zeros(n), (camera,), freedom or CameraFreedom.held(camera), np.zeros(n, dtype=np.intp)
         )
 
     def unknown_camera(self) -> Network:
@@ -200,7 +200,7 @@ def claims(made: SimulatedSet, found: Adjustment, rng: np.random.Generator, sigm
     dots = nees((found.places - places).ravel(), found.covariance, 3 * n - gauge)
     fresh = photographed(made.design, made.true, rotation, translation, rng, sigma, made.camera)
     held = replace(
-        network, design=found.places, camera=found.camera, freedom=CameraFreedom.held(found.camera), free=False
+        network, design=found.places, cameras=found.cameras, freedom=CameraFreedom.held(found.camera), free=False
     )
     start = replace(fresh.views, rotation=rotations, translation=translations)
     pose = adjust(held, start).views

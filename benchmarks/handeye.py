@@ -105,7 +105,7 @@ def one_set(
         + [fit.robot.log_scale - np.log(scale)]
     )
     held = adjust(
-        replace(network, free=False, loose=None, freedom=network.freedom.none, camera=adjustment.camera), made.views
+        replace(network, free=False, loose=None, freedom=network.freedom.none, cameras=adjustment.cameras), made.views
     )
     X = carried if on_hand else fixed
     return fit, error, (held.views.rotation, held.views.translation), read, X

@@ -40,6 +40,7 @@ GIVEN: Sequence[Given] = tuple(
         (CALIBRATE, DEFAULT, ["was read, # mm unless given", "to be off by # % along x and y"]),
         (CALIBRATE, DEFAULT, ["expected error by less than # %, at forty"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
+        (CALIBRATE, MEANING, ["within # sigmas (#)"]),
         (HANDEYE, EXAMPLE, ["by 20 to # degrees"]),
         (
             HANDEYE,
@@ -60,7 +61,8 @@ GIVEN: Sequence[Given] = tuple(
             SETTING,
             [
                 "off by # mm along each axis, # % longer along x and bulging by # mm, in",
-                "measured to # px",
+                "Simulated pairs, # mm apart, in 12 moments of 12 dots measured to # px",
+                "hand-held photographs with dots measured to # px",
                 "the same, # % of the dots false by # to # px",
             ],
         ),

@@ -76,6 +76,7 @@ CONTESTANTS = {
 RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 HAND_EYE = Command("python -m benchmarks.handeye", 200)
+STEREO = Command("python -m benchmarks.stereo", 60)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
@@ -259,10 +260,9 @@ def _calibrated(row: str, case: str) -> Number:
 
 
 def _hand_eye(camera: str, mounting: str, place: str) -> Number:
-    label = f"{place}, camera {camera}"
     label = {"exact": "exact", "covariance": "with its covariance", "unknown": "unknown"}[camera]
     row = f"| {label} | {mounting} | # mm | # deg | # | # |"
-    return Number(HANDEYE, row, HAND_EYE.line, [(HAND_EYE, f"{label} # # # #")])
+    return Number(HANDEYE, row, HAND_EYE.line, [(HAND_EYE, f"{place}, camera {camera} # # # #")])
 
 
 def _all_found() -> Number:
@@ -531,6 +531,15 @@ MEASURED: Sequence[Entry] = (
     _calibrated("the same, @ % of the dots false by @ to @ px", "camera known, 5 % of false dots"),
     _calibrated("measured dots, camera estimated from the same photographs", "camera unknown"),
     _calibrated("the same, and the estimated camera used as well", "camera unknown, and used"),
+    *(
+        Number(
+            CALIBRATE,
+            f"| {row} | # deg | # mm | # | # | # deg, # mm |",
+            STEREO.line,
+            [(STEREO, f"{camera} # # # # # #")],
+        )
+        for camera, row in (("exact", "exact"), ("covariance", "with their covariance"), ("unknown", "unknown"))
+    ),
     *(
         _hand_eye(camera, *setting)
         for setting in (("eye-in-hand", "on the hand"), ("eye-to-hand", "beside"))

@@ -4,12 +4,17 @@
 
 import logging
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
+
 from markergen.api.arguments import as_camera, files_among, marker_of
+from markergen.arrays import Array
 from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
 from markergen.calibration.live import photographs_of
 from markergen.calibration.network import Length
@@ -17,6 +22,7 @@ from markergen.calibration.scale import ScaleErrors
 from markergen.detect.detector import Detector
 from markergen.errors import InputError
 from markergen.model.body_json import load_marker_or_rig
+from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import planned_print
 from markergen.model.spec import check_scale
@@ -24,19 +30,21 @@ from markergen.options import Progress, as_list, check_progress, settle, signatu
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras import sized
-from markergen.read.cameras.covariance import camera_covariance
+from markergen.read.cameras.covariance import camera_covariance, is_exact
+from markergen.read.images import find_images
 from markergen.read.videos import is_video
 from markergen.units import format_length, parse_length
 
 _log = logging.getLogger(__name__)
 
+_NAMED = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)")
 _LENGTH = re.compile(r"(?:(\d+):)?(\d+)-(\d+)=([^+±]+?)(?:(?:\+-|±)(.+))?")
 
 
 def calibrate(
     marker: TargetLike,
     photos: Any,
-    camera: CameraLike | None = None,
+    camera: CameraLike | Mapping[str, CameraLike | None] | Sequence[str] | None = None,
     *,
     save: Files = (),
     json: File | None = None,
@@ -59,10 +67,12 @@ def calibrate(
         Photographs of one size. An image is an array (h, w) or (h, w, 3) in BGR, as `cv2.imread` returns it. Or one
         video, number of a camera or stream, of which still views are taken until more hardly help.
     camera : Camera, path, dict or None
-        None: it is estimated from the photographs, too.
+        None: it is estimated from the photographs, too. Several cameras that are held together: a mapping of names to
+        cameras, or texts NAME=FILE, with None or an empty FILE for one that is estimated. Photographs are then those in
+        folders of these names, or a mapping; those of one name are of one moment.
     save : path or list of paths
-        Files to write, by suffix: .json for the measured marker, .yaml, .xml or .txt for the camera, .html for the
-        report.
+        Files to write, by suffix: .json for the measured marker, .yaml, .xml or .txt for the camera, one for each of
+        several, .html for the report.
     json, report : path or None
         Files for the results as JSON, and for the report.
     progress : callable or None
@@ -115,14 +125,18 @@ def calibrate(
         raise InputError("a rig alone", "--also beside a rig", "make the markers part of the rig, or leave them out")
     bodies = [body, *map(marker_of, others)]
     designs = [plate.marker for body in bodies for plate in body.plates]
-    camera = sized(camera, settled["image_size"], photos if isinstance(photos, list | tuple) else [photos])
-    taken = as_camera(camera)
-    if taken is None and settled["camera_covariance"] is not None:
-        raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
-    covariance = None if taken is None else camera_covariance(settled["camera_covariance"], camera, taken)
-    knowledge = Known(
-        taken,
-        covariance,
+    if isinstance(camera, list | tuple) and len(camera) == 1:
+        (camera,) = camera
+    named = _named(camera)
+    sources, cameras = {"": photos} if named is None else _by_folder(photos, [*named]), dict[str, Any]()
+    for name, source in ({"": camera} if named is None else named).items():
+        of_camera = sources[name]
+        listed = of_camera if isinstance(of_camera, list | tuple) else [of_camera]
+        file = sized(source, settled["image_size"], listed)
+        cameras[name] = file, _known_camera(file, settled["camera_covariance"], named is not None)
+    known = Known(
+        None,
+        None,
         settled["geometry"] == "free",
         tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
         planned_print(*designs) if settled["print_sigma"] is None else settled["print_sigma"],
@@ -130,18 +144,86 @@ def calibrate(
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
-    if knowledge.camera is not None and knowledge.covariance is None and not knowledge.free and not has_relation:
+    knowledge = {
+        name: replace(known, camera=taken, covariance=spread) for name, (_, (taken, spread)) in cameras.items()
+    }
+    moved = sum(each.camera is None or each.covariance is not None for each in knowledge.values())
+    if not moved and not known.free and not has_relation and named is None:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
-    moved = knowledge.camera is None or knowledge.covariance is not None
-    Calibration.check_targets(targets, len(bodies), knowledge.free or has_relation, moved)
-    targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
+    Calibration.check_targets(targets, len(bodies), known.free or has_relation, moved)
+    targets.check(files_among(marker, *others, *(file for file, _ in cameras.values()), settled["camera_covariance"]))
+    if named is not None:
+        calibration = calibrate_bodies(bodies, sources, knowledge, settled["workers"], progress)
+        return calibration.saved(targets)
+    known = knowledge[""]
     if isinstance(source := (as_list(photos) or [""])[0], str | Path) and is_video(source):
-        detector = Detector(bodies if has_relation else designs, taken)
-        judge = partial(calibrate_bodies, bodies, knowledge=knowledge, workers=1)
+        detector = Detector(bodies if has_relation else designs, known.camera)
+        judge = partial(calibrate_bodies, bodies, knowledge=known, workers=1)
         photos = photographs_of(str(source), detector, judge, tell or (lambda _: None))
-    calibration = calibrate_bodies(bodies, photos, knowledge, settled["workers"], progress)
+    calibration = calibrate_bodies(bodies, photos, known, settled["workers"], progress)
     _log.info("calibrated by %d views", len(calibration.adjustment.views))
     return calibration.saved(targets)
+
+
+def _named(camera: Any) -> dict[str, Any] | None:
+    """Return several cameras by their names; None for a single one.
+
+    Raises
+    ------
+    InputError
+        If one of several has no name, or two have the same.
+    """
+    if isinstance(camera, Mapping):
+        is_several = all(source is None or isinstance(source, str | PathLike | Camera) for source in camera.values())
+        return dict(camera) if is_several and camera else None
+    texts = list(map(str, camera)) if isinstance(camera, list | tuple) else [camera]
+    pairs = [_NAMED.fullmatch(text) if isinstance(text, str) and not Path(text).exists() else None for text in texts]
+    if len(texts) == 1 and pairs[0] is None:
+        return None
+    named = {pair[1]: pair[2] or None for pair in pairs if pair is not None}
+    if len(named) < len(texts):
+        remedy = "such as --camera left=left.yaml --camera right=right.yaml"
+        raise InputError("a name of its own for each of several cameras", ", ".join(map(str, texts)), remedy)
+    return named
+
+
+def _known_camera(file: Any, covariance: Any, is_several: bool) -> tuple[Camera | None, Array | None]:
+    """Return a camera and the covariance of its parameters, which are None if unknown."""
+    taken = as_camera(file)
+    if covariance is not None and (taken is None or (is_several and not is_exact(covariance))):
+        expected = "a camera that the covariance belongs to"
+        if is_several:
+            raise InputError(expected, "several", "write it into the cameras' files, or give none")
+        raise InputError(expected, "none", "give it with --camera")
+    return taken, None if taken is None else camera_covariance(covariance, file, taken)
+
+
+def _by_folder(photos: Any, names: list[str]) -> dict[str, Any]:
+    """Return the photographs of each camera: those in a folder of its name.
+
+    Raises
+    ------
+    InputError
+        If photographs are in no such folder, or a camera has none.
+    """
+    remedy = f"put them into folders named {', '.join(names)}, or leave them out"
+    if isinstance(photos, Mapping):
+        taken = {name: photos.get(name, []) for name in names}
+        left = [str(name) for name in photos if name not in names]
+    else:
+        sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
+        if any(isinstance(source, np.ndarray) for source in sources):
+            raise InputError("a mapping of cameras' names to their images", "images", 'give {"left": [...], ...}')
+        folders = [[f for name in names if (f := Path(source) / name).is_dir()] or [source] for source in sources]
+        taken, left = {name: list[Any]() for name in names}, list[str]()
+        for path in find_images([folder for inside in folders for folder in inside]):
+            name = next((part for part in path.absolute().parts[-2::-1] if part in names), None)
+            (left if name is None else taken[name]).append(str(path))
+    if left:
+        raise InputError("photographs in a folder of each camera's name", f"{left[0]} of {len(left)}", remedy)
+    if missing := [name for name, sources in taken.items() if not len(sources)]:
+        raise InputError("photographs of every camera", f"none of {', '.join(missing)}", remedy)
+    return taken
 
 
 def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:

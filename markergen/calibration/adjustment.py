@@ -12,11 +12,12 @@ orthonormal basis G of the columns of C, and P = I - G G', the covariance under 
 
     Q = (P N P + s G G')^-1 - G G' / s
 
-(B. Triggs et al., "Bundle adjustment: a modern synthesis", 1999). Where markers are plates of a body, the unknowns are
-the poses of the body in its photographs, which are eliminated, and after the camera's those of its plates but the
-first: with L the derivative of the views' poses by these, N becomes L'N L.
+(B. Triggs et al., "Bundle adjustment: a modern synthesis", 1999). Where markers are plates of a body, or photographs
+are of several cameras held together, the unknowns are the poses of bodies, which are eliminated, and after the cameras'
+those of plates and cameras but the first: with L the derivative of the views' poses by these, N becomes L'N L.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,7 +26,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Mask
-from markergen.calibration.network import JointRows, Joints, Network, PlatePoses, Views, moved_camera
+from markergen.calibration.network import JointRows, Joints, Network, RigidPoses, Views, moved_cameras
+from markergen.errors import InputError
 from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
@@ -42,7 +44,7 @@ SINGULAR = 1e-13
 """Smallest eigenvalue of a normal matrix, as correlations, that is not taken for rounding."""
 
 
-class UndeterminedError(Exception):
+class UndeterminedError(np.linalg.LinAlgError):
     """The photographs leave more than the gauge open, or no more measurements than unknowns."""
 
 
@@ -58,8 +60,8 @@ class Adjustment:
         With the adjusted poses.
     places : array (n, 3), m
         Adjusted dots.
-    camera : Camera
-        Adjusted camera.
+    cameras : tuple of Camera
+        Adjusted cameras.
     weights : array (v, n)
         Factors on the weights of the measurements; 0 where a dot was not seen.
     residual : array (v, n, 2), px
@@ -75,12 +77,38 @@ class Adjustment:
     network: Network
     views: Views
     places: Array
-    camera: Camera
+    cameras: tuple[Camera, ...]
     weights: Array
     residual: Array
     chi2: float
     degrees_of_freedom: int
     joints: Joints | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The first camera."""
+        return self.cameras[0]
+
+    def led_by(self, number: int) -> "Adjustment":
+        """Return the same with a camera as the first, and those after it, up to the one before it."""
+        count, network = len(self.cameras), self.network
+        order = [(number + k) % count for k in range(count)]
+        rows = np.concatenate([network.freedom.directions[network.parameters(k)] for k in order])
+        return replace(
+            self,
+            network=replace(
+                network,
+                cameras=tuple(network.cameras[k] for k in order),
+                freedom=replace(network.freedom, directions=rows),
+            ),
+            views=replace(self.views, camera=(self.views.camera - number) % count),
+            cameras=tuple(self.cameras[k] for k in order),
+        )
+
+    def of_camera(self, number: int) -> "Adjustment":
+        """Return the views of one camera."""
+        led, rows = self.led_by(number), self.views.camera == number
+        return replace(led, views=led.views.take(rows), weights=led.weights[rows], residual=led.residual[rows])
 
     @property
     def variance_factor(self) -> float:
@@ -100,7 +128,7 @@ class Adjustment:
     @cached_property
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
-        return normal_equations(self.network, self.views, self.places, self.camera, self.weights, joints=self.joints)
+        return normal_equations(self.network, self.views, self.places, self.cameras, self.weights, joints=self.joints)
 
     @cached_property
     def unscaled(self) -> Array:
@@ -128,7 +156,7 @@ class Adjustment:
         """Whether the photographs determine all unknowns."""
         try:
             return bool(self.unscaled.size)
-        except (UndeterminedError, np.linalg.LinAlgError):
+        except np.linalg.LinAlgError:
             return False
 
     @property
@@ -139,22 +167,25 @@ class Adjustment:
 
     @property
     def camera_covariance(self) -> Array:
-        """Covariance (k, k) of `Camera.parameter_names`, scaled."""
+        """Covariance (k, k) of the `Camera.parameter_names` of all cameras, scaled."""
         return self.joint[self.normal.dots :, self.normal.dots :]
 
     @property
     def joint(self) -> Array:
-        """Covariance (3 n + k, 3 n + k) of the dots and of `Camera.parameter_names` together, scaled."""
+        """Covariance (3 n + k, 3 n + k) of the dots and of all cameras' parameters together, scaled."""
         size, directions = self.normal.dots, self.network.freedom.directions
         lift = block_diag(np.eye(size), directions)
         unknowns = lift.shape[1]
         return np.asarray(self.scale * lift @ self.unscaled[:unknowns, :unknowns] @ lift.T)
 
     @property
-    def plate_covariance(self) -> Array:
-        """Covariance (6 k, 6 k) of the plates' poses, scaled; 0 for the first."""
-        first = self.normal.dots + len(self.network.freedom)
-        return block_diag(np.zeros((6, 6)), self.scale * self.unscaled[first:, first:])
+    def rigid_covariance(self) -> Array:
+        """Covariance (6 k, 6 k) of the poses of `RigidPoses`, scaled; 0 for those held."""
+        assert isinstance(self.joints, RigidPoses)
+        first, free = self.normal.dots + len(self.network.freedom), np.repeat(~self.joints.held, 6)
+        whole = np.zeros((len(free),) * 2)
+        whole[np.ix_(free, free)] = self.scale * self.unscaled[first:, first:]
+        return whole
 
     @cached_property
     def pose_covariances(self) -> tuple[Array, Array]:
@@ -196,19 +227,11 @@ class Adjustment:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal matrix of a network in blocks, and what its rows are.
+    """Normal matrix of a network in blocks, with its gradient, and what its rows are.
 
-    Attributes
-    ----------
-    pose : array (v, 6, 6)
-        Of the views or, where plates move together, of the body in its photographs.
-    cross : array (v, 6, q)
-        Poses with the q = 3 n + r other unknowns, to which those of `Joints` are added.
-    rest : array (q, q)
-    dots : int
-        3 n, or 0 if the dots are held.
-    rows_pose, rows_dot, rows_camera : arrays (v, n, 2, 6), (v, n, 2, 3) and (v, n, 2, r)
-    gradient_pose, gradient_rest : arrays (v, 6) and (q,)
+    Blocks are of the poses (v, 6, 6) of the views or, where they are bound, of the bodies, of these with the q = 3 n +
+    r other unknowns (v, 6, q), to which those of `Joints` are added, and of the others (q, q). `dots` is 3 n, or 0 if
+    they are held; rows (v, n, 2, ...) are by pose, dot and cameras' u.
     """
 
     pose: Array
@@ -241,26 +264,26 @@ class NormalEquations:
             gradient_rest=np.r_[self.gradient_rest, (heavy @ residual).sum(axis=0)[:, 0] - rows.precision * rows.off],
         )
 
-    def of_bodies(self, views: Views, plate_poses: PlatePoses) -> "NormalEquations":
-        """Normal equations of the poses of bodies and plates in the place of those of the views: L'N L."""
-        by_body, by_plates = plate_poses.derivatives(views)
+    def of_bodies(self, views: Views, rigid: RigidPoses) -> "NormalEquations":
+        """Normal equations of the poses of bodies and of `RigidPoses` in the place of those of the views: L'N L."""
+        by_body, by_poses = rigid.derivatives(views)
         lowered, gradient = by_body.swapaxes(-1, -2), self.gradient_pose[..., None]
-        cross = np.concatenate([self.cross, self.pose @ by_plates], axis=-1)
-        plates = np.einsum("via,vib->ab", by_plates, cross)
-        beside = plates[:, : len(self.rest)]
+        cross = np.concatenate([self.cross, self.pose @ by_poses], axis=-1)
+        bound = np.einsum("via,vib->ab", by_poses, cross)
+        beside = bound[:, : len(self.rest)]
 
         def by_photo(rows: Array) -> Array:
-            total = np.zeros((int(plate_poses.photo.max()) + 1, *rows.shape[1:]))
-            np.add.at(total, plate_poses.photo, rows)
+            total = np.zeros((int(rigid.photo.max()) + 1, *rows.shape[1:]))
+            np.add.at(total, rigid.photo, rows)
             return total
 
         return replace(
             self,
             pose=by_photo(lowered @ self.pose @ by_body),
             cross=by_photo(lowered @ cross),
-            rest=np.vstack([np.hstack([self.rest, beside.T]), plates]),
+            rest=np.vstack([np.hstack([self.rest, beside.T]), bound]),
             gradient_pose=by_photo(lowered @ gradient)[..., 0],
-            gradient_rest=np.r_[self.gradient_rest, np.einsum("via,vi->a", by_plates, self.gradient_pose)],
+            gradient_rest=np.r_[self.gradient_rest, np.einsum("via,vi->a", by_poses, self.gradient_pose)],
         )
 
 
@@ -305,8 +328,8 @@ def adjust(
     )
     unknowns, cost = levenberg_marquardt(problem, tuple(block[None] for block in start), DAMPING, STEPS)
     adjusted, places, moved, joints = problem.state(unknowns)
-    camera = moved_camera(network.camera, network.freedom.directions @ moved)
-    residual = residuals(network.radii, adjusted, places, camera)[0]
+    cameras = moved_cameras(network.cameras, network.freedom.directions @ moved)
+    residual = residuals(network.radii, adjusted, places, cameras)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that have all dots in front of the camera")
     if network.free and network.loose is not None:
@@ -314,7 +337,15 @@ def adjust(
         off = (network.design - places).ravel()
         cost = cost - off @ network.looseness(places) @ off
     freedom = _freedom(network, int(np.count_nonzero(factors)), len(unknowns[0][0]))
-    return Adjustment(network, adjusted, places, camera, factors, residual, float(cost[0]), freedom, joints)
+    return Adjustment(network, adjusted, places, cameras, factors, residual, float(cost[0]), freedom, joints)
+
+
+def attempt(network: Network, views: Views, *arguments: Any, **options: Any) -> Adjustment | None:
+    """Adjust as `adjust` does; None if the views do not determine the network."""
+    try:
+        return adjust(network, views, *arguments, **options)
+    except (np.linalg.LinAlgError, InputError):
+        return None
 
 
 def _freedom(network: Network, measured: int, poses: int) -> int:
@@ -360,12 +391,12 @@ class _Adjusting(LeastSquares):
     def residuals(self, unknowns: Arrays) -> Arrays:
         """See `LeastSquares.residuals`."""
         views, places, moved, joints = self.state(unknowns)
-        camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
-        residual, front = residuals(self.network.radii, views, places, camera)
+        cameras = moved_cameras(self.network.cameras, self.network.freedom.directions @ moved)
+        residual, front = residuals(self.network.radii, views, places, cameras)
         inverse = np.linalg.inv(self.views.covariance) * self.weights[..., None, None]
         cost = float(np.einsum("vni,vnij,vnj->", residual, inverse, residual))
         cost += float(moved @ self.network.freedom.precision @ moved) + dots_prior(self.network, places)[0]
-        cost += 0.0 if joints is None or isinstance(joints, PlatePoses) else joints.rows(views).cost
+        cost += 0.0 if joints is None or isinstance(joints, RigidPoses) else joints.rows(views).cost
         if self.network.free:
             cost += self.stiffness * float(np.sum((self.gauge.T @ (places - self.network.design).ravel()) ** 2))
         return np.array([cost if front and cost < np.inf else np.inf]), residual[None]
@@ -378,8 +409,8 @@ class _Adjusting(LeastSquares):
     def jacobian(self, unknowns: Arrays, evaluated: Arrays) -> Any:
         """See `LeastSquares.jacobian`: here the normal equations in blocks."""
         views, places, moved, joints = self.state(unknowns)
-        camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
-        parts = normal_equations(self.network, views, places, camera, self.weights, evaluated[1][0], joints)
+        cameras = moved_cameras(self.network.cameras, self.network.freedom.directions @ moved)
+        parts = normal_equations(self.network, views, places, cameras, self.weights, evaluated[1][0], joints)
         size, after = parts.dots, parts.dots + len(moved)
         parts.gradient_rest[size:after] -= self.network.freedom.precision @ moved
         if size:
@@ -435,11 +466,15 @@ class _Adjusting(LeastSquares):
         return self
 
 
-def residuals(radii: Array, views: Views, places: Array, camera: Camera) -> tuple[Array, bool]:
+def residuals(radii: Array, views: Views, places: Array, cameras: Sequence[Camera]) -> tuple[Array, bool]:
     """Residuals (v, n, 2) in px, 0 where not seen; and whether every seen dot is in front of the camera."""
     drawn = outlines(places, radii, views.rotation, views.translation)
+    bent = np.zeros(views.pixels.shape)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        bent = camera.dot_centers(drawn.center, drawn.shape) if radii.any() else camera.to_pixels(drawn.center)
+        for number, camera in enumerate(cameras):
+            rows = views.camera == number
+            center, shape = drawn.center[rows], drawn.shape[rows]
+            bent[rows] = camera.dot_centers(center, shape) if radii.any() else camera.to_pixels(center)
         residual = views.pixels - bent
     bad = views.seen & ~(drawn.front & np.isfinite(residual).all(axis=-1))
     return np.where(views.seen[..., None], residual, 0.0), not bad.any()
@@ -449,7 +484,7 @@ def normal_equations(
     network: Network,
     views: Views,
     places: Array,
-    camera: Camera,
+    cameras: Sequence[Camera],
     weights: Array,
     residual: Array | None = None,
     joints: Joints | None = None,
@@ -460,11 +495,15 @@ def normal_equations(
     """
     center = outlines(places, network.radii, views.rotation, views.translation).center
     center = np.where(views.seen[..., None], center, 0.0)
-    lens = camera.pixel_jacobian(center)
+    lens, moved = np.zeros((*center.shape, 2)), np.zeros((*center.shape, len(network.freedom)))
+    for number, camera in enumerate(cameras):
+        of_camera = views.camera == number
+        lens[of_camera] = camera.pixel_jacobian(center[of_camera])
+        directions = network.freedom.directions[network.parameters(number)]
+        moved[of_camera] = camera.parameter_jacobian(center[of_camera]) @ directions
     rows = lens @ pose_rows(places, views.rotation, views.translation)
     rows = np.where(views.seen[..., None, None], rows, 0.0)
     dots = rows[..., 3:] @ views.rotation[:, None] if network.free else rows[..., :0]
-    moved = camera.parameter_jacobian(center) @ network.freedom.directions
     moved = np.where(views.seen[..., None, None], moved, 0.0)
     weight = np.linalg.inv(views.covariance) * weights[..., None, None]
     v, n = views.seen.shape
@@ -491,7 +530,7 @@ def normal_equations(
         if residual is not None:
             gradient_rest[:size] = (turned @ residual[..., None]).sum(axis=0).ravel() + gradient
     parts = NormalEquations(pose, cross, rest, size, rows, dots, moved, gradient_pose, gradient_rest)
-    if isinstance(joints, PlatePoses):
+    if isinstance(joints, RigidPoses):
         return parts.of_bodies(views, joints)
     return parts if joints is None else parts.with_rows(joints.rows(views))
 

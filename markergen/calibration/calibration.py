@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from markergen.arrays import Array
-from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.adjustment import Adjustment, adjust, attempt
 from markergen.calibration.camera_choice import CameraChoice, choose_camera, wider_lenses
 from markergen.calibration.flexing import Flex, flexing
-from markergen.calibration.judging import CrossValidation, Halves, NotJudged, compare_halves, cross_validate
+from markergen.calibration.judging import (
+    CrossValidation,
+    Halves,
+    NotJudged,
+    Photographs,
+    compare_halves,
+    cross_validate,
+)
 from markergen.calibration.misfit import likely_cause
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.noise import noise_of
 from markergen.calibration.outliers import Cleaned, adjust_robustly
-from markergen.calibration.photos import PhotographedDots, find_dots
+from markergen.calibration.photos import PhotographedDots, find_dots, joined
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
 from markergen.calibration.scale import ScaleErrors, doubt
@@ -47,6 +54,27 @@ from markergen.validation.setting import setting_of
 
 
 @dataclass(frozen=True, eq=False)
+class CalibratedCamera:
+    """A camera of a calibration, with a name if there are several.
+
+    The covariance (k, k) of its parameters is None if it was taken as exact, `estimated` empty if it was given, and
+    `choice` says which parameters of an unknown one were tried and taken.
+    """
+
+    name: str
+    camera: Camera
+    covariance: Array | None
+    estimated: tuple[str, ...]
+    choice: CameraChoice | NotJudged | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values."""
+        sigma = None if self.covariance is None else np.sqrt(np.diag(self.covariance)).tolist()
+        named = sigma and dict(zip(self.camera.parameter_names, sigma, strict=True))
+        return {**self.camera.as_dict(), "estimated": self.estimated, "sigma": named}
+
+
+@dataclass(frozen=True, eq=False)
 class Calibration(SavableResult):
     """A print measured by photographs, and the camera.
 
@@ -57,12 +85,8 @@ class Calibration(SavableResult):
     markers : tuple of Marker
         Measured markers: dots at their places with the joint covariance, in the frame of the design. As given if their
         geometry was held.
-    camera : Camera
-        Camera as given, or as calibrated.
-    camera_covariance : array (k, k) or None
-        Covariance of its parameters; None if it was taken as exact.
-    estimated : tuple of str
-        Names of the camera parameters that the photographs determined; empty if it was given.
+    cameras : tuple of CalibratedCamera
+        The camera, or several of which each took its own photographs of the same prints.
     sightings : PhotographedDots
         Dots seen; those of `chosen` are columns of the adjustment.
     chosen : array (k,) of int
@@ -86,9 +110,8 @@ class Calibration(SavableResult):
     cause : str
         What most likely is not as modeled, where residuals are larger than the noise explains; else empty.
     relation : Relation or None
-        Of a rig: the rig as measured, and how far its markers are from where they were designed.
-    camera_choice : CameraChoice, NotJudged or None
-        Which parameters of an unknown camera were tried and taken; None if the camera was given.
+        Of a rig or of several cameras: the rig as measured, how far its markers are from where they were designed, and
+        how the cameras are held together.
 
     Examples
     --------
@@ -107,9 +130,7 @@ class Calibration(SavableResult):
 
     designs: tuple[Marker, ...]
     markers: tuple[Marker, ...]
-    camera: Camera
-    camera_covariance: Array | None
-    estimated: tuple[str, ...]
+    cameras: tuple[CalibratedCamera, ...]
     sightings: PhotographedDots
     chosen: NDArray[np.intp]
     adjustment: Adjustment
@@ -122,11 +143,30 @@ class Calibration(SavableResult):
     cross_validation: CrossValidation | NotJudged
     halves: Halves | NotJudged
     flex: Flex | NotJudged
-    camera_choice: CameraChoice | NotJudged | None
     next_photos: NextPhotos | None
     relation: Relation | None = None
     cause: str = ""
     written: tuple[Written, ...] = ()
+
+    @property
+    def camera(self) -> Camera:
+        """The first camera, as given or as calibrated."""
+        return self.cameras[0].camera
+
+    @property
+    def camera_covariance(self) -> Array | None:
+        """Covariance (k, k) of the first camera's parameters; None if it was taken as exact."""
+        return self.cameras[0].covariance
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Names of the first camera's parameters that the photographs determined; empty if it was given."""
+        return self.cameras[0].estimated
+
+    @property
+    def rig(self) -> Body | None:
+        """The rig as measured; None for markers that are no rig's."""
+        return None if self.relation is None else self.relation.rig
 
     def parts(self) -> Sequence[str | Table]:
         """See `Result.parts`."""
@@ -139,11 +179,11 @@ class Calibration(SavableResult):
         return f"<Calibration: {count} dots in {seen} views, RMS {self.adjustment.rms:.3f} px>"
 
     def save(self, *paths: str | PathLike[str], **named: Any) -> list[Written]:
-        """Write the measured markers in order (.json), the camera (.yaml, .xml, .txt) and the report (.html)."""
+        """Write the measured markers and the cameras (.yaml, .xml, .txt), each in order, and the report (.html)."""
         targets = self.targets(paths, **named).checked()
-        files = len(self.designs) if self.relation is None else 1
-        is_found = self.measured or self.relation is not None
-        self.check_targets(targets, files, is_found, bool(self.camera_covariance is not None))
+        files = len(self.designs) if self.rig is None else 1
+        moved = sum(camera.covariance is not None for camera in self.cameras)
+        self.check_targets(targets, files, self.measured or self.rig is not None, moved)
         return self.write(targets)
 
     @property
@@ -165,13 +205,14 @@ class Calibration(SavableResult):
         return closing_sentence(self, shown)
 
     @staticmethod
-    def check_targets(targets: Targets, markers: int, measured: bool, camera: bool) -> None:
+    def check_targets(targets: Targets, markers: int, measured: bool, cameras: int) -> None:
         """Refuse files for what the calibration does not find.
 
         Raises
         ------
         InputError
-            If there is another number of files than of markers, or one for markers or a camera that were held.
+            If there is another number of files than of markers or of `cameras` that are estimated, or one for what was
+            held.
         """
         kinds = [kind for kind, _ in targets.files]
         for kind, path in targets.files:
@@ -182,7 +223,10 @@ class Calibration(SavableResult):
             raise InputError("no marker.json to write with --geometry nominal", "one", "leave it out")
         if asked not in (0, markers):
             raise InputError(f"{markers} files for {markers} markers", str(asked), "give an -o ....json for each")
-        if "camera" in kinds and not camera:
+        if cameras and kinds.count("camera") not in (0, cameras):
+            actual = str(kinds.count("camera"))
+            raise InputError(f"{cameras} files for {cameras} cameras", actual, "give an -o ....yaml for each, in order")
+        if "camera" in kinds and not cameras:
             named = next(path for kind, path in targets.files if kind == "camera")
             raise InputError(
                 "no camera to write, since the given one is taken as exact",
@@ -192,11 +236,17 @@ class Calibration(SavableResult):
 
     def write(self, targets: Targets) -> list[Written]:
         """See `SavableResult.write`."""
-        bodies = iter(self.markers if self.relation is None else [self.relation.rig])
-        contents = {
-            path: body_to_json(next(bodies)) if kind == "marker" else self.content(kind, path)
-            for kind, path in targets.files
-        }
+        bodies = iter(self.markers if self.rig is None else [self.rig])
+        cameras = (camera for camera in self.cameras if camera.covariance is not None)
+        contents = {}
+        for kind, path in targets.files:
+            if kind == "marker":
+                contents[path] = body_to_json(next(bodies))
+            elif kind == "camera":
+                camera = next(cameras)
+                contents[path] = camera_bytes(camera.camera, path, camera.covariance, self.adjustment.rms)
+            else:
+                contents[path] = self.content(kind, path)
         write_all(contents)
         return [Written(path) for path in contents]
 
@@ -206,8 +256,6 @@ class Calibration(SavableResult):
             from markergen.calibration.report import calibration_page
 
             return calibration_page(self)
-        if kind == "camera":
-            return camera_bytes(self.camera, path, self.camera_covariance, self.adjustment.rms)
         return super().content(kind, path)
 
     def saved(self, targets: Targets) -> "Calibration":
@@ -236,15 +284,7 @@ class Calibration(SavableResult):
             "variance_factor": adjustment.variance_factor,
             "scale": self.scale_source,
             "expected": {"before": asdict(self.before), "after": asdict(self.after)},
-            "camera": {
-                **self.camera.as_dict(),
-                "estimated": self.estimated,
-                "sigma": None
-                if self.camera_covariance is None
-                else dict(
-                    zip(self.camera.parameter_names, np.sqrt(np.diag(self.camera_covariance)).tolist(), strict=True)
-                ),
-            },
+            "camera": self.cameras[0].as_dict(),
             "dots": [
                 {
                     "marker": numbered[index][0],
@@ -277,13 +317,23 @@ class Calibration(SavableResult):
             else {"reason": self.flex.reason},
             "cause": self.cause,
             "notes": self.notes,
-            **({} if self.relation is None else {"relation": self._relation()}),
+            **({} if self.rig is None else {"relation": self._relation()}),
+            **({"cameras": self._cameras()} if len(self.cameras) > 1 else {}),
         }
 
+    def _cameras(self) -> list[dict[str, Any]]:
+        relation, listed = self.relation, []
+        assert relation is not None
+        for k, (camera, rotation, translation) in enumerate(zip(self.cameras, *relation.cameras, strict=True)):
+            pose = {"rotation": rotation.tolist(), "translation": translation.tolist()}
+            spread = relation.camera_covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6].tolist()
+            place = {f"T_camera_{relation.names[0]}": pose, "pose_covariance": spread}
+            listed.append({"name": camera.name, **camera.as_dict(), **place})
+        return listed
+
     def _relation(self) -> dict[str, Any]:
-        assert self.relation is not None
-        relation, (turned, moved) = self.relation, self.relation.sigma
-        rows = zip(relation.rig.plates, relation.turned_deg, relation.moved, turned, moved, strict=True)
+        relation = self.relation
+        assert relation is not None
         return {
             "photographs": relation.photographs,
             "looseness": relation.looseness,
@@ -291,11 +341,11 @@ class Calibration(SavableResult):
                 {
                     "name": plate.name,
                     "T_rig_marker": {"rotation": plate.rotation, "translation": plate.translation},
-                    "turned_deg": float(angle),
-                    "moved": float(distance),
-                    "sigma": {"rotation_deg": float(by_turn), "translation": float(by_shift)},
+                    "turned_deg": angle,
+                    "moved": distance,
+                    "sigma": {"rotation_deg": by_turn, "translation": by_shift},
                 }
-                for plate, angle, distance, by_turn, by_shift in rows
+                for plate, angle, distance, by_turn, by_shift in relation.plate_rows()
             ],
         }
 
@@ -325,20 +375,10 @@ MISFIT = 1e-3
 class Known:
     """What is known besides the photographs.
 
-    Attributes
-    ----------
-    covariance : array (k, k) or None
-        Covariance of its parameters; None takes it as exact.
-    free : bool
-        True if the dots are to be measured, False if they are where they were designed.
-    lengths : tuple of Length
-        Measured lengths; dots by their index among those of all markers.
-    print_sigma : float
-        Standard deviation in m of a printed dot that nothing measures, along each axis.
-    errors : ScaleErrors
-        Of the print's scale.
-    poses : str, PoseDistribution or None
-        Working volume; None is that of the design.
+    Covariance (k, k) of the camera's parameters, None if it is exact; whether the dots are `free` or where they were
+    designed; measured lengths, dots by their index among those of all markers; the standard deviation in m of a printed
+    dot that nothing measures, along each axis; errors of the print's scale; and the working volume, None for that of
+    the design.
     """
 
     camera: Camera | None = None
@@ -362,11 +402,10 @@ def network_of(designs: Sequence[Marker], knowledge: Known, camera: Camera, name
     else:
         freedom = CameraFreedom.of_covariance(knowledge.covariance)
     counts = [len(marker) for marker in designs]
-    features = [point.feature for marker in designs for point in marker.control_points]
     return Network(
         np.concatenate([marker.xyz for marker in designs]),
-        np.array([feature.diameter / 2 for feature in features]),
-        camera,
+        np.concatenate([marker.radii for marker in designs]),
+        (camera,),
         freedom,
         np.repeat(np.arange(len(designs)), counts),
         knowledge.free,
@@ -392,65 +431,97 @@ def _prior(designs: Sequence[Marker]) -> Array | None:
 def calibrate_bodies(
     bodies: Sequence[Body],
     photos: Any,
-    knowledge: Known,
+    knowledge: Known | Mapping[str, Known],
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Measure printed markers, and the camera if it is unknown, by photographs of them; of a rig, also their relation.
+    """Measure printed markers, and cameras that are unknown, by photographs of them; also what is held together.
 
-    Bodies are markers, or a rig alone; photographs are those of `photos.find_dots`.
+    Bodies are markers, or a rig alone; photographs are those of `photos.find_dots`. For several cameras, photographs
+    and what is known are mappings by their names; which are of one moment is said in `photos.joined`.
 
     Raises
     ------
     InputError
         If no photograph can be used, or they do not determine what is asked for.
     """
+    given = knowledge if isinstance(knowledge, Mapping) else {"": knowledge}
+    taken = photos if isinstance(knowledge, Mapping) else {"": photos}
+    known = next(iter(given.values()))
     # A print that was calibrated before is measured anew.
     markers = [plate.marker for body in bodies for plate in body.plates]
     designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
-    ruled = knowledge.errors.ruler_lengths(designs, knowledge.lengths)
-    sightings, camera = find_dots(
-        designs, photos, knowledge.camera, camera_covariance=knowledge.covariance, progress=progress, workers=workers
-    )
-    if not len(sightings.views):
-        reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
-        raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
-    if knowledge.free and len(sightings.views) < 2:
-        raise InputError(
-            "two photographs or more that show the marker",
-            "one",
-            "take ten to forty, tilted by 20 to 60 deg to all sides",
-        )
+    ruled = known.errors.ruler_lengths(designs, known.lengths)
+    options: dict[str, Any] = {"progress": progress, "workers": workers}
+    parts, wholes = list[PhotographedDots](), list[Network]()
+    for name, by_camera in given.items():
+        found = find_dots(designs, taken[name], by_camera.camera, camera_covariance=by_camera.covariance, **options)
+        sightings, camera = found
+        if not len(sightings.views):
+            reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
+            raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
+        if by_camera.free and len(sightings.views) < 2:
+            raise InputError(
+                "two photographs or more that show the marker",
+                "one",
+                "take ten to forty, tilted by 20 to 60 deg to all sides",
+            )
+        whole = network_of(designs, by_camera, camera, () if by_camera.camera else BASE)
+        parts.append(sightings)
+        wholes.append(replace(whole, lengths=(*known.lengths, *ruled)))
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
-    whole = network_of(designs, knowledge, camera, () if knowledge.camera else BASE)
-    whole = replace(whole, lengths=(*knowledge.lengths, *ruled))
+    whole, sightings = wholes[0], parts[0]
     try:
-        cleaned, noisy, choice = _adjusted(whole, sightings, knowledge.camera is None)
-        is_noisy, sightings = noisy is not sightings, noisy
+        is_unknown = [by_camera.camera is None for by_camera in given.values()]
+        fits = [_adjusted(*part) for part in zip(wholes, parts, is_unknown, strict=True)]
+        cleaned, noisy, _ = fits[0]
+        if len(given) > 1:
+            sightings, noisy = joined(parts, tuple(given)), joined([fit[1] for fit in fits], tuple(given))
+            whole, cleaned = _together(whole, noisy, [fit[0] for fit in fits])
+        is_noisy = any(fit[1] is not part for fit, part in zip(fits, parts, strict=True))
+        sightings = noisy
         _ = cleaned.adjustment.unscaled
-        off = knowledge.errors.contradictions(designs, cleaned.adjustment, knowledge.print_sigma)
+        off = known.errors.contradictions(designs, cleaned.adjustment, known.print_sigma)
         if any(off):
-            knowledge = replace(knowledge, errors=knowledge.errors.widened(designs, off))
-            cleaned = _with_lengths(
-                cleaned, (*knowledge.lengths, *knowledge.errors.ruler_lengths(designs, knowledge.lengths))
-            )
+            known = replace(known, errors=known.errors.widened(designs, off))
+            cleaned = _with_lengths(cleaned, (*known.lengths, *known.errors.ruler_lengths(designs, known.lengths)))
         if cleaned.adjustment.degrees_of_freedom > 0:
-            cleaned = _held_loosely(cleaned, knowledge.print_sigma, is_noisy)
-    except (UndeterminedError, np.linalg.LinAlgError):
+            cleaned = _held_loosely(cleaned, known.print_sigma, is_noisy)
+    except np.linalg.LinAlgError:
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
         raise error from None
     report("adjusting", 1, 1)
     report("judging", 0, 1)
-    relation = None
-    if len(bodies[0].plates) > 1:
-        relation = relate(
-            _with_markers(bodies[0], designs), cleaned.adjustment, sightings.photo[cleaned.used], knowledge.print_sigma
-        )
-    result = _result(designs, knowledge, sightings, np.flatnonzero(cleaned.dots), cleaned, choice, relation, off)
+    choices = dict(zip(given, zip(is_unknown, [fit[2] for fit in fits], strict=True), strict=True))
+    body = _with_markers(bodies[0], designs) if len(bodies[0].plates) > 1 else None
+    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choices, body, off)
     report("judging", 1, 1)
     return result
+
+
+def _together(whole: Network, sightings: PhotographedDots, fits: Sequence[Cleaned]) -> tuple[Network, Cleaned]:
+    """Network of all dots and several cameras, and its adjustment without outliers, from one of each camera."""
+    networks = [Photographs.of(fit.adjustment, fit.adjustment.views.camera).network for fit in fits]
+    cameras = tuple(network.camera for network in networks)
+    whole = replace(whole, cameras=cameras, freedom=CameraFreedom.joined([network.freedom for network in networks]))
+    return whole, adjust_robustly(whole, _started(sightings.views, *fits))
+
+
+def _cameras(
+    adjusted: Adjustment, choices: Mapping[str, tuple[bool, CameraChoice | NotJudged | None]]
+) -> tuple[CalibratedCamera, ...]:
+    """Cameras as adjusted; by their names, `choices` say whether each was unknown, and what was taken then."""
+    cameras, network = [], adjusted.network
+    directions = network.freedom.directions
+    covariance = adjusted.camera_covariance if len(network.freedom) else np.zeros((len(directions),) * 2)
+    for k, (name, (is_unknown, choice)) in enumerate(choices.items()):
+        rows = network.parameters(k)
+        estimated = (choice.names if isinstance(choice, CameraChoice) else BASE) if is_unknown else ()
+        spread = covariance[rows, rows] if directions[rows].any() else None
+        cameras.append(CalibratedCamera(name, adjusted.cameras[k], spread, estimated, choice))
+    return tuple(cameras)
 
 
 def adjust_loosely(
@@ -491,7 +562,7 @@ def _adjusted(
         adjusted, photo = cleaned.adjustment, noisy.photo[cleaned.used]
         choice = choose_camera(adjusted.network, adjusted.views, photo, adjusted.weights)
         if isinstance(choice, CameraChoice) and choice.names != BASE:
-            network = replace(network, camera=choice.camera, freedom=choice.freedom)
+            network = replace(network, cameras=(choice.camera,), freedom=choice.freedom)
             cleaned = adjust_robustly(network, noisy.views)
     return cleaned, noisy, choice
 
@@ -521,7 +592,7 @@ def _with_noise(network: Network, sightings: PhotographedDots, cleaned: Cleaned)
     try:
         flexible = adjust_robustly(wider_lenses(replace(network, free=True))[-1][1], views)
         variance = noise_of(flexible.adjustment, photo[flexible.used])
-    except (UndeterminedError, np.linalg.LinAlgError):
+    except np.linalg.LinAlgError:
         return sightings
     if not variance.any():
         return sightings
@@ -531,11 +602,12 @@ def _with_noise(network: Network, sightings: PhotographedDots, cleaned: Cleaned)
     return replace(sightings, views=replace(sightings.views, covariance=covariance))
 
 
-def _started(views: Views, cleaned: Cleaned) -> Views:
-    """Views that start at the poses of an adjustment."""
+def _started(views: Views, *fits: Cleaned) -> Views:
+    """Views that start at the poses of an adjustment, or of several of one camera each."""
     start = replace(views, rotation=views.rotation.copy(), translation=views.translation.copy())
-    start.rotation[cleaned.used] = cleaned.adjustment.views.rotation
-    start.translation[cleaned.used] = cleaned.adjustment.views.translation
+    used = np.concatenate([fit.used for fit in fits])
+    for name in ("rotation", "translation"):
+        getattr(start, name)[used] = np.concatenate([getattr(fit.adjustment.views, name) for fit in fits])
     return start
 
 
@@ -562,29 +634,39 @@ def _result(
     sightings: PhotographedDots,
     chosen: NDArray[np.intp],
     cleaned: Cleaned,
-    choice: CameraChoice | NotJudged | None,
-    relation: Relation | None,
+    choices: Mapping[str, tuple[bool, CameraChoice | NotJudged | None]],
+    body: Body | None,
     offsets: tuple[float, ...],
 ) -> Calibration:
     adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
-    names = () if knowledge.camera else choice.names if isinstance(choice, CameraChoice) else BASE
-    # What is from one place is left out together.
+    # What is from one place, or one moment, is left out together.
     first_of = stations(adjustment.views, photo)
-    station = np.array([first_of.get(number, number) for number in photo.tolist()], dtype=np.intp)
+    station = sightings.moments[[first_of.get(number, number) for number in photo.tolist()]]
     cross, halves, flex = cross_validate(adjustment, station), compare_halves(adjustment, station), flexing(adjustment)
     cause = likely_cause(adjustment, flex)
     names_of = _names(designs)
     working = _setting(designs, knowledge, adjustment).poses
     poses = working.rotation, working.translation
-    weaknesses = (
-        findings(adjustment, knowledge.print_sigma, poses, [names_of[k] for k in chosen]) if knowledge.free else ()
-    )
-    if (error := refusal(weaknesses)) is not None:
+    weaknesses = [
+        weakness
+        for k in range(len(choices) if knowledge.free else 0)
+        for weakness in findings(adjustment.led_by(k), knowledge.print_sigma, poses, [names_of[k] for k in chosen])
+    ]
+    if (error := refusal(weaknesses, cause)) is not None:
         raise error
+    relation, source, first = None, adjustment, int(adjustment.network.marker[0])
+    if body is not None or len(choices) > 1:
+        moment = sightings.moment[cleaned.used]
+        relation = relate(body, adjustment, moment, knowledge.print_sigma, tuple(choices))
+        left_open = knowledge.errors.left(designs[first], adjustment.network, first)
+        relation = replace(relation, scale_sigma=left_open)
+        # Photographs of one moment tell of the cameras, too.
+        source = relation.together if len(choices) > 1 else adjustment
+    cameras = _cameras(source, choices)
     counts = sightings.views.seen.sum(axis=0)
     lost = np.setdiff1d(np.arange(len(names_of)), chosen)
     rare = rarely_seen(counts[lost], [names_of[k] for k in lost]) if knowledge.free else ()
-    notes = [str(weakness) for weakness in (*weaknesses, *rare)]
+    notes = list(dict.fromkeys(str(weakness) for weakness in (*weaknesses, *rare)))
     notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
     if cause:
         notes.append(
@@ -597,31 +679,34 @@ def _result(
             "measure them, without --geometry nominal, for a better camera"
         )
     notes += [*sightings.doubts, *sightings.notes]
-    if isinstance(choice, CameraChoice):
-        notes += choice.notes
-    elif choice is not None:
-        notes.append(f"which parameters the camera needs was not judged: {choice.reason}")
+    for camera in cameras:
+        of_camera = f"camera {camera.name}: " * bool(camera.name)
+        if isinstance(camera.choice, CameraChoice):
+            notes += [f"{of_camera}{note}" for note in camera.choice.notes]
+        elif camera.choice is not None:
+            notes.append(f"{of_camera}which parameters the camera needs was not judged: {camera.choice.reason}")
     markers = tuple(designs)
     if knowledge.free:
         # With one pose for all markers of a photograph, the dots are known better.
-        dots = (adjustment.places, adjustment.covariance) if relation is None else relation.dots
+        together = adjustment if relation is None else relation.together
+        dots = together.places, together.covariance
         photos = len(sightings.photos)
         # A rig grows as a whole, of which its markers' dots cannot tell.
         errors, network = knowledge.errors, adjustment.network
-        left = [0.0 if relation else errors.left(design, network, k) for k, design in enumerate(designs)]
+        left = [
+            0.0 if relation and relation.rig else errors.left(design, network, k) for k, design in enumerate(designs)
+        ]
         markers = tuple(_measured(designs, k, chosen, adjustment, photos, left[k], *dots) for k in range(len(designs)))
         # What is to be said of the first marker's rulers is said where its scale is.
         notes += [doubt(off_by) for k, off_by in enumerate(offsets) if off_by and k != network.marker[0]]
     if relation is not None:
-        notes += relation.sentences[1:]
-        relation = replace(relation, rig=_with_markers(relation.rig, markers, relation.rig.relation_covariance))
-    moved, first = bool(len(adjustment.network.freedom)), int(adjustment.network.marker[0])
+        notes += relation.warnings
+        if relation.rig is not None:
+            relation = replace(relation, rig=_with_markers(relation.rig, markers, relation.rig.relation_covariance))
     return Calibration(
         tuple(designs),
         markers,
-        adjustment.camera,
-        adjustment.camera_covariance if moved else None,
-        names,
+        cameras,
         sightings,
         chosen,
         adjustment,
@@ -633,7 +718,6 @@ def _result(
         cross,
         halves,
         flex,
-        choice,
         next_photos(adjustment, poses, [names_of[k] for k in chosen]) if knowledge.free else None,
         relation,
         cause,
@@ -651,13 +735,7 @@ def _unflipped(network: Network, views: Views) -> Cleaned:
     """Adjust, and again if a view fits better with its mirrored pose: from afar a flat marker has two."""
     cleaned = adjust_robustly(network, views)
     adjusted, dots = cleaned.adjustment, cleaned.dots
-    held = replace(
-        adjusted.network,
-        design=adjusted.places,
-        camera=adjusted.camera,
-        free=False,
-        freedom=adjusted.network.freedom.none,
-    )
+    held = adjusted.network.held(adjusted.places, adjusted.cameras)
     start, changed = _started(views, cleaned), False
     for k in range(len(views)):
         seen = views.seen[k] & dots & ~cleaned.dropped[k]
@@ -667,17 +745,12 @@ def _unflipped(network: Network, views: Views) -> Cleaned:
         fits = []
         mirrored = mirrored_poses(adjusted.places[seen[dots]], view.rotation, view.translation)
         for rotation, translation in ((view.rotation, view.translation), mirrored):
-            try:
-                fits.append(adjust(held.of_dots(seen[dots]), replace(view, rotation=rotation, translation=translation)))
-            except (UndeterminedError, np.linalg.LinAlgError):
-                continue
-        if (
-            len(fits) == 2
-            and fits[1].chi2 < 0.8 * fits[0].chi2
-            and np.trace(fits[0].views.rotation[0].T @ fits[1].views.rotation[0]) < 2.999
-        ):
-            start.rotation[k], start.translation[k] = fits[1].views.rotation[0], fits[1].views.translation[0]
-            changed = True
+            fit = attempt(held.of_dots(seen[dots]), replace(view, rotation=rotation, translation=translation))
+            fits += [fit] if fit else []
+        if len(fits) == 2 and fits[1].chi2 < 0.8 * fits[0].chi2:
+            other = fits[1].views
+            if np.trace(fits[0].views.rotation[0].T @ other.rotation[0]) < 2.999:
+                start.rotation[k], start.translation[k], changed = other.rotation[0], other.translation[0], True
     return adjust_robustly(network, start) if changed else cleaned
 
 
@@ -724,10 +797,10 @@ def _expected(
     n, size = int(is_on_marker.sum()), 3 * int(is_on_marker.sum())
     flat = np.kron(np.eye(n), np.diag([knowledge.print_sigma**2, knowledge.print_sigma**2, 0.0]))
     joint = adjustment.joint
-    if network.free:
-        rows = np.concatenate([np.repeat(is_on_marker, 3), np.ones(len(camera.parameter_names), dtype=bool)])
-        joint = joint[np.ix_(rows, rows)]
-    else:
+    parameters = np.arange(len(network.freedom.directions)) < len(camera.parameter_names)
+    rows = np.concatenate([np.repeat(is_on_marker, 3)[: adjustment.normal.dots], parameters])
+    joint = joint[np.ix_(rows, rows)]
+    if not network.free:
         joint = block_diag(flat, joint)
     # A camera that was unknown is the same before and after: only the print differs.
     lens = joint[size:, size:] if knowledge.covariance is None else knowledge.covariance

@@ -9,6 +9,7 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
 from markergen.calibration.judging import LeftOut, NotJudged, Paired, Photographs, parameters_of, squared_length
 from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.calibration.projection_uncertainty import pixel_grid
 from markergen.model.camera import Camera, Distortion
 
 CHANCE = 0.01
@@ -27,18 +28,10 @@ MOST_DOTS = 120
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A set of camera parameters that was tried.
+    """A set of camera parameters that was tried, and whether it took the place of the one that stood then.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters that were estimated.
-    left_out : LeftOut or None
-        None if the photographs do not determine them.
-    gain : Paired or None
-        How many times smaller the left-out residuals are than with the set that stood then; None for the first.
-    taken : bool
-        Whether it took the place of that set.
+    The left-out residuals are None if the photographs do not determine it; `gain` is how many times smaller they are
+    than with the set that stood, None for the first.
     """
 
     names: tuple[str, ...]
@@ -49,18 +42,9 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class CameraChoice:
-    """Camera parameters that left-out photographs justify.
+    """Camera parameters that left-out photographs justify, and a start for the adjustment whose lens has all of them.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters to estimate.
-    camera : Camera
-        Start for the adjustment, with a lens that has all of them.
-    tried : tuple of Trial
-        In the order tried.
-    notes : tuple of str
-        Parameters that are held although they usually are estimated, as sentences.
+    `notes` are parameters that are held although they usually are estimated, as sentences.
     """
 
     names: tuple[str, ...]
@@ -92,131 +76,124 @@ def choose_camera(
     weights = np.ones(views.seen.shape) if weights is None else weights
     # Dots that take no part, as if they were never seen: a network of fewer.
     weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
-    network = replace(network, camera=_with_lens(network.camera))
-    trials = _CameraTrials(Photographs(network, views, weights, photo))
-    tried: list[Trial] = []
-    names: tuple[str, ...] = ()
-    current, left = None, None
-    for start in _STARTS:
-        names = trials.possible(start)
-        current, left = trials.tried(names)
-        tried.append(Trial(names, left, None, left is not None))
-        if left is not None:
-            break
-    if current is None or left is None:
+    camera = with_lens(network.camera)
+    start, tried = Photographs(replace(network, cameras=(camera,)), views, weights, photo), list[Trial]()
+
+    def attempted(names: tuple[str, ...], before: _Fit | None, photographs: Photographs = start) -> _Fit | None:
+        """Return the fit with some parameters, if it predicts left-out photographs better than the one before."""
+        fit = _Fit.of(photographs, names)
+        gain = None if fit is None or before is None else Paired.of(before.left_out, fit.left_out)
+        is_better = before is None or (gain is not None and gain.chance < CHANCE)
+        tried.append(Trial(names, None if fit is None else fit.left_out, gain, before is None and fit is not None))
+        return fit if is_better else None
+
+    def take(fit: _Fit) -> _Fit:
+        """Mark a fit as taken."""
+        number = next(k for k, trial in enumerate(tried) if trial.left_out is fit.left_out)
+        tried[number] = replace(tried[number], taken=True)
+        return fit
+
+    fits = (attempted(names, None) for names in dict.fromkeys(_possible(names, camera) for names in _STARTS))
+    current = next((fit for fit in fits if fit is not None), None)
+    if current is None:
         return NotJudged(f"{len(np.unique(photo))} photographs are too few for an unknown camera")
-    missing = [name for name in trials.possible(_STARTS[0]) if name not in names]
+    missing = [name for name in _possible(_STARTS[0], camera) if name not in current.names]
     notes = [f"{' '.join(missing)} held: the photographs do not determine more"] if missing else []
-    groups = [group for group in _EXTRA if trials.possible(group) == group]
-    best: tuple[Adjustment, LeftOut, int] | None = (current, left, -1)
-    while best is not None:
-        best, first = None, len(tried)
-        for group in groups:
-            if set(group) <= set(names):
-                continue
-            more = (*names, *group)
-            whole, left_out_trial = trials.tried(more)
-            gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
-            tried.append(Trial(more, left_out_trial, gain, False))
-            better = gain is not None and gain.chance < CHANCE
-            if (
-                better
-                and whole is not None
-                and left_out_trial is not None
-                and (best is None or left_out_trial.rms < best[1].rms)
-            ):
-                best = (whole, left_out_trial, len(tried) - 1)
-        if best is not None and best[2] >= first:
-            current, left, number = best
-            tried[number] = replace(tried[number], taken=True)
-            names = tried[number].names
-    if current.variance_factor > POORLY and trials.camera.distortion.model == "radtan":
-        photographs = replace(trials.photographs, network=replace(network, camera=_rational(trials.camera)))
-        wider, more = _CameraTrials(photographs), (*names, *_LAST)
-        whole, left_out_trial = wider.tried(more)
-        gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
-        taken = gain is not None and gain.chance < CHANCE and whole is not None and whole.is_determined
-        tried.append(Trial(more, left_out_trial, gain, taken))
-        if taken and left_out_trial is not None and whole is not None:
-            trials, names, current, left = wider, more, whole, left_out_trial
+    groups = [group for group in _EXTRA if _possible(group, camera) == group]
+    while True:
+        more = [(*current.names, *group) for group in groups if not set(group) <= set(current.names)]
+        better = [fit for names in more if (fit := attempted(names, current)) is not None]
+        if not better:
+            break
+        current = take(min(better, key=lambda fit: fit.left_out.rms))
+    if current.whole.variance_factor > POORLY and camera.distortion.model == "radtan":
+        bent = current.whole.camera
+        lenses = [(rational(camera), (*current.names, *_LAST)), (_equidistant(bent), _FISHEYE)]
+        better = []
+        for lens, names in lenses:
+            of_lens = replace(start, network=replace(network, cameras=(lens,)))
+            fit = attempted(names, current, of_lens)
+            better += [fit] if fit is not None and fit.whole.is_determined else []
+        if better:
+            current = take(min(better, key=lambda fit: fit.left_out.rms))
     for held in _HELD:
-        fewer = tuple(name for name in names if name not in held)
-        if not set(held) <= set(names) or not _within_sigma(current, trials.camera, held):
-            continue
-        whole, left_out_trial = trials.tried(fewer)
-        gain = None if left_out_trial is None else Paired.of(left, left_out_trial)
-        taken = gain is not None and gain.chance < CHANCE
-        tried.append(Trial(fewer, left_out_trial, gain, taken))
-        if taken and gain is not None and left_out_trial is not None and whole is not None:
-            notes.append(f"{' '.join(held)} held: left-out photographs are predicted {gain.ratio:.3g} times better so")
-            names, current, left = fewer, whole, left_out_trial
-    return CameraChoice(names, trials.camera, trials.freedom(names), tuple(tried), tuple(notes))
+        before = current.photographs
+        if set(held) <= set(current.names) and _within_sigma(current.whole, before.network.camera, held):
+            fewer = tuple(name for name in current.names if name not in held)
+            fit = attempted(fewer, current, before)
+            if fit is not None and (gain := tried[-1].gain) is not None:
+                notes.append(
+                    f"{' '.join(held)} held: left-out photographs are predicted {gain.ratio:.3g} times better so"
+                )
+                current = take(fit)
+    camera = current.photographs.network.camera
+    return CameraChoice(current.names, camera, _freedom(camera, current.names), tuple(tried), tuple(notes))
 
 
-_STARTS = (
-    ("fx", "cx", "cy", "k1", "k2"),
-    ("fx", "cx", "cy", "k1"),
-    ("fx", "cx", "cy"),
-    ("fx",),
-)
+_STARTS = (("fx", "cx", "cy", "k1", "k2"), ("fx", "cx", "cy", "k1"), ("fx", "cx", "cy"), ("fx",))
 """Sets that the search for camera parameters may start with: the first one that the photographs determine."""
 
 _EXTRA = (("p1", "p2"), ("k3",), ("fy",))
-_LAST = ("k4", "k5", "k6")
+_LAST, _FISHEYE = ("k4", "k5", "k6"), ("fx", "cx", "cy", "k1", "k2", "k3", "k4")
 POORLY = 2.0
-"""chi2 per degree of freedom above which these are tried, the denominator of a quotient of polynomials."""
+"""chi2 per degree of freedom above which these are tried: the denominator of a quotient of polynomials, and a
+fisheye's lens, of which views of 100 degrees look like a radtan lens at first."""
 _HELD = (("k2",), ("k1",), ("cx", "cy"))
 
 
-@dataclass(eq=False)
-class _CameraTrials:
-    """Left-out residuals with different camera parameters freed."""
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Parameters of a camera, the adjustment of all photographs with them, and the residuals of left-out ones."""
 
     photographs: Photographs
+    names: tuple[str, ...]
+    whole: Adjustment
+    left_out: LeftOut
 
-    @property
-    def camera(self) -> Camera:
-        """Start for the camera."""
-        return self.photographs.network.camera
-
-    def possible(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return those of the names that the camera's lens has."""
-        return tuple(name for name in names if name in self.camera.parameter_names)
-
-    def freedom(self, names: Sequence[str]) -> CameraFreedom:
-        """Return what may move; fx alone moves fy in proportion."""
-        return CameraFreedom.of_names(self.camera, names, square="fy" not in names)
-
-    def tried(self, names: Sequence[str]) -> tuple[Adjustment | None, LeftOut | None]:
-        """Return the adjustment of all photographs, and the left-out residuals; None where they are too few."""
-        freed = replace(self.photographs, network=replace(self.photographs.network, freedom=self.freedom(names)))
+    @classmethod
+    def of(cls, photographs: Photographs, names: tuple[str, ...]) -> "_Fit | None":
+        """Fit the parameters named; None if the photographs are too few for them."""
+        freedom = _freedom(photographs.network.camera, names)
+        freed = replace(photographs, network=replace(photographs.network, freedom=freedom))
         adjusted = freed.adjusted(freed.network.design)
         if adjusted is None:
-            return None, None
+            return None
         whole, kept = adjusted
-        freed = freed.continued(whole.camera)
+        freed = freed.continued(whole.cameras)
         if len(whole.views) == len(freed.views):
             moved = replace(freed.views, rotation=whole.views.rotation, translation=whole.views.translation)
             freed = replace(freed, views=moved)
         places = freed.network.design.copy()
         places[kept] = whole.places
         left_out = freed.left_out(places, compared=False)[0]
-        return whole, left_out if left_out.suffices else None
+        return cls(photographs, names, whole, left_out) if left_out.suffices else None
+
+
+def _possible(names: Sequence[str], camera: Camera) -> tuple[str, ...]:
+    """Return those of the names that the camera's lens has."""
+    return tuple(name for name in names if name in camera.parameter_names)
+
+
+def _freedom(camera: Camera, names: Sequence[str]) -> CameraFreedom:
+    """Return what may move; fx alone moves fy in proportion."""
+    return CameraFreedom.of_names(camera, names, square="fy" not in names)
 
 
 def wider_lenses(network: Network) -> list[tuple[str, Network]]:
-    """Return networks whose camera is free within wide limits, of larger and larger lenses, with their coefficients."""
-    cameras = [_with_lens(network.camera)]
-    if cameras[0].distortion.model == "radtan":
-        cameras.append(_rational(cameras[0]))
+    """Return networks whose cameras are free within wide limits, of larger lenses in turn, with their coefficients."""
+    larger = tuple(map(with_lens, network.cameras))
+    lenses = dict.fromkeys([larger, tuple(map(rational, larger))])
     networks = []
-    for camera in cameras:
-        corner = min(1.0, float(np.hypot(camera.width, camera.height)) / (camera.fx + camera.fy))
-        unit = {"fx": camera.fx, "fy": camera.fy, "cx": camera.width / 3, "cy": camera.width / 3}
-        unit |= {name: corner ** -_POWER.get(name, 2) for name in camera.distortion.names}
-        sigma = WEAKLY * np.array([unit[name] for name in camera.parameter_names])
-        freedom = CameraFreedom.of_covariance(np.diag(sigma**2))
-        networks.append((" ".join(camera.distortion.names), replace(network, camera=camera, freedom=freedom)))
+    for cameras in lenses:
+        freedoms = []
+        for camera in cameras:
+            corner = min(1.0, float(np.hypot(camera.width, camera.height)) / (camera.fx + camera.fy))
+            unit = {"fx": camera.fx, "fy": camera.fy, "cx": camera.width / 3, "cy": camera.width / 3}
+            unit |= {name: corner ** -_POWER.get(name, 2) for name in camera.distortion.names}
+            sigma = WEAKLY * np.array([unit[name] for name in camera.parameter_names])
+            freedoms.append(CameraFreedom.of_covariance(np.diag(sigma**2)))
+        names = dict.fromkeys(name for camera in cameras for name in camera.distortion.names)
+        networks.append((" ".join(names), replace(network, cameras=cameras, freedom=CameraFreedom.joined(freedoms))))
     return networks
 
 
@@ -233,14 +210,27 @@ def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -
     return squared_length(moved, spread)[0] < float(chi2_distribution.ppf(0.95, len(names)))
 
 
-def _rational(camera: Camera) -> Camera:
-    """Return the camera with the quotient of polynomials instead of the polynomial of all five coefficients."""
+def rational(camera: Camera) -> Camera:
+    """Return a radtan camera with the quotient of polynomials instead of the polynomial of all five coefficients."""
+    if camera.distortion.model != "radtan":
+        return camera
     return replace(camera, distortion=Distortion("rational", (*camera.distortion.coefficients, 0.0, 0.0, 0.0)))
 
 
-def _with_lens(camera: Camera) -> Camera:
+def with_lens(camera: Camera) -> Camera:
     """Return the camera with all five coefficients of radtan, if it has none or four of them."""
     coefficients = camera.distortion.coefficients
     if camera.distortion.model not in ("none", "radtan") or len(coefficients) == 5:
         return camera
     return replace(camera, distortion=Distortion("radtan", (*coefficients, *[0.0] * (5 - len(coefficients)))))
+
+
+def _equidistant(camera: Camera) -> Camera:
+    """Return the camera with the fisheye's lens that bends most like its own."""
+    normalized = camera.from_pixels(pixel_grid(camera).reshape(-1, 2))
+    normalized = normalized[np.isfinite(normalized).all(axis=1)]
+    bent = np.linalg.norm((camera.to_pixels(normalized) - [camera.cx, camera.cy]) / camera.focal, axis=1)
+    angle = np.arctan(np.linalg.norm(normalized, axis=1))
+    powers = angle[:, None] ** np.array([3, 5, 7, 9])
+    coefficients = np.linalg.lstsq(powers, bent - angle, rcond=None)[0]
+    return replace(camera, distortion=Distortion("equidistant", tuple(coefficients.tolist())))

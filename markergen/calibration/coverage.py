@@ -35,16 +35,10 @@ TILTED_DEG = 10.0
 
 @dataclass(frozen=True, eq=False)
 class PhotoCoverage:
-    """What the photographs of a calibration cover.
+    """What photographs of a calibration cover: dots in each cell (rows, columns) of the image, and the views' angles.
 
-    Attributes
-    ----------
-    cells : array (rows, columns) of int
-        Number of dots in each cell of the image, over all photographs.
-    tilt_deg, toward_deg, turn_deg : arrays (v,)
-        Of each view; see `view_angles`.
-    fill : array (v,)
-        Share of the picture's width or height, the larger, that the dots of a view extend over.
+    Angles (v,) are those of `view_angles`; `fill` (v,) is the share of the picture's width or height, the larger, that
+    the dots of a view extend over.
     """
 
     cells: NDArray[np.intp]

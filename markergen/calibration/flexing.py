@@ -37,17 +37,10 @@ _VISIBLE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Flex:
-    """Test for bending between photographs.
+    """Test for bending between photographs: ratio of variances, 1 for a rigid marker, and chance of one as large then.
 
-    Attributes
-    ----------
-    statistic : float
-        Ratio of variances; 1 is expected of a rigid marker.
-    chance : float
-        Probability of one as large if the marker is rigid.
-    amplitude : float, m
-        RMS over dots and views of the heights by which views differ, estimated by moments; 0 if the residuals have less
-        than a rigid marker's.
+    The amplitude in m is the RMS over dots and views of the heights by which views differ, estimated by moments; 0 if
+    the residuals have less than a rigid marker's.
     """
 
     statistic: float

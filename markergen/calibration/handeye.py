@@ -72,18 +72,9 @@ ADVICE = "take ten or more, turned by 20 to 60 deg about several axes between th
 class RobotPoses(Joints):
     """A robot's poses, and what they say of the poses of views.
 
-    Attributes
-    ----------
-    rotation, translation : arrays (2, 3, 3) and (2, 3), robot's m
-        F and C.
-    log_scale : array (1,)
-        Logarithm of s.
-    flange : (array (v, 3, 3), array (v, 3)), robot's m
-        T_base_flange of each view.
-    on_hand : bool
-        True if the flange carries the camera.
-    sigma : (float, float), rad and m
-        Standard deviations of `flange` along each axis.
+    F and C as rotations (2, 3, 3) and translations (2, 3) in the robot's m, the logarithm of s, and T_base_flange of
+    each view (v) with standard deviations `sigma` along each axis, rad and m; `on_hand` if the flange carries the
+    camera.
     """
 
     log_scale: Array
@@ -150,18 +141,10 @@ class RobotPoses(Joints):
 
 @dataclass(frozen=True, eq=False)
 class HandEyeFit:
-    """Camera and marker on a robot.
+    """Camera and marker on a robot, adjusted together with the photographs.
 
-    Attributes
-    ----------
-    robot : RobotPoses
-        As adjusted.
-    adjustment : Adjustment
-        Of photographs and robot together.
-    covariance : array (13, 13), rad and m
-        Of (w, dt) of F and of C, R <- exp([w]x) R, and of log s.
-    left_out : array (v, 6), rad and m
-        Pose of the flange less the one predicted without it, from its photograph and all others.
+    Covariance (13, 13) of (w, dt) of F and of C, R <- exp([w]x) R, and of log s, in rad and m; `left_out` (v, 6) are
+    poses of the flange less those predicted without it, from its photograph and all others.
     """
 
     robot: RobotPoses

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
-from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
-from markergen.errors import InputError
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, attempt
+from markergen.calibration.network import LEAST_DOTS, Network, Views
 from markergen.model.camera import Camera
 
 FOLDS, ALONE = 5, 10
@@ -44,19 +43,33 @@ class NotJudged:
 class LeftOut:
     """Residuals of p photographs that were left out.
 
-    Attributes
-    ----------
-    squares, chi2 : arrays (p,)
-        Sum of the squared residuals in px^2, and of those weighted by the image's covariance; nan where a photograph
-        could not be predicted.
-    dots, degrees_of_freedom : arrays (p,) of int
-        Dots that were seen, and twice their number less 6 for each fitted pose.
+    Sums (p,) of the squared residuals in px^2, and of those weighted by the image's covariance, nan where a photograph
+    could not be predicted; dots that were seen, and twice their number less 6 for each fitted pose.
     """
 
     squares: Array
     chi2: Array
     dots: Indices
     degrees_of_freedom: Indices
+
+    @classmethod
+    def none(cls, photos: int) -> "LeftOut":
+        """Return residuals of photographs that could not be predicted, to be filled in."""
+        sums, counts = np.full((2, photos), np.nan), np.zeros((2, photos), dtype=np.intp)
+        return cls(*sums, *counts)
+
+    def add(self, photo: Indices, adjusted: Adjustment | None) -> None:
+        """Fill in views of the photographs `photo` (v,), adjusted with dots and camera held."""
+        if adjusted is None:
+            return
+        taken, residual = adjusted.weights > 0, adjusted.residual
+        inverse = np.linalg.inv(adjusted.views.covariance)
+        chi2 = np.einsum("vni,vnij,vnj,vn->v", residual, inverse, residual, adjusted.weights, optimize=True)
+        self.squares[photo], self.chi2[photo] = 0.0, 0.0
+        np.add.at(self.squares, photo, ((residual**2).sum(axis=-1) * taken).sum(axis=1))
+        np.add.at(self.chi2, photo, chi2)
+        np.add.at(self.dots, photo, taken.sum(axis=1))
+        np.add.at(self.degrees_of_freedom, photo, 2 * taken.sum(axis=1) - 6)
 
     @property
     def rms_each(self) -> Array:
@@ -83,14 +96,9 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Paired:
-    """Geometric mean over photographs of the ratio of two RMS residuals.
+    """Geometric mean over photographs of the ratio of two RMS residuals, with its 95 % interval.
 
-    Attributes
-    ----------
-    ratio, low, high : float
-        Mean, and its 95 % interval (Student's t of the logarithms).
-    chance : float
-        Probability of a ratio as large as this one if the true one is 1.
+    The interval is Student's of the logarithms; `chance` is the probability of a ratio as large if the true one is 1.
     """
 
     ratio: float
@@ -118,21 +126,11 @@ class Paired:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Left-out photographs, predicted with the measured print and with the designed one.
+    """Left-out photographs (p,), predicted with the measured print and with the designed one.
 
-    Attributes
-    ----------
-    photos : array (p,) of int
-        Photographs that were left out, as numbered by the caller.
-    measured : LeftOut
-        Dots and camera from the other photographs.
-    nominal : LeftOut
-        Designed dots, the same camera.
-    refitted : LeftOut or None
-        Designed dots, and the camera that suits them best in the other photographs; None if the camera was held.
-    gain : Paired or None
-        How many times smaller the residuals are with the measured print than with the design at its best; None if the
-        dots were held at the design.
+    With dots and camera from the other photographs, with the designed dots and the same camera, and with these and the
+    camera that suits them best, None if it was held. `gain` is how many times smaller the residuals are with the
+    measured print than with the design at its best; None if the dots were held at the design.
     """
 
     photos: Indices
@@ -173,23 +171,11 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class Halves:
-    """The same print measured by two halves of the photographs.
+    """The same print measured by two halves of the photographs: dots (m,) of both, and the difference (m, 3) in m.
 
-    Attributes
-    ----------
-    photos : (array, array) of int
-        Photographs of each half.
-    dots : array (m,) of int
-        Dots that both halves measured.
-    difference : array (m, 3), m
-        Of their places, second half less first.
-    chi2, degrees_of_freedom : float, int
-        Of all differences together, by the claimed covariances; their expected ratio is 1.
-    chance : float
-        Probability of a chi2 as large if the claimed covariances are right.
-    cameras : (Camera, Camera)
-    camera_chi2 : float or None
-        Of the difference of the estimated camera parameters, per degree of freedom; None if the camera was held.
+    chi2 and degrees of freedom are those of all differences, second half less first, by the claimed covariances;
+    `chance` is the probability of a chi2 as large if these are right. `cameras` are those of each half, `camera_chi2`
+    is that of their estimated parameters per degree of freedom, None if they were held.
     """
 
     photos: tuple[Indices, Indices]
@@ -198,7 +184,7 @@ class Halves:
     chi2: float
     degrees_of_freedom: int
     chance: float
-    cameras: tuple[Camera, Camera]
+    cameras: tuple[tuple[Camera, ...], tuple[Camera, ...]]
     camera_chi2: float | None
 
     @property
@@ -224,15 +210,7 @@ class Halves:
 
 @dataclass(frozen=True, eq=False)
 class Photographs:
-    """Photographs of which some are left out, and the network that they determine.
-
-    Attributes
-    ----------
-    network, views, weights
-        As of `adjust`; weights (v, n).
-    photo : array (v,) of int
-        Photograph of each view.
-    """
+    """Photographs of which some are left out, the network that they determine, and the photograph (v,) of each view."""
 
     network: Network
     views: Views
@@ -242,12 +220,12 @@ class Photographs:
     @classmethod
     def of(cls, adjustment: Adjustment, photo: Indices) -> "Photographs":
         """All photographs of an adjustment, from its camera unless the network says what is known of that."""
-        return cls(adjustment.network, adjustment.views, adjustment.weights, photo).continued(adjustment.camera)
+        return cls(adjustment.network, adjustment.views, adjustment.weights, photo).continued(adjustment.cameras)
 
-    def continued(self, camera: Camera) -> "Photographs":
-        """Start from the camera as adjusted, unless the network says what is known of it."""
+    def continued(self, cameras: tuple[Camera, ...]) -> "Photographs":
+        """Start from the cameras as adjusted, unless the network says what is known of them."""
         is_known = self.network.freedom.precision.any()
-        return self if is_known else replace(self, network=replace(self.network, camera=camera))
+        return self if is_known else replace(self, network=replace(self.network, cameras=cameras))
 
     def take(self, chosen: Mask) -> "Photographs":
         """Return some of the views."""
@@ -280,8 +258,10 @@ class Photographs:
             return None
         reduced, views, weights = self.network.of_dots(kept), self.views.of_dots(kept), self.weights[:, kept]
         usable = ((weights > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
-        adjusted = _adjusted(reduced, views.take(usable), weights[usable], places[kept])
-        return None if adjusted is None else (adjusted, kept)
+        adjusted = attempt(reduced, views.take(usable), weights[usable], places[kept])
+        if adjusted is None or adjusted.degrees_of_freedom <= 0 or not np.isfinite(adjusted.chi2):
+            return None
+        return adjusted, kept
 
     def left_out(self, places: Array, compared: bool = True) -> tuple[LeftOut, LeftOut, LeftOut]:
         """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera.
@@ -294,7 +274,7 @@ class Photographs:
             False leaves out the second and the third.
         """
         photos, index_of_photo = np.unique(self.photo, return_inverse=True)
-        sums = [_Sums(len(photos)) for _ in range(3)]
+        sums = tuple(LeftOut.none(len(photos)) for _ in range(3))
         for left in _folds(len(photos)):
             out = np.isin(index_of_photo, left)
             fitted = self.take(~out).adjusted(places)
@@ -305,16 +285,17 @@ class Photographs:
             index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
             if not len(index):
                 continue
-            tested = self.views.take(index).of_dots(kept), self.weights[index][:, kept]
-            sums[0].add(index_of_photo[index], _predicted(part, part.places, part.camera, *tested))
+            network, design = part.network, part.network.design
+            predictions = [network.held(part.places, part.cameras)]
             if compared:
-                design = part.network.design
-                sums[1].add(index_of_photo[index], _predicted(part, design, part.camera, *tested))
-                if len(self.network.freedom):
-                    held = _adjusted(replace(part.network, free=False), part.views, part.weights)
-                    if held is not None:
-                        sums[2].add(index_of_photo[index], _predicted(part, design, held.camera, *tested))
-        return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
+                predictions.append(network.held(design, part.cameras))
+            if compared and len(network.freedom):
+                held = attempt(replace(network, free=False), part.views, part.weights)
+                predictions += [network.held(design, held.cameras)] if held and held.degrees_of_freedom > 0 else []
+            for left_out, prediction in zip(sums, predictions, strict=False):
+                tested = self.views.take(index).of_dots(kept), self.weights[index][:, kept]
+                left_out.add(index_of_photo[index], attempt(prediction, *tested))
+        return sums[0], sums[1], sums[2]
 
 
 def cross_validate(adjustment: Adjustment, photo: Indices) -> CrossValidation | NotJudged:
@@ -376,7 +357,7 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
     difference = halves[1].places - halves[0].places
     difference = difference[: size // 3]
     chi2, freedom = squared_length(difference.ravel(), spread[:size, :size])
-    moved = parameters_of(halves[1].camera) - parameters_of(halves[0].camera)
+    moved = np.subtract(*(np.concatenate([*map(parameters_of, half.cameras)]) for half in halves[::-1]))
     step: Array = np.linalg.pinv(network.freedom.directions) @ moved
     camera_chi2, free = squared_length(step, spread[size:, size:])
     return Halves(
@@ -386,35 +367,9 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
         chi2,
         freedom,
         float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
-        (halves[0].camera, halves[1].camera),
+        (halves[0].cameras, halves[1].cameras),
         camera_chi2 / free if free else None,
     )
-
-
-class _Sums:
-    """Sums of left-out residuals by photograph."""
-
-    def __init__(self, photos: int) -> None:
-        self.squares, self.chi2 = np.full(photos, np.nan), np.full(photos, np.nan)
-        self.dots, self.freedom = np.zeros(photos, dtype=np.intp), np.zeros(photos, dtype=np.intp)
-
-    def add(self, photo: Indices, adjusted: Adjustment | None) -> None:
-        """Add the views of some photographs, adjusted with dots and camera held."""
-        if adjusted is None:
-            return
-        taken, residual = adjusted.weights > 0, adjusted.residual
-        squares = ((residual**2).sum(axis=-1) * taken).sum(axis=1)
-        inverse = np.linalg.inv(adjusted.views.covariance)
-        chi2 = np.einsum("vni,vnij,vnj,vn->v", residual, inverse, residual, adjusted.weights, optimize=True)
-        for sums, values in ((self.squares, squares), (self.chi2, chi2)):
-            sums[photo] = 0.0
-            np.add.at(sums, photo, values)
-        np.add.at(self.dots, photo, taken.sum(axis=1))
-        np.add.at(self.freedom, photo, 2 * taken.sum(axis=1) - 6)
-
-    def left_out(self) -> LeftOut:
-        """Return the sums."""
-        return LeftOut(self.squares, self.chi2, self.dots, self.freedom)
 
 
 def _folds(photos: int) -> Iterator[Indices]:
@@ -423,32 +378,6 @@ def _folds(photos: int) -> Iterator[Indices]:
     order = np.random.default_rng(0).permutation(photos)
     for fold in range(count):
         yield np.sort(order[fold::count])
-
-
-def _adjusted(network: Network, views: Views, weights: Array, places: Array | None = None) -> Adjustment | None:
-    """Adjust; None if the views do not determine the network."""
-    try:
-        adjusted = adjust(network, views, weights, places)
-    except (UndeterminedError, InputError, np.linalg.LinAlgError):
-        return None
-    return adjusted if adjusted.degrees_of_freedom > 0 and np.isfinite(adjusted.chi2) else None
-
-
-def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, weights: Array) -> Adjustment | None:
-    """Fit the poses of left-out views, with dots and camera held."""
-    held = replace(
-        part.network,
-        design=places,
-        camera=camera,
-        freedom=CameraFreedom.held(camera),
-        free=False,
-        lengths=(),
-        prior=None,
-    )
-    try:
-        return adjust(held, views, weights)
-    except (UndeterminedError, np.linalg.LinAlgError):
-        return None
 
 
 def _second_half(views: Views, rng: np.random.Generator) -> Mask:

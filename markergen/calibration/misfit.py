@@ -4,10 +4,9 @@
 
 from dataclasses import replace
 
-import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.adjustment import Adjustment, attempt
 from markergen.calibration.camera_choice import wider_lenses
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import NotJudged
@@ -27,14 +26,11 @@ def likely_cause(adjustment: Adjustment, flex: Flex | NotJudged) -> str:
     """
     factor, freedom = adjustment.variance_factor, adjustment.degrees_of_freedom
     network = adjustment.network
-    if not network.free or factor < FACTOR or chi2_distribution.sf(adjustment.chi2, freedom) > CHANCE:
+    if not network.free or freedom <= 0 or factor < FACTOR or chi2_distribution.sf(adjustment.chi2, freedom) > CHANCE:
         return ""
-    for name, larger in wider_lenses(replace(network, camera=adjustment.camera)):
-        try:
-            fitted = adjust(larger, adjustment.views, adjustment.weights, adjustment.places)
-        except (UndeterminedError, np.linalg.LinAlgError):
-            continue
-        if factor - fitted.variance_factor > EXPLAINS * (factor - 1):
+    for name, larger in wider_lenses(replace(network, cameras=adjustment.cameras)):
+        fitted = attempt(larger, adjustment.views, adjustment.weights, adjustment.places)
+        if fitted and factor - fitted.variance_factor > EXPLAINS * (factor - 1):
             camera = "the lens model is too small" if len(network.freedom) else "the camera is not quite the given one"
             return f"{camera}: with f, c, {name} free, chi2 falls to {fitted.variance_factor:.2g}"
     if isinstance(flex, Flex) and flex.bends:

@@ -8,11 +8,12 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step
-from markergen.maths.rotation import skew
+from markergen.maths.rotation import inverse_pose, pose_product, skew
 from markergen.model.camera import Camera, Distortion
 
 Pose = tuple[Array, Array]
@@ -34,6 +35,8 @@ class Views(Batched):
     seen : array (v, n) of bool
     rotation, translation : arrays (v, 3, 3) and (v, 3), m
         Approximate poses T_camera_marker.
+    camera : array (v,) of int
+        Camera of each, among those of the network; the first if not given.
     """
 
     pixels: Array
@@ -41,6 +44,11 @@ class Views(Batched):
     seen: Mask
     rotation: Array
     translation: Array
+    camera: Indices = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.camera is None:
+            object.__setattr__(self, "camera", np.zeros(len(self.seen), dtype=np.intp))
 
     def of_dots(self, kept: Mask) -> "Views":
         """Return the views of the dots `kept` (n,) alone."""
@@ -50,14 +58,9 @@ class Views(Batched):
 class JointRows(NamedTuple):
     """Measurements of the poses of v views and of s further unknowns.
 
-    Attributes
-    ----------
-    residual, weight : arrays (v, m)
-        Measured minus predicted, and inverse variances.
-    by_pose, by_joints : arrays (v, m, 6) and (v, m, s)
-        Derivatives of what is predicted by (w, dt) of the views' poses, and by the unknowns.
-    precision, off : arrays (s,)
-        Inverse variances of the unknowns before the measurements, and how far they are from what is expected then.
+    Residuals (v, m), measured minus predicted, and inverse variances; derivatives of what is predicted by (w, dt) of
+    the views' poses (v, m, 6) and by the unknowns (v, m, s); their inverse variances (s,) before, and how far off they
+    are.
     """
 
     residual: Array
@@ -115,54 +118,70 @@ class Joints:
 
 
 @dataclass(frozen=True, eq=False)
-class PlatePoses(Joints):
-    """Markers that move together, as plates of a body: a view has the body's pose in its photograph times its plate's.
+class RigidPoses(Joints):
+    """Plates that move as one body, and cameras that are held together: a view's pose is camera, body and plate's.
+
+    V = L B P, with B the pose of the body in a photograph, or of all cameras' photographs of one moment.
 
     Attributes
     ----------
     rotation, translation : arrays (k, 3, 3) and (k, 3), m
-        Poses T_body_plate; the first is held.
-    photo, plate : arrays (v,) of int
-        Photograph and plate of each view.
+        Poses P = T_body_plate, then L = T_camera_first.
+    photo, plate, camera : arrays (v,) of int
+        Body in a photograph that each view shows, and which poses are its plate's and its camera's.
+    held : array (k,) of bool
+        Poses that frames are defined by: of the first plate, and of the first camera.
     """
 
     photo: Indices
     plate: Indices
+    camera: Indices
+    held: Mask
 
     @property
     def count(self) -> int:
         """See `Joints.count`."""
-        return 6 * len(self.rotation) - 6
+        return 6 * int((~self.held).sum())
+
+    def at(self, index: Indices) -> Pose:
+        """Return some of the poses."""
+        return self.rotation[index], self.translation[index]
 
     def stepped(self, step: Array) -> Self:
         """See `Joints.stepped`."""
-        return super().stepped(np.r_[np.zeros(6), step])
+        whole = np.zeros((len(self.held), 6))
+        whole[~self.held] = step.reshape(-1, 6)
+        return super().stepped(whole.ravel())
 
     def bodies(self, views: Views) -> Pose:
         """Poses of the body in each photograph, by the view of it that shows the most dots."""
         order = np.argsort(views.seen.sum(axis=1), kind="stable")
         best = np.zeros(int(self.photo.max()) + 1, dtype=np.intp)
         best[self.photo[order]] = order
-        plate = self.plate[best]
-        rotation = views.rotation[best] @ self.rotation[plate].swapaxes(-1, -2)
-        return rotation, views.translation[best] - np.einsum("pij,pj->pi", rotation, self.translation[plate])
+        from_plate = pose_product(
+            (views.rotation[best], views.translation[best]), inverse_pose(self.at(self.plate[best]))
+        )
+        return pose_product(inverse_pose(self.at(self.camera[best])), from_plate)
 
     def composed(self, views: Views, bodies: Pose) -> Views:
         """See `Joints.composed`."""
-        rotation, translation = (pose[self.photo] for pose in bodies)
-        translation = translation + np.einsum("vij,vj->vi", rotation, self.translation[self.plate])
-        return replace(views, rotation=rotation @ self.rotation[self.plate], translation=translation)
+        seen = pose_product(self.at(self.camera), (bodies[0][self.photo], bodies[1][self.photo]))
+        rotation, translation = pose_product(seen, self.at(self.plate))
+        return replace(views, rotation=rotation, translation=translation)
 
     def derivatives(self, views: Views) -> tuple[Array, Array]:
-        """Derivatives of the views' poses by those of the body (v, 6, 6) and of all plates but the first (v, 6, s)."""
-        v, k = len(views), len(self.rotation)
-        rotation = views.rotation @ self.rotation[self.plate].swapaxes(-1, -2)
-        by_body = np.broadcast_to(np.eye(6), (v, 6, 6)).copy()
-        by_body[:, 3:, :3] = -skew(np.einsum("vij,vj->vi", rotation, self.translation[self.plate]))
-        by_plates = np.zeros((v, 6, k, 6))
+        """Derivatives of the views' poses by those of the body (v, 6, 6) and of all poses not held (v, 6, s)."""
+        v, index = len(views), np.arange(len(views))
+        (camera, away), (plate, lever) = self.at(self.camera), self.at(self.plate)
+        rotation = views.rotation @ plate.swapaxes(-1, -2)
+        by_body, by_poses = np.zeros((v, 6, 6)), np.zeros((v, 6, len(self.held), 6))
+        by_body[:, :3, :3] = by_body[:, 3:, 3:] = camera
+        by_body[:, 3:, :3] = -skew(np.einsum("vij,vj->vi", rotation, lever)) @ camera
         for part in (slice(3), slice(3, 6)):
-            by_plates[np.arange(v), part, self.plate, part] = rotation
-        return by_body, by_plates[:, :, 1:].reshape(v, 6, -1)
+            by_poses[index, part, self.plate, part] = rotation
+            by_poses[index, part, self.camera, part] = np.eye(3)
+        by_poses[index, 3:, self.camera, :3] = -skew(views.translation - away)
+        return by_body, by_poses[:, :, ~self.held].reshape(v, 6, -1)
 
 
 @dataclass(frozen=True)
@@ -177,12 +196,12 @@ class Length:
 
 @dataclass(frozen=True, eq=False)
 class CameraFreedom:
-    """Parameters of a camera that the photographs may move: c = start + directions u.
+    """Parameters of cameras that the photographs may move: c = start + directions u.
 
     Attributes
     ----------
     directions : array (k, r)
-        Columns in the space of `Camera.parameter_names`, px and the units of the distortion coefficients.
+        Columns in the space of the `Camera.parameter_names` of all cameras, in px and the units of the coefficients.
     precision : array (r, r)
         Information about u before the photographs; 0 if nothing is known.
     """
@@ -198,9 +217,14 @@ class CameraFreedom:
         """Take the camera as exact."""
         return cls(np.zeros((len(camera.parameter_names), 0)), np.zeros((0, 0)))
 
+    @classmethod
+    def joined(cls, freedoms: Sequence["CameraFreedom"]) -> "CameraFreedom":
+        """Let several cameras move, each by itself."""
+        return cls(*(block_diag(*(getattr(f, name) for f in freedoms)) for name in ("directions", "precision")))
+
     @property
     def none(self) -> "CameraFreedom":
-        """The same camera held."""
+        """The same cameras held."""
         return CameraFreedom(self.directions[:, :0], self.precision[:0, :0])
 
     @classmethod
@@ -239,6 +263,12 @@ def moved_camera(camera: Camera, step: Array) -> Camera:
     )
 
 
+def moved_cameras(cameras: Sequence[Camera], step: Array) -> tuple[Camera, ...]:
+    """Return the cameras with a step added to their parameters, of one camera after the other."""
+    ends = np.cumsum([len(camera.parameter_names) for camera in cameras])
+    return tuple(moved_camera(*pair) for pair in zip(cameras, np.split(step, ends[:-1]), strict=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Network:
     """What is adjusted, and what is known of it.
@@ -249,8 +279,10 @@ class Network:
         Designed places of the dots, each marker's in its own marker frame: they define the gauge, and are the start.
     radii : array (n,), m
         Radii of the dots, whose images are ellipses; 0 for points.
-    camera : Camera
-        Camera, or the start for it.
+    cameras : tuple of Camera
+        Cameras, or starts for them.
+    freedom : CameraFreedom
+        What the photographs may move of them.
     marker : array (n,) of int
         Marker that a dot is on; a view sees dots of one.
     free : bool
@@ -269,7 +301,7 @@ class Network:
 
     design: Array
     radii: Array
-    camera: Camera
+    cameras: tuple[Camera, ...]
     freedom: CameraFreedom
     marker: NDArray[np.intp]
     free: bool = True
@@ -277,6 +309,21 @@ class Network:
     prior: Array | None = field(default=None)
     loose: tuple[float, float] | None = None
     joints: Joints | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The first camera."""
+        return self.cameras[0]
+
+    def parameters(self, number: int) -> slice:
+        """Return which rows of the freedom's directions are a camera's."""
+        first = sum(len(camera.parameter_names) for camera in self.cameras[:number])
+        return slice(first, first + len(self.cameras[number].parameter_names))
+
+    def held(self, places: Array, cameras: tuple[Camera, ...]) -> "Network":
+        """Return the network of dots and cameras that are exact."""
+        exact = replace(self, design=places, cameras=cameras, freedom=self.freedom.none)
+        return replace(exact, free=False, lengths=(), prior=None)
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
@@ -305,8 +352,8 @@ class Network:
     def gauge(self, places: Array) -> Array:
         """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph tells.
 
-        Three shifts and three turns of each marker, and its scale unless measurements fix that; the plates of a
-        body have one scale.
+        Three shifts and three turns of each marker, and its scale unless measurements fix that; markers whose views
+        are bound together have one scale.
         """
         columns, growths = list[Array](), list[Array]()
         for number in np.unique(self.marker):
@@ -316,7 +363,7 @@ class Network:
             turns = [np.cross(axis, centered) for axis in np.eye(3)]
             columns += [*shifts, *turns]
             growths += [] if self.scale_known(number) else [centered]
-        if isinstance(self.joints, PlatePoses):
+        if isinstance(self.joints, RigidPoses):
             growths = [np.sum(growths, axis=0)] if len(columns) == 6 * len(growths) else []
         columns += growths
         matrix = np.array([column.ravel() for column in columns]).T

@@ -34,13 +34,7 @@ TILTS_DEG, TURNS_DEG = (20.0, 40.0, 60.0), (0.0, 90.0, 180.0, 270.0)
 """Tilts of candidates to each of eight sides, and turns of the camera, deg."""
 
 FILLS = {1 / 3: "a third of", 2 / 3: "two thirds of", 1.0: ""}
-PLACES = {
-    (0, 0): "",
-    (-1, -1): "upper left",
-    (1, -1): "upper right",
-    (-1, 1): "lower left",
-    (1, 1): "lower right",
-}
+PLACES = {(0, 0): "", (-1, -1): "upper left", (1, -1): "upper right", (-1, 1): "lower left", (1, 1): "lower right"}
 """Places of the marker in the picture, as signs of x and y from its middle."""
 
 MARGIN = 0.04
@@ -70,17 +64,10 @@ _ROUNDS = 25
 
 @dataclass(frozen=True, eq=False)
 class Candidates(Batched):
-    """Photographs that could be taken, k poses T_camera_marker and what tells them to a photographer.
+    """Photographs that could be taken: k poses T_camera_marker and what describes them to a photographer.
 
-    Attributes
-    ----------
-    rotation, translation : arrays (k, 3, 3) and (k, 3), m
-    tilt_deg, toward_deg, turn_deg : arrays (k,)
-        See `coverage.view_angles`.
-    fill : array (k,)
-        Share of the picture's width or height, less the margin, that the dots extend over.
-    place : array (k, 2)
-        Sides of the picture that they are at; see `PLACES`.
+    Angles (k,) are those of `coverage.view_angles`. The dots extend over the share `fill` (k,) of the picture's width
+    or height, less the margin, at the sides `place` (k, 2) of `PLACES`.
     """
 
     rotation: Array
@@ -94,25 +81,9 @@ class Candidates(Batched):
 
 @dataclass(frozen=True, eq=False)
 class NextPhoto:
-    """A photograph to take, after those before it.
+    """A photograph to take after those before it, a candidate alone: what to do, and the error without and with it."""
 
-    Attributes
-    ----------
-    rotation, translation : arrays (3, 3) and (3,), m
-        Pose T_camera_marker.
-    tilt_deg, toward_deg, turn_deg : float
-        See `coverage.view_angles`.
-    request : str
-        What to do, such as "tilt the marker by 40 deg, its left edge away from the camera, and fill the picture".
-    before, after : ExpectedError
-        Without and with it.
-    """
-
-    rotation: Array
-    translation: Array
-    tilt_deg: float
-    toward_deg: float
-    turn_deg: float
+    candidate: Candidates
     request: str
     before: ExpectedError
     after: ExpectedError
@@ -128,18 +99,10 @@ class NextPhoto:
 
 @dataclass(frozen=True, eq=False)
 class NextPhotos:
-    """Photographs to take, one after the other.
+    """Photographs to take, one after the other: at least one if any photograph can show the marker.
 
-    Attributes
-    ----------
-    photos : tuple of NextPhoto
-        At least one if any photograph can show the marker; each one is chosen after those before it.
-    points, radii : arrays (n, 3) and (n,), m
-        Dots of the marker.
-    names : tuple of str
-        Their names.
-    earlier : arrays (v, 3, 3) and (v, 3)
-        Poses of the photographs taken.
+    Each is chosen after those before it. `points` (n, 3) and `radii` (n,) in m are the dots of the marker, `earlier`
+    the poses (v, 3, 3) and (v, 3) of the photographs taken.
     """
 
     photos: tuple[NextPhoto, ...]
@@ -177,7 +140,7 @@ class NextPhotos:
         from matplotlib.patches import Rectangle
 
         ax = axes_of(ax)
-        camera, photo = self.camera, self.photos[which]
+        camera, photo = self.camera, self.photos[which].candidate
         for rotation, translation in zip(*self.earlier, strict=True):
             pixels = camera.project(self.points, rotation[None], translation[None])[0]
             pixels = pixels[np.isfinite(pixels).all(axis=1)]
@@ -187,7 +150,7 @@ class NextPhotos:
         radii = np.where(self.radii > 0, self.radii, 0.03 * extent)
         angle = np.linspace(0, 2 * np.pi, 33)
         ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
-        pose = photo.rotation[None], photo.translation[None]
+        pose = photo.rotation, photo.translation
         for point, radius, name in zip(self.points, radii, self.names, strict=True):
             rim = camera.project(point + radius * ring, *pose)[0]
             ax.fill(*rim.T, color=SERIES[0]["color"], zorder=2)
@@ -198,9 +161,10 @@ class NextPhotos:
                     name.removeprefix("dot "), corner, (2, 2), textcoords="offset points", fontsize=7, color=INK
                 )
         size = np.array([camera.width, camera.height])
-        if photo.tilt_deg:
+        if photo.tilt_deg[0]:
             # Beside the frame, at the edge or corner that is away from the camera, and opposite.
-            ahead = np.round(np.array([np.cos(np.deg2rad(photo.toward_deg)), np.sin(np.deg2rad(photo.toward_deg))]))
+            toward = np.deg2rad(photo.toward_deg[0])
+            ahead = np.round(np.array([np.cos(toward), np.sin(toward)]))
             for text, side in (("farther", ahead), ("nearer", -ahead)):
                 at = (size - 1) / 2 + side * (0.5 * size + 0.04 * size[1])
                 turned = 90 if abs(side[0]) > 0 else 0
@@ -213,12 +177,9 @@ class NextPhotos:
 
 
 def next_photos(
-    adjustment: Adjustment,
-    poses: tuple[Array, Array],
-    names: Sequence[str] | None = None,
-    count: int = 4,
+    adjustment: Adjustment, poses: tuple[Array, Array], names: Sequence[str] | None = None, count: int = 4
 ) -> NextPhotos:
-    """Return the photographs that lower the expected error of the first marker's pose most, one after the other.
+    """Return photographs of the first camera that lower the expected error of the first marker's pose most, in turn.
 
     Each is the best of some hundred candidates: tilted by 0 to 60 deg to eight sides, with the camera turned by
     quarters, from three distances, in the middle of the picture and in its corners, the dots wholly in view. A
@@ -255,7 +216,8 @@ def next_photos(
     before = problem.expected(working_sensitivity, covariance)
     while len(photos) < count and len(candidates):
         gains = problem.gains(working_sensitivity, covariance, candidates)
-        turns, moves = problem.squares(working_sensitivity, covariance)[:, None] - gains.T
+        squares = np.array([np.deg2rad(before.rotation_deg), before.translation]) ** 2 / problem.scale
+        turns, moves = squares[:, None] - gains.T
         good = np.flatnonzero(turns <= _ALIKE**2 * turns.min())
         best = int(good[np.argmin(moves[good])])
         covariance = problem.updated(covariance, candidates.take(np.array([best])))
@@ -359,7 +321,8 @@ class _CandidateWorth:
     def lift(self, transfer: Array) -> Array:
         """Change the columns of a transfer, of dots and all camera parameters, to the unknowns."""
         size = 3 * len(self.points)
-        camera = transfer[..., size:] @ self.adjustment.network.freedom.directions
+        network = self.adjustment.network
+        camera = transfer[..., size:] @ network.freedom.directions[network.parameters(0)]
         return np.concatenate([transfer[..., : size if self.free else 0], camera], axis=-1)
 
     def sensitivity(self, covariance: Array) -> Sensitivity:
@@ -378,19 +341,14 @@ class _CandidateWorth:
     def expected(self, working_sensitivity: Sensitivity, covariance: Array) -> ExpectedError:
         return working_sensitivity.expected(self.scale * covariance)
 
-    def squares(self, working_sensitivity: Sensitivity, covariance: Array) -> Array:
-        """Mean squares (2,) of rotation and translation, rad^2 and m^2, unscaled."""
-        image = np.einsum("pii->i", working_sensitivity.image) / len(working_sensitivity.image) / self.scale
-        matrices = [np.sum(matrix * covariance) for matrix in working_sensitivity.matrices()]
-        return np.array([image[:3].sum(), image[3:].sum()]) + matrices
-
     def rows(self, candidates: Candidates, dots: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         """Derivatives of candidates' coordinates by pose (k, n, 2, 6), own dot (k, n, 2, 3 or 0) and u (k, n, 2, r)."""
         points = self.points[dots]
         normalized = perspective(to_camera(points, candidates.rotation, candidates.translation))
         pose = self.camera.pixel_jacobian(normalized) @ pose_rows(points, candidates.rotation, candidates.translation)
         place = pose[..., 3:] @ candidates.rotation[:, None]
-        moved = self.camera.parameter_jacobian(normalized) @ self.adjustment.network.freedom.directions
+        network = self.adjustment.network
+        moved = self.camera.parameter_jacobian(normalized) @ network.freedom.directions[network.parameters(0)]
         return pose, place if self.free else place[..., :0], moved
 
     def gains(self, working_sensitivity: Sensitivity, covariance: Array, candidates: Candidates) -> Array:
@@ -459,7 +417,7 @@ def _photo(
 ) -> NextPhoto:
     """Return a candidate with its request."""
     candidate = candidates.take(np.array([best]))
-    tilt, toward, roll = float(candidate.tilt_deg[0]), float(candidate.toward_deg[0]), float(candidate.turn_deg[0])
+    tilt, toward, roll = (float(angle[0]) for angle in (candidate.tilt_deg, candidate.toward_deg, candidate.turn_deg))
     pixels = camera.project(points, candidate.rotation, candidate.translation)[0]
     top = names[int(np.argmin(pixels[:, 1]))]
     parts = ["hold the camera square to the marker"]
@@ -477,17 +435,14 @@ def _photo(
     filled = f"fill {FILLS[float(candidate.fill[0])]} the picture".replace("  ", " ")
     parts.append(f"{filled}, in its {place} corner" if place else filled)
     request = f"{', '.join(parts[:-1])}, and {parts[-1]}"
-    return NextPhoto(candidate.rotation[0], candidate.translation[0], tilt, toward, roll, request, before, after)
+    return NextPhoto(candidate, request, before, after)
 
 
 def _corners(points: Array) -> NDArray[np.intp]:
-    """Indices of the corners of the convex hull of points (n, 2), in order; of all points on a line."""
-    from scipy.spatial import ConvexHull, QhullError
+    """Indices of the corners of the convex hull of points (n, 2), in order; of the ends of a line."""
+    import cv2
 
-    try:
-        return np.asarray(ConvexHull(points).vertices, dtype=np.intp)
-    except (QhullError, ValueError):
-        return np.arange(len(points))
+    return np.asarray(cv2.convexHull(points.astype(np.float32), returnPoints=False)[:, 0], dtype=np.intp)
 
 
 def _short(number: float) -> str:

@@ -35,18 +35,9 @@ _ROBUST_ROUNDS, _ROUNDS, _SETTLED = 15, 30, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Cleaned:
-    """An adjustment without outliers.
+    """An adjustment without outliers: masks of views (v,) that are left, of outliers (v, n) in all views, and of dots.
 
-    Attributes
-    ----------
-    adjustment : Adjustment
-        Of the views that are left.
-    used : array (v,) of bool
-        Views that are left.
-    dropped : array (v, n) of bool
-        Outliers, in all views.
-    dots : array (n,) of bool
-        Dots that are left: those that two views or more see rightly, or one if they are held.
+    The dots (n,) that are left are those that two views or more see rightly, or one if they are held.
     """
 
     adjustment: Adjustment

@@ -10,6 +10,8 @@ photographs are joined one by one, each with the labels for which the network fi
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from pathlib import Path
 from typing import Any, TypeVar
 
 import markergen_detect
@@ -18,8 +20,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from markergen.arrays import Array, Indices
-from markergen.calibration.adjustment import UndeterminedError, adjust
-from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Views
+from markergen.calibration.adjustment import attempt
+from markergen.calibration.camera_choice import wider_lenses
+from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Pose, Views
 from markergen.calibration.outliers import adjust_robustly
 from markergen.calibration.pictures import contradicted_diameters, copies
 from markergen.detect import Detector, Found
@@ -30,7 +33,7 @@ from markergen.estimators.weighted_pose import fit_pose
 from markergen.maths.conics import outlines, refine_poses
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import rigid_motion
-from markergen.model.camera import NO_DISTORTION, Camera, Distortion
+from markergen.model.camera import Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.options import Progress, as_list
 from markergen.read.images import check_frame, find_images, grey_frame, read_image, size_in_file
@@ -53,6 +56,9 @@ SCANNED = 12
 
 MAJORITY = 2 / 3
 """Least share of the photographs that must have one size, for those of other sizes to be left out."""
+
+OTHER_LENSES = (-0.2, -0.4, 0.0)
+"""k1 of lenses through which dropped photographs are searched once more: a thermal camera has -0.45."""
 
 START = ("fx", "cx", "cy", "k1", "k2")
 """Parameters estimated before an unknown camera's photographs are searched again with it."""
@@ -77,6 +83,8 @@ class PhotographedDots:
         What is uncertain about labels, or contradicted by the widths of dots, as sentences.
     notes : tuple of str
         Remarks on the files, as sentences: what is not read, or not as it is stored.
+    moments : array of int
+        Moment of each photograph: those of several cameras may share one; each its own if not given.
     """
 
     photos: tuple[str, ...]
@@ -87,18 +95,58 @@ class PhotographedDots:
     unused: dict[int, str] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    moments: Indices = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.moments is None:
+            object.__setattr__(self, "moments", np.arange(len(self.photos)))
+
+    @property
+    def moment(self) -> Indices:
+        """Moment (v,) of each view."""
+        return self.moments[self.photo]
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """Labeled dots of one marker in one photograph; if `open`, the labels are one of several that fit it."""
+class Labeled:
+    """Dots of one marker in one photograph with labels, one of several that fit if they are `open`.
 
-    photo: int
-    marker: int
+    Control point `index` (m,), centers (m, 2) in px with their covariance, an approximate pose by these labels, and the
+    logarithms `area` (m,) of the squared radii that the dots have in the image, up to a common constant.
+    """
+
     index: Indices
     centers: Array
     covariance: Array
+    pose: Pose | None = None
+    area: Array | None = None
+    photo: int = 0
+    marker: int = 0
     open: bool = False
+
+    def misfit_of_sizes(self, radii: Array) -> float:
+        """Sum of squares, in sigma, of the logarithms of the dots' areas relative to those designed; 0 if unknown.
+
+        Ink spreads and markers are scaled, so only differences among the dots count. sigma is estimated from
+        the median.
+        """
+        if self.area is None:
+            return 0.0
+        off = self.area - 2 * np.log(radii[self.index])
+        off -= np.median(off)
+        sigma = max(SIZE_SIGMA, 1.4826 * float(np.median(np.abs(off))))
+        return float(np.minimum((off / sigma) ** 2, SIZE_LIMIT).sum())
+
+
+def views_of(total: int, photos: Sequence[tuple[Indices, Labeled, Pose]]) -> Views:
+    """Views of `total` dots: the columns of the labeled dots of each photograph, and its pose."""
+    v = len(photos)
+    pixels, spread = np.zeros((v, total, 2)), np.broadcast_to(np.eye(2), (v, total, 2, 2)).copy()
+    seen, rotation, translation = np.zeros((v, total), dtype=bool), np.zeros((v, 3, 3)), np.zeros((v, 3))
+    for row, (columns, dots, pose) in enumerate(photos):
+        pixels[row, columns], spread[row, columns], seen[row, columns] = dots.centers, dots.covariance, True
+        rotation[row], translation[row] = pose
+    return Views(pixels, spread, seen, rotation, translation)
 
 
 def find_dots(
@@ -153,6 +201,7 @@ def find_dots(
             seen = _labeled(markers, results, {})
             before, joined = joined, len({dots.photo for dots in seen})
     seen = _labeled(markers, results, reasons)
+    reasons |= _bent(markers, sources, camera, reasons)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
     seen, doubts = _told_apart(markers, seen, camera, sources)
@@ -170,6 +219,28 @@ def find_dots(
     views, photo, marker = views.take(single), photo[single], marker[single]
     doubts += contradicted_diameters(markers, views, photo, camera, lambda number: _grey(every[number]))
     return PhotographedDots(tuple(names), size, views, photo, marker, unused, doubts, tuple(notes)), camera
+
+
+def joined(parts: Sequence[PhotographedDots], names: Sequence[str]) -> PhotographedDots:
+    """Photographs of several cameras: of one moment if their names are one, but for folder, ending and camera's name.
+
+    Of photographs that have no file names, each camera's first are of one moment, and so on.
+    """
+    firsts = np.cumsum([0, *(len(part.photos) for part in parts)])
+    numbered = list(zip(names, firsts[:-1].tolist(), parts, strict=True))
+    keys = [Path(photo).stem.replace(name, "") for name, _, part in numbered for photo in part.photos]
+    views = [replace(part.views, camera=np.full(len(part.views), k)) for k, part in enumerate(parts)]
+    return PhotographedDots(
+        tuple(photo if Path(photo).suffix else f"{name}: {photo}" for name, _, p in numbered for photo in p.photos),
+        parts[0].size,
+        reduce(Views.joined, views),
+        np.concatenate([first + part.photo for _, first, part in numbered]),
+        np.concatenate([part.marker for part in parts]),
+        {first + k: reason for _, first, part in numbered for k, reason in part.unused.items()},
+        tuple(f"camera {name}: {doubt}" for name, _, part in numbered for doubt in part.doubts),
+        tuple(note for part in parts for note in part.notes),
+        np.unique(keys, return_inverse=True)[1],
+    )
 
 
 def _sources(photos: Any, notes: dict[str, None]) -> list[Any]:
@@ -249,56 +320,59 @@ def _searched(
     }
 
 
-def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[_Seen]:
+def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[Labeled]:
     """Dots of the markers found in each photograph; fills in why a photograph has none."""
     seen = []
     for photo, detections in enumerate(results):
-        dots_of_markers: list[_Seen] = []
+        dots_of_markers: list[Labeled] = []
         for number, marker in enumerate(markers):
-            copies = [result for result in detections if result.ok and result.index == number]
+            of_marker = [result for result in detections if result.index == number]
+            copies = [result for result in of_marker if result.ok]
             if len(copies) > 1:
                 reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
                 dots_of_markers = []
                 break
-            guessed = [result for result in detections if result.index == number]
+            guessed = [result for result in of_marker[:1] if len(result.guess) and result.rival is None]
             place = {point.id: k for k, point in enumerate(marker.control_points)}
-            if copies:
-                index = np.array([place[int(name)] for name in copies[0].ids], dtype=np.intp)
-                dots_of_markers.append(
-                    _Seen(photo, number, index, copies[0].ellipse_centers, copies[0].pixel_covariance)
-                )
-            elif guessed and len(guessed[0].guess) and guessed[0].rival is None:
-                dots = guessed[0]
-                index = np.array([place[int(name)] for name in dots.guess], dtype=np.intp)
-                dots_of_markers.append(
-                    _Seen(photo, number, index, dots.ellipse_centers, dots.pixel_covariance, open=True)
-                )
+            for dots in copies or guessed:
+                index = np.array([place[int(name)] for name in (dots.ids if copies else dots.guess)], dtype=np.intp)
+                measured = index, dots.ellipse_centers, dots.pixel_covariance
+                dots_of_markers.append(Labeled(*measured, photo=photo, marker=number, open=not copies))
         if not dots_of_markers and detections:
             reasons.setdefault(photo, "; ".join(dict.fromkeys(result.reason for result in detections if result.reason)))
         seen += dots_of_markers
     return seen
 
 
+def _bent(markers: Sequence[Marker], sources: Sequence[Any], camera: Camera, reasons: dict[int, str]) -> dict[int, str]:
+    """Reasons of the dropped photographs that show a marker through another lens than the camera's."""
+    because, left = dict[int, str](), sorted(reasons)
+    for k1 in OTHER_LENSES:
+        lens = replace(camera, distortion=Distortion("radtan", (k1, 0.0, 0.0, 0.0)))
+        results = _searched(markers, [sources[k] for k in left], lens, None, None, None, {})[0] if left else []
+        for dots in _labeled(markers, results, {}):
+            why = f"its lens is not the camera's, but bends by about k1 {k1:g}: found with that distortion only"
+            because.setdefault(left[dots.photo], why)
+    return because
+
+
 def _told_apart(
-    markers: Sequence[Marker], seen: list[_Seen], camera: Camera, sources: Sequence[Any]
-) -> tuple[list[_Seen], tuple[str, ...]]:
+    markers: Sequence[Marker], seen: list[Labeled], camera: Camera, sources: Sequence[Any]
+) -> tuple[list[Labeled], tuple[str, ...]]:
     """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
     labeled, doubts = list(seen), []
     for number, marker in enumerate(markers):
         views = [k for k, dots in enumerate(seen) if dots.marker == number]
         if not any(seen[k].open for k in views):
             continue
-        points, radii, rings = (
-            marker.search_xyz,
-            _radii(marker),
-            np.array([p.feature.kind == "ring" for p in marker.control_points]),
-        )
+        points, radii = marker.search_xyz, marker.radii
+        rings = np.array([point.feature.kind == "ring" for point in marker.control_points])
         group, options, kept = relabelings(points, rings), [], []
         for k in views:
             pose = _pose(markers, seen[k], camera)
             if pose is None:
                 continue
-            guess = Guess(seen[k].index, seen[k].centers, seen[k].covariance, pose[0], pose[1])
+            guess = replace(seen[k], pose=pose[:2])
             kept.append(k)
             if not seen[k].open:
                 options.append([guess])
@@ -320,7 +394,7 @@ def _told_apart(
                 f"others {settled.runner_up:.3g}; take more from one side"
             )
         for k, guess in zip(kept, settled.guesses, strict=True):
-            labeled[k] = replace(seen[k], index=guess.index, centers=guess.centers, covariance=guess.covariance)
+            labeled[k] = guess
     return labeled, tuple(doubts)
 
 
@@ -328,24 +402,14 @@ def _grey(source: Any) -> NDArray[Any]:
     return grey_frame(source) if isinstance(source, np.ndarray) else read_image(source).grey
 
 
-def _radii(marker: Marker) -> Array:
-    return np.array([point.feature.diameter / 2 for point in marker.control_points])
-
-
-def _dots_of(markers: Sequence[Marker], seen: _Seen) -> tuple[Array, Array]:
-    """Designed places (m, 3) and radii (m,) of the dots seen."""
-    marker = markers[seen.marker]
-    return marker.xyz[seen.index], _radii(marker)[seen.index]
-
-
-def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array, Array, float] | None:
-    points, radii = _dots_of(markers, seen)
+def _pose(markers: Sequence[Marker], seen: Labeled, camera: Camera) -> tuple[Array, Array, float] | None:
+    points, radii = (getattr(markers[seen.marker], name)[seen.index] for name in ("xyz", "radii"))
     normalized = camera.from_pixels(seen.centers)
     fitted = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(SEARCH_SIGMA))
     return None if fitted is None else (fitted.rotation, fitted.translation, fitted.chi2)
 
 
-def _started(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int]) -> Camera:
+def _started(markers: Sequence[Marker], seen: Sequence[Labeled], size: tuple[int, int]) -> Camera:
     """Camera that agrees with the views: with a fisheye's lens where that fits them clearly better."""
     camera, misfit = _adjusted(markers, seen, _rough_camera(markers, seen, size, UNKNOWN_LENS))
     if not seen:
@@ -354,7 +418,9 @@ def _started(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, 
     return fisheye if other < CLEARLY_BETTER * misfit else camera
 
 
-def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int], lens: Distortion) -> Camera:
+def _rough_camera(
+    markers: Sequence[Marker], seen: Sequence[Labeled], size: tuple[int, int], lens: Distortion
+) -> Camera:
     """Camera with a lens, of the focal length that agrees best with the perspective of the views."""
     width, height = size
     chosen = [seen[k] for k in np.unique(np.linspace(0, len(seen) - 1, min(SCANNED, len(seen))).astype(int))]
@@ -368,7 +434,7 @@ def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[
     return cameras[int(np.argmin(costs))]
 
 
-def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> tuple[Camera, float]:
+def _adjusted(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera) -> tuple[Camera, float]:
     """Camera adjusted to all views with the dots as designed, and the mean over the dots of the squares that it leaves.
 
     As it was, and inf, if the views do not determine it. Dots that do not fit count `OUTLIER`.
@@ -376,8 +442,8 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
     views, _ = _views(markers, seen, camera)
     network = Network(
         np.concatenate([marker.xyz for marker in markers]),
-        np.concatenate([_radii(marker) for marker in markers]),
-        camera,
+        np.concatenate([marker.radii for marker in markers]),
+        (camera,),
         CameraFreedom.of_names(camera, START),
         np.repeat(np.arange(len(markers)), [len(marker) for marker in markers]),
         free=False,
@@ -387,7 +453,7 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) 
     try:
         cleaned = adjust_robustly(network, replace(views, covariance=spread))
         sigma = np.sqrt(np.diag(cleaned.adjustment.camera_covariance))
-    except (UndeterminedError, np.linalg.LinAlgError):
+    except np.linalg.LinAlgError:
         return camera, np.inf
     better, count = cleaned.adjustment.camera, sum(len(dots.index) for dots in seen)
     # Better a rough camera than one that the views hardly determine.
@@ -403,32 +469,12 @@ def _printed(views: Views, camera: Camera) -> Array:
     return np.asarray(sigma[:, None, None, None] ** 2 * np.eye(2))
 
 
-def _views(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> tuple[Views, list[int]]:
+def _views(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera) -> tuple[Views, list[int]]:
     """Views with start poses, and which of `seen` they are."""
     starts = np.cumsum([0, *(len(marker) for marker in markers)])
-    total = int(starts[-1])
-    pixels, spread, mask = [], [], []
-    poses, kept = [], []
-    for k, dots in enumerate(seen):
-        pose = _pose(markers, dots, camera)
-        if pose is None:
-            continue
-        place, covariance = np.zeros((total, 2)), np.broadcast_to(np.eye(2), (total, 2, 2)).copy()
-        taken = np.zeros(total, dtype=bool)
-        columns = starts[dots.marker] + dots.index
-        place[columns], covariance[columns], taken[columns] = dots.centers, dots.covariance, True
-        pixels.append(place)
-        spread.append(covariance)
-        mask.append(taken)
-        poses.append(pose)
-        kept.append(k)
-    return Views(
-        np.array(pixels).reshape(-1, total, 2),
-        np.array(spread).reshape(-1, total, 2, 2),
-        np.array(mask, dtype=bool).reshape(-1, total),
-        np.array([pose[0] for pose in poses]).reshape(-1, 3, 3),
-        np.array([pose[1] for pose in poses]).reshape(-1, 3),
-    ), kept
+    posed = [(k, dots, _pose(markers, dots, camera)) for k, dots in enumerate(seen)]
+    photos = [(k, starts[dots.marker] + dots.index, dots, pose[:2]) for k, dots, pose in posed if pose]
+    return views_of(int(starts[-1]), [photo[1:] for photo in photos]), [k for k, *_ in photos]
 
 
 T = TypeVar("T")
@@ -452,10 +498,6 @@ ROUGHLY = 1e-3
 CLEARLY = 15.0
 """Difference of chi2, in units of the variance factor, beyond which labels are sure."""
 
-CAMERA_SIGMA = {"fx": 0.1, "cx": 0.03, "cy": 0.03, "k1": 0.1, "k2": 0.1}
-"""Standard deviations within which the camera may move while labels are compared: of f as a share of it, of the
-principal point as a share of the image's width."""
-
 UNKNOWN_LENS, FISHEYE = Distortion("radtan", (0.0,) * 5), Distortion("equidistant", (0.0,) * 4)
 CLEARLY_BETTER, OUTLIER = 0.5, 25.0
 """Ratio of mean squares below which a camera fits clearly better, and the square of a dot that does not fit."""
@@ -469,21 +511,13 @@ SURELY = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Relabeling:
-    """A motion of the marker plane that takes most dots of a layout to dots.
-
-    Attributes
-    ----------
-    rotation, translation : arrays (2, 2) and (2,), m
-        X -> R X + t.
-    image : array (n,) of int
-        The dot that each is taken to; -1: none.
-    """
+    """A motion X -> R X + t of the marker plane that takes most dots of a layout to dots: `image` (n,), -1 for none."""
 
     rotation: Array
     translation: Array
     image: Indices
 
-    def pose(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
+    def pose(self, rotation: Array, translation: Array) -> Pose:
         """Return the pose with which the moved layout looks as the layout does with the given pose."""
         flip = np.eye(3)
         flip[:2, :2] = self.rotation
@@ -522,58 +556,28 @@ def relabelings(points: Array, rings: NDArray[np.bool_]) -> list[Relabeling]:
     return [relabeled[identity], *(relabeling for key, relabeling in relabeled.items() if key != identity)]
 
 
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """Dots of one photograph with labels that are one of several.
-
-    Attributes
-    ----------
-    index : array (m,) of int
-        Control point of each dot by one labeling.
-    centers, covariance : arrays (m, 2), px, and (m, 2, 2), px^2
-    rotation, translation : arrays (3, 3) and (3,), m
-        Pose by that labeling.
-    area : array (m,), optional
-        Logarithms of the squared radii that the dots have in the image, up to a common constant.
-    """
-
-    index: Indices
-    centers: Array
-    covariance: Array
-    rotation: Array
-    translation: Array
-    area: Array | None = None
-
-    def misfit_of_sizes(self, radii: Array) -> float:
-        """Sum of squares, in sigma, of the logarithms of the dots' areas relative to those designed; 0 if unknown.
-
-        Ink spreads and markers are scaled, so only differences among the dots count. sigma is estimated from
-        the median.
-        """
-        if self.area is None:
-            return 0.0
-        off = self.area - 2 * np.log(radii[self.index])
-        off -= np.median(off)
-        sigma = max(SIZE_SIGMA, 1.4826 * float(np.median(np.abs(off))))
-        return float(np.minimum((off / sigma) ** 2, SIZE_LIMIT).sum())
+def posed(dots: Labeled) -> Pose:
+    """Return the pose of dots that have one."""
+    assert dots.pose is not None
+    return dots.pose
 
 
 def alternatives(
-    guess: Guess,
+    guess: Labeled,
     group: Sequence[Relabeling],
     points: Array,
     radii: Array,
     camera: Camera,
     dots: tuple[Array, Array, Array],
-) -> list[Guess]:
+) -> list[Labeled]:
     """Return the labelings of a photograph that label the most of all its dots, and fit the sizes of the dots best.
 
     `dots` are all of the photograph, labeled or not: centers (b, 2), covariance (b, 2, 2) and areas (b,), px.
     """
-    tree, guesses = cKDTree(dots[0]), list[Guess]()
+    tree, guesses = cKDTree(dots[0]), list[Labeled]()
     apart = cKDTree(guess.centers).query(guess.centers, k=2)[0][:, 1]
     for relabeling in group:
-        rotation, translation = relabeling.pose(guess.rotation, guess.translation)
+        rotation, translation = relabeling.pose(*posed(guess))
         place = to_camera(points, rotation[None], translation[None])
         predicted = camera.to_pixels(perspective(place))[0]
         good = np.isfinite(predicted).all(axis=1) & (place[0, :, 2] > 0)
@@ -584,7 +588,8 @@ def alternatives(
         dot_of_blob = nearest[labeled]
         drawn = outlines(points[labeled], radii[labeled], rotation[None], translation[None])
         area = np.log(dots[2][dot_of_blob]) - np.log(np.linalg.det(drawn.shape[0])) / 2 + 2 * np.log(radii[labeled])
-        guesses.append(Guess(labeled, dots[0][dot_of_blob], dots[1][dot_of_blob], rotation, translation, area))
+        fields = {"centers": dots[0][dot_of_blob], "covariance": dots[1][dot_of_blob], "area": area}
+        guesses.append(replace(guess, index=labeled, pose=(rotation, translation), **fields))
     most = max(len(labeling.index) for labeling in guesses)
     guesses = [labeling for labeling in guesses if len(labeling.index) == most]
     return _of_right_sizes(guesses, [labeling.misfit_of_sizes(radii) for labeling in guesses])
@@ -598,20 +603,19 @@ def _of_right_sizes(candidates: Sequence[T], misfit: Sequence[float]) -> list[T]
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Labels of all photographs.
+    """Photographs joined with certain labels: the option chosen for each, and the network adjusted to them.
 
-    Attributes
-    ----------
-    guesses : tuple of Guess
-        One for each photograph.
-    chi2, runner_up : float
-        Variance factors of the network with these labels, and with the best others; inf if there are none.
+    `chi2` and `runner_up` are variance factors with these labels and with the best others, inf if there are none; the
+    labels of all photographs are `guesses` when they are settled.
     """
 
-    guesses: tuple[Guess, ...]
-    chi2: float
-    runner_up: float
-    degrees_of_freedom: int
+    chosen: dict[int, int]
+    chi2: float = np.inf
+    degrees_of_freedom: int = 0
+    places: Array | None = None
+    poses: dict[int, Pose] = field(default_factory=dict)
+    runner_up: float = np.inf
+    guesses: tuple[Labeled, ...] = ()
 
     @property
     def sure(self) -> bool:
@@ -619,56 +623,43 @@ class Settled:
         return (self.runner_up - self.chi2) * max(1, self.degrees_of_freedom) > CLEARLY * max(1.0, self.chi2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Joined:
-    """Photographs joined with certain labels: option chosen for each, and the network adjusted to them.
-
-    `factor` is its variance factor.
-    """
-
-    chosen: dict[int, int]
-    factor: float = np.inf
-    degrees_of_freedom: int = 0
-    places: Array | None = None
-    poses: dict[int, tuple[Array, Array]] = field(default_factory=dict)
-
-
-def settle_labels(options: Sequence[Sequence[Guess]], points: Array, radii: Array, camera: Camera) -> Settled:
+def settle_labels(options: Sequence[Sequence[Labeled]], points: Array, radii: Array, camera: Camera) -> Settled:
     """Choose one labeling for each photograph so that all agree on one print.
 
     Photographs join one after another, the most different views first, each with every labeling; the best few sets of
     labels are kept, and the best one in the end changes as long as one change improves the whole. Dots are free, and
-    so is the approximate camera within `CAMERA_SIGMA`: an error of it would cost more than wrong labels.
+    so is the approximate camera within wide limits: an error of it would cost more than wrong labels.
     """
-    network = _network(points, radii, camera)
+    held, is_first = CameraFreedom.held(camera), np.zeros(len(points), dtype=np.intp)
+    network = wider_lenses(Network(points, radii, (camera,), held, is_first))[0][1]
     order = _order(options)
     # All may be turned together: the first keeps its labels.
-    beam = [_Joined({order[0]: 0}, 0.0)]
+    beam = [Settled({order[0]: 0}, 0.0)]
     for k in order[1:]:
         longer = [_joined(joined, k, c, options, network) for joined in beam for c in range(len(options[k]))]
-        longer.sort(key=lambda joined: joined.factor)
+        longer.sort(key=lambda joined: joined.chi2)
         best = longer[0]
-        limit = best.factor + HOPELESS * max(1.0, best.factor) / max(1, best.degrees_of_freedom)
-        beam = [best, *(joined for joined in longer[1:WIDTH] if joined.factor <= limit)]
+        limit = best.chi2 + HOPELESS * max(1.0, best.chi2) / max(1, best.degrees_of_freedom)
+        beam = [best, *(joined for joined in longer[1:WIDTH] if joined.chi2 <= limit)]
     best, *others = beam
-    changed: list[_Joined] = []
+    changed: list[Settled] = []
     while len(order) > 1:
         pairs = [(k, c) for k in order[1:] for c in range(len(options[k])) if c != best.chosen[k]]
         changed = [_joined(best, k, c, options, network) for k, c in pairs]
-        better = min(changed, key=lambda joined: joined.factor, default=best)
-        if better.factor >= best.factor:
+        better = min(changed, key=lambda joined: joined.chi2, default=best)
+        if better.chi2 >= best.chi2:
             break
         others.append(best)
         best = better
-    runner_up = min((joined.factor for joined in (*others, *changed) if joined.chosen != best.chosen), default=np.inf)
+    runner_up = min((joined.chi2 for joined in (*others, *changed) if joined.chosen != best.chosen), default=np.inf)
     guesses = tuple(options[k][best.chosen[k]] for k in range(len(options)))
-    return Settled(guesses, best.factor, float(runner_up), best.degrees_of_freedom)
+    return replace(best, runner_up=float(runner_up), guesses=guesses)
 
 
-def _order(options: Sequence[Sequence[Guess]]) -> list[int]:
+def _order(options: Sequence[Sequence[Labeled]]) -> list[int]:
     """Photographs in the order to join: first one of few labelings and many dots, then the one tilted most unlike."""
     first = min(range(len(options)), key=lambda k: (len(options[k]), -len(options[k][0].index)))
-    normals = np.array([guesses[0].rotation[:, 2] for guesses in options])
+    normals = np.array([posed(guesses[0])[0][:, 2] for guesses in options])
     order, nearest = [first], normals @ normals[first]
     while len(order) < len(options):
         nearest[order] = np.inf
@@ -677,47 +668,29 @@ def _order(options: Sequence[Sequence[Guess]]) -> list[int]:
     return order
 
 
-def _network(points: Array, radii: Array, camera: Camera) -> Network:
-    """Network of all dots and a camera that may move a little."""
-    if camera.distortion == NO_DISTORTION:
-        camera = replace(camera, distortion=UNKNOWN_LENS)
-    names = [name for name in CAMERA_SIGMA if name in camera.parameter_names]
-    freedom = CameraFreedom.of_names(camera, names)
-    unit = {"fx": camera.fx, "cx": camera.width, "cy": camera.width}
-    sigma = np.array([CAMERA_SIGMA[name] * unit.get(name, 1.0) for name in names])
-    freedom = replace(freedom, precision=np.diag(sigma**-2))
-    return Network(points, radii, camera, freedom, np.zeros(len(points), dtype=np.intp))
-
-
-def _joined(before: _Joined, k: int, c: int, options: Sequence[Sequence[Guess]], network: Network) -> _Joined:
+def _joined(before: Settled, k: int, c: int, options: Sequence[Sequence[Labeled]], network: Network) -> Settled:
     """Return the photographs joined before with photograph k added, or changed, to its labeling c."""
     chosen = {**before.chosen, k: c}
     photos = sorted(chosen)
     guesses = [options[photo][chosen[photo]] for photo in photos]
-    v, n = len(photos), len(network.design)
-    pixels, spread = np.zeros((v, n, 2)), np.broadcast_to(np.eye(2), (v, n, 2, 2)).copy()
-    seen = np.zeros((v, n), dtype=bool)
-    for row, guess in enumerate(guesses):
-        pixels[row, guess.index], spread[row, guess.index] = guess.centers, guess.covariance
-        seen[row, guess.index] = True
-    shared = np.flatnonzero(seen.sum(axis=0) > 1)
+    old = {photo: pose for photo, pose in before.poses.items() if photo != k}
+    rows = [(guess.index, guess, old.get(photo, posed(guess))) for photo, guess in zip(photos, guesses, strict=True)]
+    n = len(network.design)
+    views = views_of(n, rows)
+    shared = np.flatnonzero(views.seen.sum(axis=0) > 1)
     kept = np.zeros(n, dtype=bool)
     kept[shared[np.unique(np.linspace(0, len(shared) - 1, min(len(shared), MOST_DOTS)).astype(int))]] = True
-    if kept.sum() < LEAST_DOTS or (seen[:, kept].sum(axis=1) < LEAST_DOTS).any():
-        return _Joined(chosen)
-    old = {photo: pose for photo, pose in before.poses.items() if photo != k}
-    poses = [old.get(photo, (guess.rotation, guess.translation)) for photo, guess in zip(photos, guesses, strict=True)]
-    views = Views(pixels, spread, seen, np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
+    if kept.sum() < LEAST_DOTS or (views.seen[:, kept].sum(axis=1) < LEAST_DOTS).any():
+        return Settled(chosen)
     start = network.design if before.places is None else before.places
-    try:
-        adjusted = adjust(network.of_dots(kept), views.of_dots(kept), places=start[kept], tolerance=ROUGHLY)
-    except (UndeterminedError, np.linalg.LinAlgError):
-        return _Joined(chosen)
+    adjusted = attempt(network.of_dots(kept), views.of_dots(kept), places=start[kept], tolerance=ROUGHLY)
+    if adjusted is None:
+        return Settled(chosen)
     places = start.copy()
     places[kept] = adjusted.places
     moved = zip(adjusted.views.rotation, adjusted.views.translation, strict=True)
     factor = adjusted.chi2 / max(1, adjusted.degrees_of_freedom)
-    return _Joined(chosen, factor, adjusted.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
+    return Settled(chosen, factor, adjusted.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
 
 
 def turned_to_design(
@@ -729,11 +702,7 @@ def turned_to_design(
     """
     turned = [
         tuple(
-            replace(
-                guess,
-                index=guesses.image[guess.index],
-                **dict(zip(("rotation", "translation"), guesses.pose(guess.rotation, guess.translation), strict=True)),
-            )
+            replace(guess, index=guesses.image[guess.index], pose=guesses.pose(*posed(guess)))
             for guess in settled.guesses
         )
         for guesses in group
@@ -744,14 +713,15 @@ def turned_to_design(
     return replace(settled, guesses=best), len(likely) == 1
 
 
-def _misfit(guesses: Sequence[Guess], points: Array, radii: Array, camera: Camera) -> float:
+def _misfit(guesses: Sequence[Labeled], points: Array, radii: Array, camera: Camera) -> float:
     """Sum of squares in px^2 of what the design leaves in all photographs."""
     total = 0.0
     for guess in guesses:
         seen = camera.from_pixels(guess.centers)
         weight = np.broadcast_to(camera.fx**2 * np.eye(2), (1, len(seen), 2, 2))
+        rotation, translation = posed(guess)
         refined = refine_poses(
-            points[guess.index], radii[guess.index], seen[None], weight, guess.rotation[None], guess.translation[None]
+            points[guess.index], radii[guess.index], seen[None], weight, rotation[None], translation[None]
         )
         total += float(refined[2][0])
     return total

@@ -148,8 +148,16 @@ def _map(values: Array, camera: Camera, ax: "Axes", label: str) -> "Axes":
         lines = ax.contour(x, y, positive, levels=levels[1:-1], colors=INK, linewidths=0.5)
         ax.clabel(lines, fontsize=7, fmt=lambda value: f"{value:g}")
     ax.figure.colorbar(filled, ax=ax, label=label, shrink=0.85, ticks=levels, format=lambda value, _: f"{value:g}")
+    ax.set(facecolor=FAINT)
+    return image_axes(camera, ax)
+
+
+def image_axes(camera: Camera, ax: "Axes") -> "Axes":
+    """Make axes those of the image."""
     ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
-    ax.set(xlabel="x, px", ylabel="y, px", facecolor=FAINT)
+    ax.set(xlabel="x, px", ylabel="y, px")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(True)
     ax.grid(visible=False)
     return ax
 

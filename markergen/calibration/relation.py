@@ -1,118 +1,180 @@
-"""The relation of a body's plates, from photographs that show several of them at once.
+"""What is held together, from photographs that show several parts at once: plates of a body, and cameras of a rig.
 
-The adjustment of each plate's marker by itself leaves out that all plates in a photograph move together: the pose of a
-view is the pose of the body in its photograph times that of the plate in the body. Here the poses of the body, those of
-its plates, the dots in their markers and the camera are adjusted together, from that adjustment on, as `PlatePoses`.
-The dots of each marker neither shift nor turn with respect to its design, nor do the designed dots of all markers with
-respect to the designed body. Photographs give the ratios of the markers' scales; without a measured length the dots of
-all markers together do not grow.
+The adjustment of each marker in each photograph by itself leaves out that all plates in a photograph move together, and
+that cameras which take photographs at one moment stay where they are to each other. Here the poses of the body, those
+of its plates and of the cameras, the dots in their markers and the cameras' parameters are adjusted together, from
+that adjustment on, as `RigidPoses`. The dots of each marker neither shift nor turn with respect to its design, nor do
+the designed dots of all markers with respect to the designed body. Photographs give the ratios of the markers' scales
+and of the cameras' distances; without a measured length the dots of all markers together do not grow.
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
-from markergen.calibration.network import PlatePoses, Pose, Views
+from markergen.calibration.network import Pose, RigidPoses
 from markergen.errors import InputError
-from markergen.maths.rotation import angle_between, rigid_motion, skew
+from markergen.maths.rotation import angle_between, inverse_pose, pose_product, rigid_motion, skew
 from markergen.model.body import Body, Plate
 
 LOOSE = 3.0
-"""Ratio of residuals with one pose for all plates to those with one for each from which on they count as moving."""
+"""Ratio of residuals with one pose for all that is held together to those with one for each from which on it counts as
+moving."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """A body with its relation as measured.
+    """Plates of a body, or cameras, or both, as they are held together in the adjustment of all.
 
-    Attributes
-    ----------
-    rig : Body
-        With the measured markers, their poses, and the covariance of these.
-    turned_deg, moved : arrays (k,), degrees and m
-        By how much each marker is turned and shifted from where it was designed.
-    looseness : float
-        Ratio of residuals with one pose for all markers of a photograph to those with one for each: the root of the
-        ratio of chi2 per degree of freedom.
-    photographs : int
-        Number of photographs that show two markers or more.
-    dots : (array (n, 3), array (3 n, 3 n)), m and m^2
-        Places of the adjusted dots, each in the frame of its marker, and their covariance, singular along the gauge.
+    The rig, None for markers that are no rig's, has the measured markers, their poses and the covariance of these; each
+    marker is turned (k,) in degrees and moved (k,) in m from where it was designed. `looseness` is the ratio of
+    residuals with one pose for all to those with one for each: the root of the ratio of chi2 per degree of freedom.
+    `photographs` counts the moments that show two parts or more; `scale_sigma` is what is unknown of the scale, as a
+    share.
     """
 
-    rig: Body
+    rig: Body | None
     turned_deg: Array
     moved: Array
     looseness: float
     photographs: int
-    dots: tuple[Array, Array]
+    together: Adjustment
+    names: tuple[str, ...]
+    scale_sigma: float = 0.0
 
     @property
     def sigma(self) -> tuple[Array, Array]:
         """Standard deviations (k,) of the markers' rotations in degrees and translations in m, RMS over directions."""
+        assert self.rig is not None
         assert self.rig.relation_covariance is not None
-        parts = np.sqrt(np.diag(self.rig.relation_covariance).reshape(-1, 2, 3).sum(axis=-1))
-        return np.rad2deg(parts[:, 0]), parts[:, 1]
+        return _sigmas(self.rig.relation_covariance)
+
+    def plate_rows(self) -> list[tuple[Plate, float, float, float, float]]:
+        """Each plate with its turn in degrees and shift in m from the design, and their sigmas."""
+        assert self.rig is not None
+        columns = (values.tolist() for values in (self.turned_deg, self.moved, *self.sigma))
+        return list(zip(self.rig.plates, *columns, strict=True))
+
+    @property
+    def cameras(self) -> Pose:
+        """Poses T_camera_first (c, 3, 3) and (c, 3), m."""
+        assert self.together.joints is not None
+        last = slice(-len(self.names), None)
+        return self.together.joints.rotation[last], self.together.joints.translation[last]
+
+    @cached_property
+    def camera_covariance(self) -> Array:
+        """Covariance (6 c, 6 c) of (w, dt) of the cameras' poses, with what is unknown of the scale."""
+        size = 6 * len(self.names)
+        grown = np.zeros((len(self.names), 6))
+        grown[:, 3:] = self.scale_sigma * self.cameras[1]
+        return self.together.rigid_covariance[-size:, -size:] + np.outer(grown, grown)
+
+    def camera_rows(self) -> list[tuple[str, float, Array, float, float]]:
+        """Name of each camera but the first, its turn in degrees, its translation in m, and their sigmas."""
+        (rotation, translation), sigmas = self.cameras, zip(*_sigmas(self.camera_covariance), strict=True)
+        turned = np.rad2deg(angle_between(rotation, np.eye(3)))
+        rows = zip(self.names, turned.tolist(), translation, sigmas, strict=True)
+        return [(name, turn, away, *map(float, sigma)) for name, turn, away, sigma in rows][1:]
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, and a warning if the markers move relative to each other."""
-        turned, moved, *sigma = (np.sqrt(np.mean(np.square(v))) for v in (self.turned_deg, self.moved, *self.sigma))
-        displacement = (
-            f"The markers are {turned:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them, known to "
-            f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} photographs that show two or more."
-        )
+        """What was found."""
+        listed = []
+        for name, turn, away, *sigma in self.camera_rows():
+            place = " ".join(f"{1e3 * number:.2f}" for number in away)
+            listed.append(
+                f"T_{name}_{self.names[0]}: turned by {turn:.4g} deg, moved by ({place}) mm, known to "
+                f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} moments."
+            )
+        if self.rig is not None:
+            turned, moved, *sigma = (np.sqrt(np.mean(np.square(v))) for v in (self.turned_deg, self.moved, *self.sigma))
+            listed.append(
+                f"The markers are {turned:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them, known to "
+                f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} photographs that show two or "
+                "more."
+            )
+        return tuple(listed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Whether parts move relative to each other."""
         if self.looseness < LOOSE:
-            return (displacement,)
+            return ()
+        parts = " and the ".join(["markers"] * (self.rig is not None) + ["cameras"] * (len(self.names) > 1))
+        taken = ", or photographs of one name were not taken at once" * (len(self.names) > 1)
         return (
-            displacement,
-            f"The markers seem to move relative to each other: residuals with one pose for all of them are "
-            f"{self.looseness:.2g} times those with one for each.",
+            f"the {parts} seem to move relative to each other{taken}: residuals with one pose for all of them are "
+            f"{self.looseness:.2g} times those with one for each",
         )
 
 
-def relate(body: Body, adjustment: Adjustment, photo: Indices, print_sigma: float) -> Relation:
-    """Find the relation of a body's plates.
+def relate(
+    body: Body | None, adjustment: Adjustment, moment: Indices, print_sigma: float, names: Sequence[str] = ("",)
+) -> Relation:
+    """Find the relation of a body's plates, of cameras, or of both.
 
     The adjustment is of the dots of all markers, each in its own frame, with a pose for each marker in each photograph;
-    `photo` (v,) is the photograph of each of its views. The standard deviation of a printed dot about its design is
-    weak knowledge, which keeps markers of few dots flat. The body of the result has the markers as designed, at their
-    measured poses.
+    `moment` (v,) is the photograph of each of its views, one for all cameras that took it at once. The standard
+    deviation of a printed dot about its design is weak knowledge, which keeps markers of few dots flat. The body of the
+    result has the markers as designed, at their measured poses.
 
     Raises
     ------
     InputError
-        If photographs do not connect all markers.
+        If photographs do not connect all markers of the body, or all cameras.
     """
-    views, photo = adjustment.views, np.unique(photo, return_inverse=True)[1]
-    plate = adjustment.network.marker[np.argmax(adjustment.weights > 0, axis=1)]
-    plate_poses = PlatePoses(*_plate_poses(body, views, photo, plate), photo, plate)
-    network = replace(
-        adjustment.network, camera=adjustment.camera, joints=plate_poses, loose=(print_sigma, print_sigma)
-    )
+    views, marker = adjustment.views, adjustment.network.marker[np.argmax(adjustment.weights > 0, axis=1)]
+    seen = views.rotation, views.translation
+    plates, plate, shown = (np.eye(3)[None], np.zeros((1, 3))), np.zeros(len(marker), dtype=np.intp), moment
+    network = adjustment.network
+    if body is None:
+        # Markers that are no rig's move by themselves.
+        shown = moment * len(names) * (marker.max() + 1) + marker
+    else:
+        designed, plate = _poses_of(body), marker
+        first = designed[0][0], designed[1][0]
+        plates = _linked(seen, moment * len(names) + views.camera, marker, first, [p.name for p in body.plates])
+        network = replace(network, loose=(print_sigma, print_sigma))
+    same = np.unique(np.stack([moment, marker]), axis=1, return_inverse=True)[1].ravel()
+    turned_back = _linked(inverse_pose(seen), same, views.camera, (np.eye(3), np.zeros(3)), names, "cameras")
+    poses = [np.concatenate(pair) for pair in zip(plates, inverse_pose(turned_back), strict=True)]
+    held = np.isin(np.arange(len(poses[0])), [0, len(plates[0])])
+    shown = np.unique(shown, return_inverse=True)[1]
+    rigid = RigidPoses(poses[0], poses[1], shown, plate, len(plates[0]) + views.camera, held)
+    network = replace(network, cameras=adjustment.cameras, joints=rigid)
     together = adjust(network, views, adjustment.weights, adjustment.places)
     assert together.joints is not None
-    poses = together.joints.rotation, together.joints.translation
-    (rotations, translations), spread = _as_designed(body, poses, together.plate_covariance)
-    plates = [
-        Plate(plate.name, plate.marker, tuple(map(tuple, rotation)), tuple(translation))
-        for plate, rotation, translation in zip(body.plates, rotations, translations, strict=True)
-    ]
-    designed = _poses_of(body)
-    plates_in_photo = np.unique(np.stack([photo, plate]), axis=1)[0]
     looser = together.variance_factor / adjustment.variance_factor
-    return Relation(
-        body.with_plates(plates, spread),
-        np.rad2deg(angle_between(rotations, designed[0])),
-        np.linalg.norm(translations - designed[1], axis=-1),
-        float(np.sqrt(looser)) if adjustment.degrees_of_freedom > 0 else 1.0,
-        int((np.bincount(plates_in_photo) > 1).sum()),
-        (together.places, together.covariance),
+    several = np.bincount(np.unique(np.stack([moment, plate * len(names) + views.camera]), axis=1)[0]) > 1
+    looseness = float(np.sqrt(looser)) if adjustment.degrees_of_freedom > 0 else 1.0
+    found = Relation(None, np.zeros(0), np.zeros(0), looseness, int(several.sum()), together, tuple(names))
+    if body is None:
+        return found
+    size = len(body.plates)
+    measured = together.joints.rotation[:size], together.joints.translation[:size]
+    (rotations, translations), spread = _as_designed(body, measured, together.rigid_covariance[: 6 * size, : 6 * size])
+    rig = body.with_plates(
+        [
+            Plate(plate.name, plate.marker, tuple(map(tuple, rotation)), tuple(translation))
+            for plate, rotation, translation in zip(body.plates, rotations, translations, strict=True)
+        ],
+        spread,
     )
+    turned = np.rad2deg(angle_between(rotations, designed[0]))
+    return replace(found, rig=rig, turned_deg=turned, moved=np.linalg.norm(translations - designed[1], axis=-1))
+
+
+def _sigmas(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations (k,) of rotations in degrees and translations in m by their covariance (6 k, 6 k)."""
+    parts = np.sqrt(np.diag(covariance).reshape(-1, 2, 3).sum(axis=-1))
+    return np.rad2deg(parts[:, 0]), parts[:, 1]
 
 
 def _poses_of(body: Body) -> Pose:
@@ -123,35 +185,40 @@ def _poses_of(body: Body) -> Pose:
     )
 
 
-def _plate_poses(body: Body, views: Views, photo: Indices, plate: Indices) -> Pose:
-    """Return poses (k, 3, 3) and (k, 3) of plates in the body, from plate to plate by photographs that show both.
+def _linked(
+    seen: Pose, group: Indices, part: Indices, first: Pose, names: Sequence[str], kinds: str = "markers of the rig"
+) -> Pose:
+    """Return poses (k, 3, 3) and (k, 3) of parts, from one to the next by the views (v) of a group that show both.
 
-    Of the relations that several photographs give, the one nearest to the others is taken.
+    Of the relations that several groups give, the one nearest to the others is taken.
     """
-    reached = {0: (body.plates[0].rotation_matrix, body.plates[0].translation_vector)}
-    views_of_photos = [np.flatnonzero(photo == number).tolist() for number in range(photo.max() + 1)]
-    while len(reached) < len(body.plates):
+    reached = {0: first}
+    views_of_groups = [np.flatnonzero(group == number).tolist() for number in np.unique(group)]
+    while len(reached) < len(names):
         candidates = defaultdict[int, list[Pose]](list)
-        for first, second in (pair for together in views_of_photos for pair in permutations(together, 2)):
-            neighbor = int(plate[second])
-            if plate[first] in reached and neighbor not in reached:
-                rotation, translation = reached[int(plate[first])]
-                to_plate = views.rotation[first].T
-                between = to_plate @ (views.translation[second] - views.translation[first])
-                pose = rotation @ (to_plate @ views.rotation[second]), rotation @ between + translation
-                candidates[neighbor].append(pose)
+        for one, other in (pair for together in views_of_groups for pair in permutations(together, 2)):
+            neighbor = int(part[other])
+            if int(part[one]) in reached and neighbor not in reached:
+                (start, end) = ((seen[0][k], seen[1][k]) for k in (one, other))
+                candidates[neighbor].append(
+                    pose_product(reached[int(part[one])], pose_product(inverse_pose(start), end))
+                )
         if not candidates:
-            left = [lost.name for k, lost in enumerate(body.plates) if k not in reached]
+            left = [name for k, name in enumerate(names) if k not in reached]
             raise InputError(
-                "photographs that connect all markers of the rig, each with another one",
-                f"none that shows {', '.join(left[:5])} beside one of the others",
-                "photograph its edges, or leave the marker out of the rig",
+                f"photographs that connect all {kinds}, each with another one",
+                f"none that shows {', '.join(left[:5])} beside one of the others"
+                if kinds != "cameras"
+                else f"no moment at which {', '.join(left[:5])} and another one show the same marker",
+                "photograph its edges, or leave the marker out of the rig"
+                if kinds != "cameras"
+                else "photographs of one moment have one name in the folders of all cameras",
             )
         for neighbor, poses in candidates.items():
             rotations = np.array([rotation for rotation, _ in poses])
             apart = angle_between(rotations[:, None], rotations[None])
             reached[neighbor] = poses[int(np.median(apart, axis=1).argmin())]
-    poses = [reached[k] for k in range(len(body.plates))]
+    poses = [reached[k] for k in range(len(names))]
     return np.array([rotation for rotation, _ in poses]), np.array([translation for _, translation in poses])
 
 

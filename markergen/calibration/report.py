@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.calibration.camera_choice import CameraChoice
-from markergen.calibration.coverage import PhotoCoverage, coverage_of
+from markergen.calibration.coverage import coverage_of, view_angles
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import CrossValidation, Halves, parameters_of
 from markergen.calibration.projection_uncertainty import (
     camera_difference,
     draw_difference,
     draw_uncertainty,
+    image_axes,
     projection_uncertainty,
 )
 from markergen.calibration.sentences import SOURCES, sentence, sentences_of, unused
@@ -85,7 +86,7 @@ def calibration_page(calibration: "Calibration") -> bytes:
         [
             ("answer", "What to expect", _answer_section(quantities)),
             ("print", "The print", _print_section(quantities)),
-            ("relation", "The rig", _relation_section(quantities)),
+            ("relation", "Held together", _relation_section(quantities)),
             ("judged", "Does it hold?", _judgment_section(quantities)),
             ("camera", "The camera", _camera_section(quantities)),
             ("photos", "Photographs", _photos_section(quantities)),
@@ -109,16 +110,6 @@ UM = 1e6
 
 LONGEST_NAME = 60
 """Maximum number of characters shown of a photograph's name."""
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A rejected dot: in which photograph, and by how many px and sigma it is off what all the others say."""
-
-    photo: str
-    dot: str
-    off_px: float
-    off_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,20 +200,15 @@ class Quantities:
         return np.sqrt(np.where(count > 0, self.squares.sum(axis=axis) / np.maximum(count, 1), np.nan))
 
     @cached_property
-    def coverage(self) -> PhotoCoverage:
-        """What the used views cover."""
-        return coverage_of(self.calibration.adjustment)
-
-    @cached_property
-    def outliers(self) -> list[Rejected]:
-        """Rejected dots of the used views, the worst first."""
-        residual = self.calibration.adjustment.residual
-        listed = []
+    def outliers(self) -> list[list[str]]:
+        """Rejected dots of the used views, the worst first: photograph, dot, and by how many px and sigma it is off."""
+        residual, listed = self.calibration.adjustment.residual, []
         for row, column in np.argwhere(self.rejected):
             off = residual[row, column]
             sigma = float(np.sqrt(off @ np.linalg.solve(self.spread[row, column], off)))
-            listed.append(Rejected(self.rows[row], self.dots[column], float(np.linalg.norm(off)), sigma))
-        return sorted(listed, key=lambda rejected: -rejected.off_sigma)
+            cells = [self.rows[row], self.dots[column], _px(float(np.linalg.norm(off))), f"{sigma:.1f}"]
+            listed.append((sigma, cells))
+        return [cells for _, cells in sorted(listed, key=lambda rejected: -rejected[0])]
 
 
 _HANG_UP, _SQUARE = (5.8, 5.0), (4.4, 4.4)
@@ -286,11 +272,23 @@ def _relation_section(quantities: Quantities) -> Section | None:
     if relation is None:
         return None
     section = Section(quantities.sentences["relation"])
+    if len(relation.names) > 1:
+        section.tables.append(
+            Table(
+                "Poses of the cameras",
+                ["camera", "turned, deg", "x, mm", "y, mm", "z, mm", "sigma, deg", "sigma, mm"],
+                [
+                    [name, *map(number, (turn, *(1e3 * away), by_turn, 1e3 * by_shift))]
+                    for name, turn, away, by_turn, by_shift in relation.camera_rows()
+                ],
+                f"T_camera_{relation.names[0]}, with what is unknown of the print's scale; JSON has the covariance.",
+            )
+        )
+    if relation.rig is None:
+        return section
     rows = [
         [plate.name, *map(number, (angle, 1e3 * distance, by_turn, 1e3 * by_shift))]
-        for plate, angle, distance, by_turn, by_shift in zip(
-            relation.rig.plates, relation.turned_deg, relation.moved, *relation.sigma, strict=True
-        )
+        for plate, angle, distance, by_turn, by_shift in relation.plate_rows()
     ]
     section.tables.append(
         Table(
@@ -367,23 +365,28 @@ def _dot_table(quantities: Quantities) -> Table:
 def _photos_section(quantities: Quantities) -> Section:
     """Photographs with their residuals, rejected dots, unused photographs, and the residuals over the image."""
     calibration, views = quantities.calibration, quantities.calibration.adjustment.views
-    camera, residual = calibration.camera, calibration.adjustment.residual
+    residual = calibration.adjustment.residual
     section = Section(quantities.sentences["photos"][:1])
     taken, rejected = quantities.taken, quantities.rejected
-    if taken.any():
-        factor = residual_factor(residual[taken], camera.width)
-        crossed = (views.pixels[rejected], residual[rejected])
+    for k, found in enumerate(calibration.cameras):
+        rows = (views.camera == k)[:, None]
+        if not (taken & rows).any():
+            continue
+        part, lost = taken & rows, rejected & rows
+        factor = residual_factor(residual[part], found.camera.width)
+        crossed = (views.pixels[lost], residual[lost])
         section.plots.append(
             plot(
-                partial(draw_residual_vectors, views.pixels[taken], residual[taken], crossed, factor, camera),
-                "residuals",
-                f"Residuals of {int(taken.sum())} dots over the image, {number(calibration.adjustment.rms)} px RMS.",
+                partial(draw_residual_vectors, views.pixels[part], residual[part], crossed, factor, found.camera),
+                f"residuals{k or ''}",
+                f"Residuals of {int(part.sum())} dots over the image{of_camera(found.name)}, "
+                f"{number(_rms(np.linalg.norm(residual[part], axis=1)))} px RMS.",
                 f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
                 "lens that the model does not follow, or a marker that bends.",
                 _image_size(quantities),
             )
         )
-    rms, factors, tilt = quantities.rms(axis=1), quantities.variance_factors, quantities.coverage.tilt_deg
+    rms, factors, tilt = quantities.rms(axis=1), quantities.variance_factors, view_angles(views.rotation)[0]
     distance = np.linalg.norm(views.translation, axis=1)
     numbers = calibration.sightings.photo[calibration.used] + 1
     section.tables.append(
@@ -412,7 +415,7 @@ def _photos_section(quantities: Quantities) -> Section:
             Table(
                 "Rejected dots",
                 ["photograph", "dot", "off, px", "off, sigma"],
-                [[dot.photo, dot.dot, _px(dot.off_px), f"{dot.off_sigma:.1f}"] for dot in quantities.outliers],
+                quantities.outliers,
                 "Rejected because they are farther from where all other dots and photographs put them than chance and "
                 "noise allow.",
             )
@@ -428,33 +431,38 @@ def _photos_section(quantities: Quantities) -> Section:
 
 def _coverage_section(quantities: Quantities) -> Section:
     """Where in the image, from which sides, and with which turns the marker was seen."""
-    covered, views, camera = quantities.coverage, quantities.calibration.adjustment.views, quantities.calibration.camera
-    pixels = [views.pixels[row][taken] for row, taken in enumerate(quantities.taken)]
-    distance = np.linalg.norm(views.translation, axis=1)
-    section = Section(
-        [covered.sentence, f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker."]
-    )
-    section.plots += [
-        plot(
-            partial(draw_image_coverage, pixels, camera),
-            "coverage",
-            f"Outlines of the dots of {len(pixels)} views over the image; {100 * covered.image:.0f} % of its cells "
-            "have a dot.",
-            "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
-            "where dots were.",
-            _image_size(quantities),
-        ),
-        plot(
-            partial(draw_directions, views.rotation, covered.tilt_deg),
-            "directions",
-            f"Sides and tilts from which {len(pixels)} views were taken: tilts of {covered.tilt_deg.min():.0f} to "
-            f"{covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 sides.",
-            "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, the "
-            "rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets have marks "
-            "all around, with hands in all directions.",
-            _SQUARE,
-        ),
-    ]
+    section, adjustment = Section(), quantities.calibration.adjustment
+    for k, found in enumerate(quantities.calibration.cameras):
+        of_one = adjustment.of_camera(k)
+        covered, views = coverage_of(of_one), of_one.views
+        pixels = [seen[weights > 0] for seen, weights in zip(views.pixels, of_one.weights, strict=True)]
+        distance = np.linalg.norm(views.translation, axis=1)
+        section.sentences += [
+            covered.sentence,
+            f"The camera was {distance.min():.2f} to {distance.max():.2f} m from the marker.",
+        ]
+        section.plots += [
+            plot(
+                partial(draw_image_coverage, pixels, found.camera),
+                f"coverage{k or ''}",
+                f"Outlines of the dots of {len(pixels)} views{of_camera(found.name)} over the image; "
+                f"{100 * covered.image:.0f} % of its cells have a dot.",
+                "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
+                "where dots were.",
+                _image_size(quantities),
+            ),
+            plot(
+                partial(draw_directions, views.rotation, covered.tilt_deg),
+                f"directions{k or ''}",
+                f"Sides and tilts from which {len(pixels)} views were taken{of_camera(found.name)}: tilts of "
+                f"{covered.tilt_deg.min():.0f} to {covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 "
+                "sides.",
+                "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, "
+                "the rings are tilts. The hand of each mark points where the upper edge of the image is. Good sets "
+                "have marks all around, with hands in all directions.",
+                _SQUARE,
+            ),
+        ]
     return section
 
 
@@ -466,33 +474,18 @@ def _next_photos_section(quantities: Quantities) -> Section | None:
     section = Section(quantities.sentences["next"])
     if not asked.helps:
         return section
-    network = quantities.calibration.adjustment.network
     for k, photo in enumerate(asked.photos):
+        error = f"{number(photo.after.rotation_deg)} deg and {number(1e3 * photo.after.translation)} mm"
         section.plots.append(
             plot(
                 partial(asked.draw, which=k),
                 f"next-{k}",
                 f"Picture {k + 1} to take next: {photo.request}.",
-                f"{k + 1}. {sentence(photo.request)} Gray: the photographs taken.",
+                f"{k + 1}. {sentence(photo.request)} With it, expect {error}, and the error of the scale. Gray: the "
+                "photographs taken.",
                 _image_size(quantities),
             )
         )
-    section.tables.append(
-        Table(
-            "Expected pose error after the next photographs, one after the other",
-            ["photograph", "rotation, deg", "translation, mm"],
-            [
-                [name, number(error.rotation_deg), number(1e3 * error.translation)]
-                for name, error in (
-                    ("now", asked.photos[0].before),
-                    *((str(k + 1), photo.after) for k, photo in enumerate(asked.photos)),
-                )
-            ],
-            ""
-            if network.scale_known(int(network.marker[0]))
-            else "Without the error of the print's scale, which no photograph tells and the first section counts.",
-        )
-    )
     return section
 
 
@@ -531,81 +524,66 @@ def _judgment_section(quantities: Quantities) -> Section:
         away = np.full((len(calibration.chosen), 3), np.nan)
         away[halves.dots] = UM * halves.difference
         section.plots += list(_maps(quantities, away, 4 * quantities.covariance, "halves"))
-        sides = [len(photos) for photos in halves.photos]
-        section.tables.append(
-            Table(
-                "Two halves",
-                ["photographs", "dots", "difference, um RMS", "chi2/dof", "chance, %"],
-                [
-                    [
-                        f"{sides[0]} and {sides[1]}",
-                        str(len(halves.dots)),
-                        number(halves.rms_um),
-                        f"{halves.variance_factor:.2f}",
-                        f"{100 * halves.chance:.2g}",
-                    ]
-                ],
-                "chi2/dof compares the difference with the claimed errors: 1 is expected. Chance is the probability of "
-                "so much or more if they are right.",
-            )
-        )
     return section
 
 
 def _camera_section(quantities: Quantities) -> Section | None:
-    """Parameters of the camera, how well it projects, and what was tried; None if it was given as exact."""
-    calibration, covariance = quantities.calibration, quantities.calibration.camera_covariance
-    if covariance is None:
-        return None
-    names, values = calibration.camera.parameter_names, parameters_of(calibration.camera)
-    sigma = np.sqrt(np.diag(covariance))
-    center = projection_uncertainty(calibration.camera, covariance)
-    low, high = (number(float(extreme(center)), 2) for extreme in (np.nanmin, np.nanmax))
+    """Parameters of the cameras, how well they project, and what was tried; None if all were given as exact."""
+    calibration, halves = quantities.calibration, quantities.calibration.halves
     section = Section([*quantities.sentences["camera"]])
     shape = _image_size(quantities)
-    section.plots.append(
-        plot(
-            lambda ax: draw_uncertainty(center, calibration.camera, ax),
-            "uncertainty",
-            f"Standard deviation of the projection over the image, {low} to {high} px.",
-            "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
-            shape,
-        )
-    )
-    halves = calibration.halves
-    if isinstance(halves, Halves) and halves.camera_chi2 is not None:
-        difference = camera_difference(*halves.cameras)
-        size = np.linalg.norm(difference, axis=-1)
-        difference_px = f"{number(float(np.sqrt(np.nanmean(size**2))), 2)} px RMS"
+    for k, found in enumerate(calibration.cameras):
+        camera, covariance = found.camera, found.covariance
+        if covariance is None:
+            continue
+        sigma, center = np.sqrt(np.diag(covariance)), projection_uncertainty(camera, covariance)
+        low, high = (number(float(extreme(center)), 2) for extreme in (np.nanmin, np.nanmax))
         section.plots.append(
             plot(
-                lambda ax: draw_difference(difference, halves.cameras[0], ax),
-                "cameras",
-                f"Difference between the cameras of the two halves over the image, {difference_px}.",
-                f"Where the camera of the second half sees what that of the first sees at each pixel: "
-                f"{difference_px}. About twice the standard deviation beside it is expected.",
+                partial(draw_uncertainty, center, camera),
+                f"uncertainty{k or ''}",
+                f"Standard deviation of the projection{of_camera(found.name)} over the image, {low} to {high} px.",
+                "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
                 shape,
             )
         )
-        section.sentences.append(
-            f"The cameras of the two halves differ by {difference_px}; their parameters have a chi2 of "
-            f"{halves.camera_chi2:.2f} per degree of freedom, where 1 is expected."
+        if isinstance(halves, Halves) and halves.camera_chi2 is not None:
+            pair = halves.cameras[0][k], halves.cameras[1][k]
+            difference = camera_difference(*pair)
+            difference_px = f"{number(float(np.sqrt(np.nanmean((difference**2).sum(axis=-1)))), 2)} px RMS"
+            section.plots.append(
+                plot(
+                    partial(draw_difference, difference, pair[0]),
+                    f"cameras{k or ''}",
+                    f"Difference between the cameras of the two halves over the image, {difference_px}.",
+                    f"Where the camera of the second half sees what that of the first sees at each pixel: "
+                    f"{difference_px}. About twice the standard deviation beside it is expected.",
+                    shape,
+                )
+            )
+            section.sentences.append(
+                f"The cameras of the two halves differ by {difference_px}{of_camera(found.name)}; all parameters have "
+                f"a chi2 of {halves.camera_chi2:.2f} per degree of freedom, where 1 is expected."
+            )
+        section.tables.append(
+            Table(
+                f"Camera {found.name}".rstrip(),
+                ["parameter", "value", "sigma"],
+                [
+                    [name, f"{value:.7g}", number(float(deviation)) if deviation else "held"]
+                    for name, value, deviation in zip(camera.parameter_names, parameters_of(camera), sigma, strict=True)
+                ],
+                f"{camera.width} x {camera.height} px, {camera.distortion.model} lens; f and c in px.",
+            )
         )
-    section.tables.append(
-        Table(
-            "Camera",
-            ["parameter", "value", "sigma"],
-            [
-                [name, f"{value:.7g}", number(float(deviation)) if deviation else "held"]
-                for name, value, deviation in zip(names, values, sigma, strict=True)
-            ],
-            f"{calibration.camera.width} x {calibration.camera.height} px, {calibration.camera.distortion.model} lens; "
-            "f and c in px.",
-        )
-    )
-    if isinstance(calibration.camera_choice, CameraChoice):
-        section.tables.append(_trials(calibration.camera_choice))
-    return section
+        if isinstance(found.choice, CameraChoice):
+            section.tables.append(_trials(found.choice))
+    return section if section.tables else None
+
+
+def of_camera(name: str) -> str:
+    """Return of which of several cameras something is; nothing for a single one."""
+    return f" of camera {name}" if name else ""
 
 
 def _trials(choice: CameraChoice) -> Table:
@@ -769,7 +747,7 @@ def draw_residual_vectors(
             *start.T, linestyle="none", marker="x", markersize=6, color=SERIES[1]["color"], label="rejected", zorder=3
         )
         legend_below(ax)
-    return _image_axes(camera, ax)
+    return image_axes(camera, ax)
 
 
 def draw_image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axes":
@@ -781,7 +759,7 @@ def draw_image_coverage(pixels: list[Array], camera: Camera, ax: "Axes") -> "Axe
         hull = cv2.convexHull(dots.astype(np.float32))[:, 0]
         ax.add_patch(Polygon(hull, facecolor=SERIES[0]["color"], alpha=min(0.15, 2 / len(pixels)), linewidth=0))
         ax.add_patch(Polygon(hull, fill=False, edgecolor=SERIES[0]["color"], linewidth=0.6))
-    return _image_axes(camera, ax)
+    return image_axes(camera, ax)
 
 
 def draw_directions(rotation: Array, tilt_deg: Array, ax: "Axes") -> "Axes":
@@ -835,12 +813,3 @@ def _strokes(start: Array, end: Array) -> tuple[Array, Array]:
     """Coordinates of separate strokes as one line with gaps."""
     line = np.stack([start, end, np.full_like(start, np.nan)], axis=1).reshape(-1, 2)
     return line[:, 0], line[:, 1]
-
-
-def _image_axes(camera: Camera, ax: "Axes") -> "Axes":
-    ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
-    ax.set(xlabel="x, px", ylabel="y, px")
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(True)
-    ax.grid(visible=False)
-    return ax

@@ -2,6 +2,7 @@
 
 # tests: tests/calibration/test_report.py
 
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,13 +33,17 @@ _WORSE = 1.05
 
 def sentences_of(calibration: "Calibration") -> dict[str, list[str]]:
     """Return what was found in sentences, by the names of the report's sections; empty where nothing was."""
-    covariance, relation, following = calibration.camera_covariance, calibration.relation, calibration.next_photos
+    relation, following = calibration.relation, calibration.next_photos
     return {
-        "answer": [verdict_sentence(calibration), what_is_left(calibration), calibration.scale_source],
+        "answer": [verdict(calibration)[0], what_is_left(calibration), calibration.scale_source],
         "photos": photographs(calibration),
         "relation": [] if relation is None else list(relation.sentences),
         "judged": judged(calibration),
-        "camera": [] if covariance is None else [far_points(calibration.camera, covariance)],
+        "camera": [
+            f"Camera{f' {found.name}' * bool(found.name)}: {found.camera}. {far_points(found.camera, found.covariance)}"
+            for found in calibration.cameras
+            if found.covariance is not None
+        ],
         "next": [] if following is None else [following.sentence],
     }
 
@@ -46,14 +51,8 @@ def sentences_of(calibration: "Calibration") -> dict[str, list[str]]:
 def summary(calibration: "Calibration") -> list[str]:
     """Return some ten sentences: the error to expect, the scale, the residuals, how it was judged, and warnings."""
     sentences = sentences_of(calibration)
-    camera = [f"Camera: {calibration.camera}.", *sentences["camera"]] if sentences["camera"] else []
-    parts = [*sentences["answer"], *sentences["photos"], *sentences["relation"][:1], *sentences["judged"]]
-    return [*parts, *camera, *sentences["next"], *calibration.notes]
-
-
-def verdict_sentence(calibration: "Calibration") -> str:
-    """Return the verdict in a sentence: the pose error to expect, before and after, and whether it is confirmed."""
-    return verdict(calibration)[0]
+    parts = (sentences[name] for name in ("answer", "photos", "relation", "judged", "camera", "next"))
+    return [*chain.from_iterable(parts), *calibration.notes]
 
 
 def verdict(calibration: "Calibration") -> tuple[str, bool]:
@@ -145,16 +144,12 @@ def errors(error: ExpectedError) -> str:
     return f"{number(error.rotation_deg, 2)} deg and {number(1e3 * error.translation, 2)} mm"
 
 
-def source_shares(error: ExpectedError) -> dict[str, tuple[float, float]]:
-    """Return the share of each source in the sum of the variances of rotation and of translation."""
-    parts = {name: getattr(error, name) for name in SOURCES}
-    totals = [sum(part[k] ** 2 for part in parts.values()) or 1.0 for k in range(2)]
-    return {name: (part[0] ** 2 / totals[0], part[1] ** 2 / totals[1]) for name, part in parts.items()}
-
-
 def what_is_left(calibration: "Calibration") -> str:
     """Return what the error that is left comes from, the largest source first."""
-    parts = sorted(source_shares(calibration.after).items(), key=lambda part: -max(part[1]))
+    variances = {name: np.square(getattr(calibration.after, name)) for name in SOURCES}
+    total = sum(variances.values())
+    shares = {name: part / np.where(total > 0, total, 1.0) for name, part in variances.items()}
+    parts = sorted(shares.items(), key=lambda part: -max(part[1]))
     listed = [
         f"{_WORDS[name]} (rotation {100 * rotation:.0f} %, translation {100 * move:.0f} %)"
         for name, (rotation, move) in parts

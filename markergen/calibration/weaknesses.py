@@ -52,18 +52,9 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class Weakness:
-    """Something that the photographs leave open.
+    """Something that the photographs leave open, such as "heights of the dots" or "dot 3".
 
-    Attributes
-    ----------
-    what : str
-        Name of what is open, such as "heights of the dots" or "dot 3".
-    sentence : str
-        How far it is open.
-    remedy : str
-        What helps.
-    refuses : bool
-        Whether the calibration would be worse than the design.
+    In sentences how far it is open and what helps; `refuses` if the calibration would be worse than the design.
     """
 
     what: str
@@ -81,7 +72,7 @@ def findings(
     poses: tuple[Array, Array] | None = None,
     names: Sequence[str] | None = None,
 ) -> tuple[Weakness, ...]:
-    """Return what the photographs of a calibration leave open, the worst first.
+    """Return what the photographs of a calibration leave open, the worst first; of cameras, the first one's.
 
     Parameters
     ----------
@@ -171,7 +162,7 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
         2 * int(views.seen.sum()) - 6 * len(views) - unknown + int(np.linalg.matrix_rank(network.freedom.precision))
     )
     residual = np.zeros(views.pixels.shape)
-    start = Adjustment(network, views, network.design, network.camera, seen, residual, float(max(freedom, 0)), freedom)
+    start = Adjustment(network, views, network.design, network.cameras, seen, residual, float(max(freedom, 0)), freedom)
     weaknesses = (*rare, *findings(start, names=names))
     if not weaknesses:
         sentence = "no geometry of the marker explains all photographs"
@@ -181,13 +172,17 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
     return tuple(replace(weakness, refuses=True) for weakness in weaknesses)
 
 
-def refusal(weaknesses: Sequence[Weakness]) -> InputError | None:
-    """Return the error for findings of which one or more refuse the calibration; None if none does."""
+def refusal(weaknesses: Sequence[Weakness], cause: str = "") -> InputError | None:
+    """Return the error for findings of which one or more refuse the calibration, with its cause; None if none does."""
     bad = [weakness for weakness in weaknesses if weakness.refuses]
     if not bad:
         return None
     what = bad[0].what if bad[0].what.startswith("dot ") else f"the {bad[0].what}"
-    return InputError(f"photographs that determine {what}", f"that {bad[0].sentence}", bad[0].remedy)
+    return InputError(
+        f"photographs that determine {what}",
+        f"that {bad[0].sentence}{cause and f', most likely because {cause}'}",
+        bad[0].remedy,
+    )
 
 
 def rarely_seen(views: NDArray[np.intp], names: Sequence[str]) -> tuple[Weakness, ...]:
@@ -266,7 +261,7 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
         columns = (3 * dots[:, None] + np.arange(3)).ravel()[: working.dots if size else 0]
         lift = np.zeros((turns.shape[0], size + r))
         lift[np.arange(len(columns)), columns] = 1
-        lift[working.dots :, size:] = network.freedom.directions
+        lift[working.dots :, size:] = network.freedom.directions[network.parameters(0)]
         matrix += lift.T @ turns @ lift
     return matrix, design
 
@@ -320,8 +315,9 @@ def _name(adjustment: Adjustment, pattern: Array, units: Array, names: Sequence[
 def _camera_name(adjustment: Adjustment, moved: Array) -> str:
     """Name the parameters of the camera that move, each group weighed by its motion of the image."""
     camera = adjustment.camera
-    step = adjustment.network.freedom.directions @ moved
-    seen = adjustment.views.pixels[adjustment.weights > 0]
+    network = adjustment.network
+    step = network.freedom.directions[network.parameters(0)] @ moved
+    seen = adjustment.views.pixels[(adjustment.weights > 0) & (adjustment.views.camera == 0)[:, None]]
     jacobian = camera.parameter_jacobian(camera.from_pixels(seen))
     fx, fy = step[:2]
     whole = (fx / camera.fx + fy / camera.fy) / 2 * np.array([camera.fx, camera.fy])
@@ -334,7 +330,8 @@ def _camera_name(adjustment: Adjustment, moved: Array) -> str:
 def _extent(adjustment: Adjustment, name: str, covariance: Array, length: float, times: float) -> tuple[str, bool]:
     """Say how far something is open, and whether a guess is as good."""
     size, camera = adjustment.normal.dots, adjustment.camera
-    directions = adjustment.network.freedom.directions
+    network = adjustment.network
+    directions = network.freedom.directions[network.parameters(0)]
     sigma = np.sqrt(np.maximum(np.diag(directions @ covariance[size:, size:] @ directions.T), 0))
     if name not in _CAMERA:
         several = name.endswith(("dots", "more"))

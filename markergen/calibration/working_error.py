@@ -41,14 +41,8 @@ class ExpectedError:
 class Sensitivity:
     """How errors of dots and camera turn into pose errors, over P working poses.
 
-    Attributes
-    ----------
-    image : array (P, 6, 6)
-        Covariance of the pose from the image's noise alone.
-    transfer : array (P, 6, 3 n + k)
-        T: pose error (w, dt) for errors of the n dots, m, and of the camera's k parameters.
-    dots : int
-        3 n.
+    Covariance (P, 6, 6) of the pose from the image's noise alone, and T (P, 6, 3 n + k), the pose error (w, dt) for
+    errors of the n dots, m, and of the camera's k parameters; `dots` is 3 n.
     """
 
     image: Array

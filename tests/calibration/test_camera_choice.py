@@ -20,7 +20,7 @@ def _lens(*coefficients):
 def _choice(camera, n=16, photos=12, seed=0):
     made = simulate(n, photos, np.random.default_rng(seed), camera=camera)
     network = made.unknown_camera()
-    network = replace(network, camera=replace(network.camera, distortion=Distortion()))
+    network = replace(network, cameras=(replace(network.camera, distortion=Distortion()),))
     return choose_camera(network, made.views, np.arange(photos))
 
 

@@ -79,7 +79,7 @@ def test_views_of_one_photograph_stay_together():
     assert (found.measured.degrees_of_freedom == 8).all()
     apart = adjust(made.network(), whole.views.take(twice != 4))
     held = replace(
-        apart.network, design=apart.places, free=False, freedom=CameraFreedom.held(made.camera), camera=apart.camera
+        apart.network, design=apart.places, free=False, freedom=CameraFreedom.held(made.camera), cameras=apart.cameras
     )
     fitted = adjust(held, whole.views.take(twice == 4))
     assert found.measured.chi2[4] == pytest.approx(fitted.chi2, rel=1e-9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held
 
-from markergen.calibration.photos import Guess, relabelings, settle_labels, turned_to_design
+from markergen.calibration.photos import Labeled, relabelings, settle_labels, turned_to_design
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
@@ -37,7 +37,7 @@ def options(design, group, pixels, poses, rng, noise=0.05):
         own = []
         for each in (group[k] for k in order):
             spread = np.broadcast_to(noise**2 * np.eye(2), (len(design), 2, 2))
-            own.append(Guess(each.image, seen, spread, *each.pose(rotation, translation)))
+            own.append(Labeled(each.image, seen, spread, each.pose(rotation, translation)))
         all_options.append(own)
         right.append(int(np.flatnonzero(order == 0)[0]))
     return all_options, right

@@ -58,7 +58,7 @@ def test_photographs_lower_the_error_as_claimed(n, photos, known):
     assert found.photos
     views, factor = made.views, np.sqrt(first.scale)
     for photo in found.photos:
-        views = _with(views, _taken(made, photo.rotation, photo.translation, rng))
+        views = _with(views, _taken(made, photo.candidate.rotation[0], photo.candidate.translation[0], rng))
         real = _expected(adjust(network, views), poses)
         assert photo.after.rotation_deg / factor == pytest.approx(real.rotation_deg, rel=0.02)
         assert photo.after.translation / factor == pytest.approx(real.translation, rel=0.02)
@@ -84,7 +84,7 @@ def test_frontal_photographs_with_an_unknown_camera_ask_for_a_tilt(n):
     poses = FRONT @ turn_z(rng.uniform(0, 2 * np.pi, 10)), depth[:, None] * [0.0, 0.0, 1.0]
     made = photographed(design, printed(design, rng), *poses, rng)
     found = next_photos(adjust(made.unknown_camera(), made.views), _working(n))
-    assert found.photos[0].tilt_deg >= 40
+    assert found.photos[0].candidate.tilt_deg[0] >= 40
     assert found.photos[-1].after.rotation_deg < 0.15
     assert found.sentence.startswith("Next photograph: tilt")
     assert "1 deg or more" in found.sentence
@@ -111,7 +111,7 @@ def test_a_camera_alone_is_asked_for_as_well():
     held = replace(made.unknown_camera(), free=False)
     first, poses = adjust(held, made.views), _working(24)
     photo = next_photos(first, poses, count=1).photos[0]
-    views = _with(made.views, _taken(made, photo.rotation, photo.translation, rng))
+    views = _with(made.views, _taken(made, photo.candidate.rotation[0], photo.candidate.translation[0], rng))
     real = sensitivity(design, CAMERA, *poses, NOISE, np.zeros((24, 3, 3)))
     joint = np.pad((again := adjust(held, views)).joint / again.scale, ((72, 0), (72, 0)))
     assert photo.before.print == (0, 0)
@@ -139,7 +139,7 @@ def test_of_several_markers_the_first_is_shown():
     names = [f"dot {k}" for k in "abcdefghijk"]
     found, expected = next_photos(together, _working(5), names), next_photos(alone, _working(5))
     assert found.names == ("dot a", "dot b", "dot c", "dot d", "dot e")
-    assert np.allclose(found.photos[0].rotation, expected.photos[0].rotation)
+    assert np.allclose(found.photos[0].candidate.rotation, expected.photos[0].candidate.rotation)
     ratio = np.sqrt(together.scale / alone.scale)
     assert found.photos[0].after.rotation_deg == pytest.approx(ratio * expected.photos[0].after.rotation_deg, rel=1e-3)
 
@@ -198,9 +198,9 @@ def test_the_request_is_in_the_photographers_words():
     found = next_photos(adjust(made.network(), made.views), _working(5))
     assert found.photos[0].request == sentence("hold turned", "90 deg to the right", 0)
     second = found.photos[1]
-    assert second.request.startswith(f"tilt the marker {second.tilt_deg:.0f} deg, its ")
+    assert second.request.startswith(f"tilt the marker {second.candidate.tilt_deg[0]:.0f} deg, its ")
     assert "away from" in second.request
-    place = found.points @ second.rotation.T + second.translation
+    place = found.points @ second.candidate.rotation[0].T + second.candidate.translation[0]
     top = int(np.argmin(CAMERA.to_pixels(place[:, :2] / place[:, 2:])[:, 1]))
     assert f"(dot {top} at the top" in second.request
     ax = found.draw(which=1)
@@ -236,8 +236,8 @@ def test_chosen_photographs_are_better_than_random_ones(photos, more):
 
 def _held_by_hand(photo, places, rng):
     for _ in range(50):
-        rotation = exponential(rng.normal(0, np.deg2rad(5), 3)) @ photo.rotation
-        translation = photo.translation * (1 + 0.1 * abs(rng.normal()))
+        rotation = exponential(rng.normal(0, np.deg2rad(5), 3)) @ photo.candidate.rotation[0]
+        translation = photo.candidate.translation[0] * (1 + 0.1 * abs(rng.normal()))
         translation[:2] += rng.normal(0, 0.02 * translation[2], 2)
         if CAMERA.sees(CAMERA.project(places, rotation[None], translation[None])).all():
             break

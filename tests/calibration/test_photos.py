@@ -11,9 +11,10 @@ from PIL import Image as Pillow
 from sentences import sentence
 from simulated_photos import hand_held, layout
 
+import markergen as mg
 from markergen.calibration.network import CameraFreedom, Network
 from markergen.calibration.outliers import adjust_robustly
-from markergen.calibration.photos import _Seen, _started, find_dots
+from markergen.calibration.photos import Labeled, _started, find_dots
 from markergen.errors import InputError
 from markergen.maths.conics import outlines
 from markergen.maths.rotation import exponential
@@ -193,7 +194,7 @@ def _adjusted_rms(marker, found, camera, names):
     """RMS in px along an axis of the residuals of dots that are free."""
     radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
     freedom = CameraFreedom.of_names(camera, names)
-    network = Network(marker.xyz, radii, camera, freedom, np.zeros(len(marker), dtype=np.intp))
+    network = Network(marker.xyz, radii, (camera,), freedom, np.zeros(len(marker), dtype=np.intp))
     adjusted = adjust_robustly(network, found.views).adjustment
     return adjusted.rms / np.sqrt(2), adjusted.camera
 
@@ -250,7 +251,27 @@ def test_a_start_has_the_lens_that_fits(lens, focal):
         centers = camera.dot_centers(drawn.center, drawn.shape)[0]
         if drawn.seen.all() and camera.sees(centers).all():
             spread = np.broadcast_to(1e-4 * np.eye(2), (len(marker), 2, 2))
-            seen.append(_Seen(len(seen), 0, np.arange(len(marker)), centers, spread))
+            seen.append(Labeled(np.arange(len(marker)), centers, spread, photo=len(seen)))
     found = _started([marker], seen, (camera.width, camera.height))
     assert found.distortion.model == lens[0]
     assert found.fx == pytest.approx(focal, rel=0.02)
+
+
+@pytest.mark.long
+def test_a_dropped_photograph_is_found_through_another_lens_than_the_cameras():
+    """Of 40 small dots through a lens with k1 -0.55, by a camera that is given without it."""
+    marker = mg.design(n=40, radius="100mm", dot="10mm", restarts=1, seed=3).marker
+    pinhole = Camera(640, 480, 380.0, 380.0, 319.5, 239.5)
+    true, photos = replace(pinhole, distortion=Distortion("radtan", (-0.55, 0.32, 0.0, 0.0, -0.08))), []
+    for seed in (0, 2, 8):
+        rng, seen = np.random.default_rng(seed), False
+        while not seen:
+            turned = exponential(rng.uniform(-0.5, 0.5, 3) * [1, 1, 3]) @ np.diag([1.0, -1.0, -1.0])
+            place = np.array([*rng.uniform(-0.06, 0.06, 2), 1]) * rng.uniform(0.17, 0.3)
+            pixels = true.project(marker.xyz, turned[None], place[None])[0]
+            seen = np.isfinite(pixels).all() and (pixels > 12).all() and (pixels < [628, 468]).all()
+        photos.append(render_view(marker, true, turned, place, Optics(), rng))
+    found, _ = find_dots([marker], photos, pinhole)
+    assert found.unused
+    assert all("its lens is not the camera's" in reason for reason in found.unused.values())
+    assert not find_dots([marker], photos, true)[0].unused

@@ -49,7 +49,7 @@ def test_correlated_errors_are_those_of_refitted_poses(calibrated):
     joint, places, camera = calibrated.joint, calibrated.places, calibrated.camera
     found = sensitivity(places, camera, rotation, translation, NOISE, _blocks(joint, n))
     freedom = CameraFreedom.held(camera)
-    held = replace(calibrated.network, design=places, camera=camera, freedom=freedom, free=False)
+    held = replace(calibrated.network, design=places, cameras=(camera,), freedom=freedom, free=False)
     values, vectors = np.linalg.eigh(joint / (units := np.sqrt(np.diag(joint) + 1e-30)) / units[:, None])
     off = rng.normal(size=(draws, len(joint))) * np.sqrt(np.maximum(values, 0)) @ vectors.T * units
     errors = []

@@ -10,7 +10,7 @@ import markergen as mg
 from markergen.calibration.calibration import Calibration
 from markergen.calibration.judging import CrossValidation
 from markergen.cli import main
-from markergen.maths.rotation import exponential
+from markergen.maths.rotation import exponential, logarithm, pose_product
 from markergen.model.camera import Camera
 from markergen.render import Optics, render_view
 
@@ -116,6 +116,53 @@ def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsy
 )
 def test_bad_input_is_one_line_and_status_2(arguments, said, capsys):
     assert main(arguments.split()) == 2
+    error = capsys.readouterr().err
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
+
+
+@pytest.fixture(scope="module")
+def pairs(made):
+    """Photographs of the print by two cameras, 60 mm apart and turned by 3 deg, in folders of their names."""
+    marker, rng = mg.Marker.load(made / "marker.json"), np.random.default_rng(1)
+    away = exponential(np.array([0, np.deg2rad(3), 0])), np.array([-0.06, 0.0, 0.0])
+    for k in range(6):
+        lean = exponential(np.deg2rad(25) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0]))
+        first = lean @ np.diag([1.0, -1.0, -1.0]), np.array([0.02, 0.0, 0.4])
+        for name, pose in (("left", first), ("right", pose_product(away, first))):
+            (made / "pairs" / name).mkdir(exist_ok=True, parents=True)
+            photo = render_view(marker, CAMERA, *pose, Optics(), rng)
+            cv2.imwrite(str(made / "pairs" / name / f"{name}{k}.png"), photo)
+    return away
+
+
+def test_two_cameras_are_calibrated_together(pairs, made):
+    cameras = ["--camera", "left=camera.yaml", "--camera", "right=camera.yaml"]
+    assert main(["calibrate", "marker.json", "pairs", *cameras, "--json", "pairs.json", "-o", "together.json"]) == 0
+    (left, right) = json.loads((made / "pairs.json").read_text())["cameras"]
+    assert (left["name"], right["name"]) == ("left", "right")
+    assert left["T_camera_left"]["translation"] == [0, 0, 0]
+    rotation, translation = (np.array(right["T_camera_left"][name]) for name in ("rotation", "translation"))
+    error = np.concatenate([logarithm(rotation @ pairs[0].T), translation - pairs[1]])
+    assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(right["pose_covariance"])))
+    # What is unknown of the print's scale is unknown of the distance: 0.14 % of 60 mm.
+    assert np.sqrt(right["pose_covariance"][3][3]) == pytest.approx(0.06 * 0.002 / np.sqrt(2), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("photos", "cameras", "said"),
+    [
+        (["pairs"], ["left=camera.yaml", "camera.yaml"], "a name of its own for each of several cameras"),
+        (["pairs", "photos"], ["left=camera.yaml", "right="], "photographs in a folder of each camera's name"),
+        (["pairs/left"], ["left=camera.yaml", "right="], "photographs of every camera, found none of right"),
+        (["pairs"], ["left=camera.yaml", "right=camera.yaml", "-o", "one.yaml"], "no camera to write"),
+    ],
+)
+def test_what_is_amiss_with_several_cameras_is_one_line(pairs, capsys, photos, cameras, said):
+    options = [
+        part for text in cameras for part in (["--camera", text] if "=" in text or text == "camera.yaml" else [text])
+    ]
+    assert main(["calibrate", "marker.json", *photos, *options]) == 2
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
     assert said in error

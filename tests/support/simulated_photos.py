@@ -26,7 +26,7 @@ class Scene:
         """Return the network with a rough camera to be estimated."""
         start = Camera(640, 480, 780.0, 780.0, 319.5, 239.5, Distortion("radtan", (0.0,) * 5))
         return Network(
-            self.network.design, self.network.radii, start, CameraFreedom.of_names(start, names), self.network.marker
+            self.network.design, self.network.radii, (start,), CameraFreedom.of_names(start, names), self.network.marker
         )
 
 
@@ -67,7 +67,7 @@ def scene(n, m, rng, *, sigma=0.03, misprint=1e-4, stretch=0.003, sag=5e-4, radi
     spread = np.broadcast_to(sigma**2 * np.eye(2), (m, n, 2, 2))
     rough = exponential(rng.normal(0, 0.02, (m, 3))) @ rotation
     views = Views(noisy, spread, seen, rough, translation * (1 + rng.normal(0, 0.02, translation.shape)))
-    network = Network(design, np.full(n, radius), CAMERA, CameraFreedom.held(CAMERA), np.zeros(n, dtype=int))
+    network = Network(design, np.full(n, radius), (CAMERA,), CameraFreedom.held(CAMERA), np.zeros(n, dtype=int))
     return Scene(network, views, places, rotation, translation)
 
 

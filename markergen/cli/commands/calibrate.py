@@ -26,10 +26,11 @@ def calibrate(
         ),
     ],
     camera: Annotated[
-        Path | None,
+        list[str] | None,
         typer.Option(
-            metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: estimated from the photos, too]",
+            metavar="FILE|NAME=FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. Of several cameras held together, one for "
+            "each, and photos in folders of their names; NAME= is estimated. [default: estimated from the photos, too]",
             rich_help_panel=VIEW,
         ),
     ] = None,
@@ -59,12 +60,13 @@ def calibrate(
       markergen calibrate marker.json photos/ --measured 0-2=244.1mm -o measured.json -o camera.yaml
       markergen calibrate marker.json photos/ --geometry nominal -o camera.yaml
       markergen calibrate cube.json photos/ --camera camera.yaml -o measured-cube.json
+      markergen calibrate marker.json left/ right/ --camera left=left.yaml --camera right=right.yaml --json rig.json
     """
     from markergen.api.calibrate import calibrate as measure
 
     with console.progress_bar() as progress:
         result = measure(
-            marker, photos, camera, save=output or (), report=report, json=console.file_of(json),
+            marker, photos, camera or None, save=output or (), report=report, json=console.file_of(json),
             progress=progress, tell=console.note, **options,
         )  # fmt: skip
     console.print_result(result, json)
