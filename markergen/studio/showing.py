@@ -201,11 +201,15 @@ def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, A
     -------
     dict
         ``found``; ``why`` not; ``line``, the result as the command prints it; ``dots`` with ``id``, ``x`` and ``y`` in
-        px; ``pose`` as in docs/detect.md, or None without ``camera``; ``notes`` on the file; ``overlay``, a data URI.
+        px; ``pose`` as in docs/detect.md, or None without a ``camera`` or with a typical one, which is not that of the
+        photograph; ``notes`` on the file; ``overlay``, a data URI.
     """
     what, camera, covariance = subject(request).what, request.get("camera"), request.get("camera_covariance")
     refuse_files({"camera": camera, "camera_covariance": covariance}, DesignKeywords)
-    detector = Detector(what, None if camera is None else table_in(request, "camera"), camera_covariance=covariance)
+    if camera is None or isinstance(camera, str):  # A typical one.
+        detector = Detector(what)
+    else:
+        detector = Detector(what, table_in(request, "camera"), camera_covariance=covariance)
     with uploaded(name, photo) as path:
         image = read_image(path)
     detections = detector(image.grey)

@@ -148,6 +148,15 @@ def test_a_photograph_shows_what_detect_finds(studio, options):
     assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR).shape == (480, 640, 3)
 
 
+@pytest.mark.parametrize("camera", [None, "phone", "webcam"])
+def test_a_photograph_is_found_where_the_camera_is_a_typical_one(studio, options, camera):
+    """Its size and calibration are not those of the photograph: there are dots, and no pose."""
+    view = studio.post("view", {"options": options, "pose": {"tilt": 30, "azimuth": 20, "distance": 0.8}})
+    asked = json.dumps({"options": options, "camera": camera, "camera_covariance": [1.0, 1.0, 1.0, 1.0]}).encode()
+    found = studio.post("detect", asked + b"\n" + view.data, X_Name="photo.png").json
+    assert (found["found"], len(found["dots"]), found["pose"]) == (True, 4, None)
+
+
 def test_a_photograph_without_the_marker_says_why(studio, options):
     blank = bytes(cv2.imencode(".png", np.full((480, 640), 200, np.uint8))[1])
     asked = json.dumps({"options": options}).encode() + b"\n"
