@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.studio import Studio, type_in
+from tests.support.studio import Studio, link_of, type_in
 
 pytestmark = pytest.mark.browser
 
@@ -34,6 +34,17 @@ def test_it_begins_with_the_best_layout_for_the_page_in_the_printer(address, ope
         studio.until(
             "() => document.getElementById('page').naturalHeight > document.getElementById('page').naturalWidth"
         )
+
+
+def test_another_answer_moves_the_dots_and_keeps_their_number(address, opened):
+    state = {"points": "0mm,60mm; -60mm,0mm; 0mm,-60mm; 60mm,0mm", "dot": "12mm", "radius": "90mm"}
+    with opened(link_of(state, address), allowed(address)) as page:
+        studio = Studio(page)
+        studio.settle()
+        page.fill("#first-far", "1")
+        page.keyboard.press("Tab")
+        after = studio.state()
+        assert (after.get("points"), after["n"]) == (None, 4)
 
 
 def test_it_answers_at_the_field(refusing):

@@ -502,8 +502,11 @@ function listen() {
   by("download").addEventListener("click", download);
   by("copies").append(...Object.entries(COPIES).map(([id, name]) => make("button", { id, type: "button", popovertarget: "copies", popovertargetaction: "hide", click: () => copy(id) }, name)));
   by("sheet").addEventListener("toggle", page);
-  // Each answer makes another marker.
-  const anew = async (change) => (await become({ ...options, points: undefined, ...change })) && optimize();
+  // Each answer makes another marker of as many dots.
+  const anew = async (change) => {
+    const { points, ...others } = sizeless(options);
+    return (await become({ ...others, ...(points && { n: look.dots.length }), ...change })) && optimize();
+  };
   by("first-paper").addEventListener("change", () => anew({ paper: by("first-paper").value, boundary: "page", radius: undefined, drawing_center: undefined }));
   by("first-camera").addEventListener("change", ({ target: { value } }) => {
     value === "file" ? by("files").click() : anew({ camera: value || undefined, camera_covariance: undefined });
