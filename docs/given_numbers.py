@@ -157,7 +157,7 @@ GIVEN: Sequence[Given] = tuple(
             VALIDATE,
             DEFAULT,
             [
-                "(default 1000, noise # px)",
+                "(default 200, noise # px)",
                 "the rotation bound exceeds # degrees",
                 "as of a grid turned by # degrees",
                 "- **# %**: interval",

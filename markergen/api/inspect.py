@@ -237,7 +237,8 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
     off = np.array([camera.cx, camera.cy]) - (np.array([camera.width, camera.height]) - 1) / 2
     lens = camera.distortion
     coefficients = dict(zip(lens.names, lens.coefficients, strict=True))
-    view, moved = _view_angles(camera), _moved_corners(camera)
+    view = {name: float(np.rad2deg(angle)) for name, angle in camera.fields_of_view.items()}
+    moved = _moved_corners(camera)
     sigma = None if covariance is None else dict(zip(camera.parameter_names, np.sqrt(np.diag(covariance)), strict=True))
     share = np.hypot(*off) / np.hypot(camera.width, camera.height)
     values = {
@@ -267,19 +268,6 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
 
 def _degrees(angle: float) -> str:
     return f"{angle:.1f} deg" if np.isfinite(angle) else "beyond the lens"
-
-
-def _view_angles(camera: Camera) -> dict[str, float]:
-    """Angles in degrees between the rays of opposite edges and corners of the image."""
-    right, low = camera.width - 0.5, camera.height - 0.5
-    pairs = {
-        "horizontal": [[-0.5, camera.cy], [right, camera.cy]],
-        "vertical": [[camera.cx, -0.5], [camera.cx, low]],
-        "diagonal": [[-0.5, -0.5], [right, low]],
-    }
-    rays = camera.from_pixels(np.array(list(pairs.values()), dtype=float))
-    angles = np.rad2deg(np.arctan(np.linalg.norm(rays, axis=-1)).sum(axis=-1))
-    return dict(zip(pairs, angles.tolist(), strict=True))
 
 
 def _moved_corners(camera: Camera) -> Array:

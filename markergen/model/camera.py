@@ -272,6 +272,18 @@ class Camera:
         return self if self.distortion == NO_DISTORTION else replace(self, distortion=NO_DISTORTION)
 
     @property
+    def fields_of_view(self) -> dict[str, float]:
+        """Angles in rad between the rays of opposite edges and corners of the image; nan beyond the lens model."""
+        right, low = self.width - 0.5, self.height - 0.5
+        pairs = {
+            "horizontal": [[-0.5, self.cy], [right, self.cy]],
+            "vertical": [[self.cx, -0.5], [self.cx, low]],
+            "diagonal": [[-0.5, -0.5], [right, low]],
+        }
+        rays = self.from_pixels(np.array([*pairs.values()], dtype=float))
+        return dict(zip(pairs, np.arctan(np.linalg.norm(rays, axis=-1)).sum(axis=-1).tolist(), strict=True))
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the k parameters, in the order of `parameter_jacobian`: fx, fy, cx, cy, then the distortion's."""
         return ("fx", "fy", "cx", "cy", *self.distortion.names)

@@ -53,6 +53,7 @@ from markergen.optimize.problem import (
     check_bounds,
     check_objective,
     check_parts,
+    check_values,
     faults,
     objective_of,
     rough_of,
@@ -267,7 +268,7 @@ class Design(Result):
         flags = [flag for flag, is_usual in zip(("--camera", "--poses"), usual, strict=True) if is_usual]
         yours = f"; {' and '.join(flags)} describe{'s' * (len(flags) == 1)} yours" if flags else ""
         unseen = f"; {poses.dropped} poses do not see the whole marker" if poses.dropped else ""
-        view_deg = np.rad2deg(2 * np.arctan(camera.width / 2 / camera.fx))
+        view_deg = np.rad2deg(camera.fields_of_view["horizontal"])
         near, far = poses.distance.min(), poses.distance.max()
         lines = [
             f"{len(self.marker)} control points in a {self.marker.boundary}: {size}",
@@ -420,9 +421,8 @@ class Design(Result):
         if self.gap.reason != IMAGES:
             return ""
         least, most = (f"{100 * cost:.1f}" for cost in self.found_under()["gap_costs"])
-        costs = (
-            f"{least} %" if least == most else f"{least} to {most} %" if self._certificates else f"{least} % or more"
-        )
+        is_bounded = any(bound.lower_bound for bound in self._certificates)
+        costs = f"{least} %" if least == most else f"{least} to {most} %" if is_bounded else f"{least} % or more"
         clearance = format_length(self.dots.clearance).replace(" ", "")
         return (
             f"\na gap of {format_length(self.gap.length)}, chosen so that images of dots do not run together, costs "
@@ -475,7 +475,7 @@ class Design(Result):
         unit = OBJECTIVES[goal.lead].unit if len(goal.terms) == 1 else ""
         phrase = f" {spec['aggregate']}" if spec["aggregate"] else ""
         phrase += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
-        return f"{phrase} of {self.value:.4g}{f' {unit}' if unit else ''}"
+        return f"{phrase}, {self.value:.4g}{f' {unit}' if unit else ''}"
 
     @property
     def _bound(self) -> str:
@@ -562,7 +562,7 @@ class Design(Result):
                 continue
             others = {layout: row[criterion.key] for layout, row in self.criteria.items() if criterion.key in row}
             best = min(others, key=lambda layout: others[layout])
-            if errors[criterion.key] <= others[best] * (1 + WORSE):
+            if best == "design" or errors[criterion.key] <= others[best] * (1 + WORSE):
                 continue
             error, least = (cell(criterion, value) for value in (errors[criterion.key], others[best]))
             off = f"off by {error} {criterion.title.rpartition(' ')[2]}" if error != UNDETERMINED else error
@@ -691,7 +691,9 @@ def _task_of(spec: Spec, reason: str, progress: Progress | None) -> _Task:
     dots = replace(dots, reason=reason or dots.reason)
     setting, region = dots.setting(spec, poses), dots.region(spec)
     ngon = reference(spec, region, setting)
-    return _Task(spec, dots, setting, region, ngon, objective_of(spec, setting, ngon))
+    objective = objective_of(spec, setting, ngon)
+    check_values(objective, region, spec)
+    return _Task(spec, dots, setting, region, ngon, objective)
 
 
 def _place(

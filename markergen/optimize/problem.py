@@ -38,6 +38,9 @@ PAIRS = 2**20
 KEPT = 1e-3
 """Relative excess over a bound of the objective that is tolerated."""
 
+TRIED = 3
+"""Number of random layouts at which the values of an objective are looked at before a search."""
+
 TOLERANCE = 1e-9
 """Violation in m that the independent check attributes to rounding."""
 
@@ -172,6 +175,27 @@ def check_bounds(objective: Objective, points: Array, spec: Spec) -> None:
             raise InputError(
                 f"a layout with {limit}{where}", f"{best} in the best one", "allow more, or use more dots or more room"
             )
+
+
+def check_values(objective: Objective, region: "FeasibleRegion", spec: Spec) -> None:
+    """Refuse an objective whose values at random layouts are not above 0: searches take their logarithms.
+
+    Raises
+    ------
+    InputError
+        If some are 0 or less, or none is a number.
+    """
+    layouts = region.sample(TRIED, spec.n, np.random.default_rng(spec.seed))
+    with np.errstate(all="ignore"):
+        values = objective.per_pose(layouts)
+    if not np.isfinite(values).any():
+        raise InputError("numbers as values of the objective", "none at random layouts", "look into the objective")
+    if np.nanmin(values) <= 0:
+        raise InputError(
+            "values of the objective above 0",
+            f"{np.nanmin(values):.4g} at a random layout",
+            "use an increasing function of it: of a log-determinant of 3 x 3, exp(it / 6) with the aggregate logmean",
+        )
 
 
 def rough_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Objective:

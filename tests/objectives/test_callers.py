@@ -55,3 +55,12 @@ def test_a_class_is_minimized_and_a_cell_may_be_run_again():
 def test_what_is_no_objective_is_refused(objective):
     with pytest.raises(mg.InputError):
         mg.design(objective=objective, **FEW)
+
+
+@pytest.mark.parametrize(("value", "words"), [(-40.0, "above 0"), (np.nan, "numbers")])
+def test_values_that_have_no_logarithm_are_refused_before_the_search(value, words):
+    def constant(points, view):
+        return value + 0 * view.covariance(points)[..., 0, 0]
+
+    with pytest.raises(mg.InputError, match=words):
+        mg.design(objective=constant, **FEW)

@@ -164,6 +164,12 @@ def test_one_sided_poses_are_worth_an_own_layout(setting):
 SPEC = Spec(tag="aruco:DICT_4X4_50:7", tag_side=0.06, restarts=2)
 
 
+def test_a_criterion_below_0_is_compared_like_any_other(setting):
+    result = design(Spec(n=5, restarts=1, dot=0.02))
+    negative = {layout: {key: -value for key, value in row.items()} for layout, row in result.criteria.items()}
+    assert isinstance(replace(result, criteria=negative).warnings, tuple)
+
+
 @pytest.fixture(scope="module")
 def marker():
     return design(SPEC).marker
