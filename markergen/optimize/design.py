@@ -618,7 +618,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
             layout = _place(apart, progress, traced, watch)
             without = _value_without_gap(apart, crowded, layout.points)
             # A gap may also cost size: smaller dots are the design's even where none of them needs the gap any more.
-            if without or apart.dots != task.dots:
+            if without or apart.dots.diameter != task.dots.diameter:
                 gap, task = Gap(apart.spec.gap, IMAGES, without or np.inf), apart
         except InputError as error:
             log.info("no gap of %s: %s", format_length(task.images_gap), error)

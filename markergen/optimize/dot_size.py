@@ -170,8 +170,7 @@ def largest_that_leaves_room(spec: Spec, enough: float = np.inf) -> float:
     InputError
         If it is below 0.1 mm.
     """
-    clearance = max(spec.clearance or 0.0, spec.gap) if spec.gap else spec.clearance
-    fits = ROOM * largest_diameter(room_of(spec), spec.n, clearance, (enough + MEASURABLE) / ROOM)
+    fits = ROOM * largest_diameter(room_of(spec), spec.n, spec.clearance, spec.gap, (enough + MEASURABLE) / ROOM)
     # Whole tenths of a millimeter can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
@@ -225,17 +224,19 @@ def pixels_in_words(diameter: float, spec: Spec, poses: PoseDistribution) -> str
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     room = room_of(spec)
-    if pack(room, spec.n, max(size.clearance, spec.gap), size.diameter)[1] >= size.diameter:
+    if pack(room, spec.n, size.clearance, spec.gap, size.diameter)[1] >= size.diameter:
         return
     # The search relies on the same packing: where it is stuck, it starts from it.
     if fitting(FeasibleRegion(room, size.diameter, size.clearance, spec.gap), spec.n) is not None:
         return
-    fit = count_that_fit(room, size.diameter, max(size.clearance, spec.gap), spec.n - 1)
+    fit = count_that_fit(room, size.diameter, size.clearance, spec.n - 1, spec.gap)
+    apart = f" and a gap of {format_length(spec.gap)}" if spec.gap > size.clearance else ""
+    largest = np.floor(ROOM * largest_diameter(room, spec.n, spec.clearance, spec.gap) * 1e4) / 10
     raise InputError(
         f"{spec.n} dots that fit in a {room}",
-        f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
-        f"use --dot {np.floor(ROOM * largest_diameter(room, spec.n) * 1e4) / 10:g}mm or less, "
-        "a larger marker, or a smaller --n",
+        f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance{apart}, of which {fit} "
+        "fit",
+        f"use {f'--dot {largest:g}mm or less, ' if largest else ''}a larger marker, or a smaller --n",
     )
 
 

@@ -173,20 +173,24 @@ def _centers(region: FeasibleRegion) -> Array:
     return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
 
 
-def largest_diameter(boundary: Boundary, n: int, clearance: float | None = None, enough: float = np.inf) -> float:
-    """Largest diameter in m at which n dots fit with their clearance (see `pack`); 0 if nothing fits."""
-    return pack(boundary, n, clearance, enough)[1]
+def largest_diameter(
+    boundary: Boundary, n: int, clearance: float | None = None, gap: float = 0.0, enough: float = np.inf
+) -> float:
+    """Largest diameter in m at which n dots fit with their clearance and gap (see `pack`); 0 if nothing fits."""
+    return pack(boundary, n, clearance, gap, enough)[1]
 
 
-def pack(boundary: Boundary, n: int, clearance: float | None = None, enough: float = np.inf) -> tuple[Array, float]:
+def pack(
+    boundary: Boundary, n: int, clearance: float | None = None, gap: float = 0.0, enough: float = np.inf
+) -> tuple[Array, float]:
     """Layout (n, 2) in m with the largest dots, and their diameter in m; clearance None is a tenth of it.
 
-    Maximizes d over (points, d) with depth >= d/2 + g and pairwise distance >= d + g by SLSQP from a few spread-out
-    starts; missing the best packing makes the diameter slightly too small, never too large. 0 if nothing fits. A
-    diameter that is `enough` is not exceeded by trying more starts.
+    Maximizes d over (points, d) with depth >= d/2 + c and pairwise distance >= d + max(c, gap), c the clearance, by
+    SLSQP from a few spread-out starts; missing the best packing makes the diameter slightly too small, never too large.
+    0 if nothing fits. A diameter that is `enough` is not exceeded by trying more starts.
     """
     if n > EXACT_UP_TO:
-        return _pack_on_lattice(boundary, n, clearance)
+        return _pack_on_lattice(boundary, n, clearance, gap)
     full = np.sqrt(4 * boundary.area / (np.pi * n))
     region, rng = FeasibleRegion(boundary, 0.6 * full), np.random.default_rng(0)
     starts = list(region.sample(SAMPLES, n, rng))
@@ -195,7 +199,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None, enough: flo
     points, diameter = starts[0], 0.0
     with limited(None):
         for start in starts:
-            grown, size = _grow(region, start, full, clearance)
+            grown, size = _grow(region, start, full, clearance, gap)
             if size > diameter:
                 points, diameter = grown, size
             if diameter >= enough:
@@ -205,62 +209,65 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None, enough: flo
 
 def fitting(region: FeasibleRegion, n: int) -> Array | None:
     """Find a feasible layout (n, 2) in m, such as a packing; None if none is found."""
-    points, _ = pack(region.boundary, n, region.spacing - region.diameter)
+    points, _ = pack(region.boundary, n, region.clearance, region.gap)
     if region.holds(points[None])[0]:
         return points
     dense = lattice(region.boundary, region.diameter, region.clearance, region.gap)
     return dense[:n] if len(dense) >= n else None
 
 
-def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_most: int) -> int:
-    """Number of dots of that diameter that fit with that clearance, in m; the search stops at `at_most`."""
-    fit = min(at_most, len(lattice(boundary, diameter, clearance)))
+def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_most: int, gap: float = 0.0) -> int:
+    """Number of dots of that diameter that fit with that clearance and gap, in m; the search stops at `at_most`."""
+    fit = min(at_most, len(lattice(boundary, diameter, clearance, gap)))
     area_limit = int(boundary.area * 4 / (np.pi * diameter**2)) if diameter else at_most
-    while fit < min(at_most, EXACT_UP_TO, area_limit) and largest_diameter(boundary, fit + 1, clearance) >= diameter:
+    most = min(at_most, EXACT_UP_TO, area_limit)
+    while fit < most and largest_diameter(boundary, fit + 1, clearance, gap) >= diameter:
         fit += 1
     return fit
 
 
-def _grow(region: FeasibleRegion, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
+def _grow(
+    region: FeasibleRegion, start: Array, most: float, clearance: float | None, gap: float
+) -> tuple[Array, float]:
     """Grow dots at points (n, 2) from zero to at most `most` m while they push each other; see `pack`."""
     n, scale = len(start), region.boundary.radius
-    # Edge and gap as linear functions of the diameter: offset + slope * d.
+    # The clearance as a linear function of the diameter: offset + tenth * d.
     offset, tenth = (0.0, 0.1) if clearance is None else (clearance / scale, 0.0)
     x = np.append(start.ravel() / scale, 0.0)
     everything = len(region.walls) == 1
     reach = np.inf if everything else REACH * most
     for _ in range(1 if everything else ROUNDS):
         before = x
-        x = _run(region, x, most / scale, offset, tenth, reach / scale)
+        x = _run(region, x, most / scale, offset, tenth, gap / scale, reach / scale)
         if everything or np.abs(x - before).max() < 1e-6:
             break
     points = x[:-1].reshape(n, 2) * scale
     first, second = np.triu_indices(n, 1)
-    d, gap = x[-1] * scale, (offset + tenth * x[-1]) * scale
-    room = region.boundary.depth(points) - d / 2 - gap
-    distance = np.linalg.norm(points[first] - points[second], axis=-1) - d - gap
+    d, clear = x[-1] * scale, (offset + tenth * x[-1]) * scale
+    room = region.boundary.depth(points) - d / 2 - clear
+    distance = np.linalg.norm(points[first] - points[second], axis=-1) - d - max(clear, gap)
     # The diameter is reduced by any remaining violation of the constraints, so that the result is feasible.
     return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
 
 
-def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
+def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: float, gap: float, reach: float) -> Array:
     """One round of `_grow`, in units of the radius; no coordinate changes by more than `reach`."""
     n, scale = (len(x) - 1) // 2, region.boundary.radius
     points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach
-    gap, most_gap = offset + tenth * d, offset + tenth * most
+    most_clear = offset + tenth * most
     touching = contacts(
         region.walls,
         points,
-        min((d / 2 + gap) * scale, float(region.boundary.depth(points).min())),
-        (most / 2 + most_gap + diagonal) * scale,
-        (most + most_gap + 2 * diagonal) * scale,
+        min((d / 2 + offset + tenth * d) * scale, float(region.boundary.depth(points).min())),
+        (most / 2 + most_clear + diagonal) * scale,
+        (most + max(most_clear, gap) + 2 * diagonal) * scale,
     )
 
     def slack(x: Array) -> Array:
         points, d = x[:-1].reshape(n, 2), x[-1]
-        gap = offset + tenth * d
+        clear = offset + tenth * d
         distance = np.linalg.norm(touching.apart(points), axis=-1)
-        return np.concatenate([touching.room(points * scale) / scale - d / 2 - gap, distance - d - gap])
+        return np.concatenate([touching.room(points * scale) / scale - d / 2 - clear, distance - d - max(clear, gap)])
 
     def slack_jacobian(x: Array) -> Array:
         points = x[:-1].reshape(n, 2)
@@ -268,7 +275,8 @@ def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: fl
         unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-12)
         by_points = np.concatenate([touching.room_jacobian(points * scale), touching.apart_jacobian(points, unit)])
         walls, pairs = len(touching.dot), len(touching.first)
-        by_diameter = np.concatenate([np.full(walls, -0.5 - tenth), np.full(pairs, -1.0 - tenth)])
+        growing = tenth if offset + tenth * x[-1] > gap else 0.0
+        by_diameter = np.concatenate([np.full(walls, -0.5 - tenth), np.full(pairs, -1.0 - growing)])
         return np.concatenate([by_points.reshape(walls + pairs, -1), by_diameter[:, None]], axis=1)
 
     direction = np.zeros(2 * n + 1)
@@ -310,13 +318,13 @@ def lattice(boundary: Boundary, diameter: float, clearance: float, gap: float = 
     return np.asarray(placed[best][inside[best]])
 
 
-def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None) -> tuple[Array, float]:
+def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None, gap: float) -> tuple[Array, float]:
     # Upper bound from the densest packing, so this diameter is never reached.
     low, high = 0.0, float(np.sqrt(4 * DENSEST * boundary.area / (np.pi * n)) * 2)
     points = np.zeros((n, 2))
     for _ in range(30):
         middle = (low + high) / 2
-        sites = lattice(boundary, middle, middle / 10 if clearance is None else clearance)
+        sites = lattice(boundary, middle, middle / 10 if clearance is None else clearance, gap)
         if len(sites) >= n:
             low, points = middle, sites[:n]
         else:

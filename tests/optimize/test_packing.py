@@ -83,3 +83,15 @@ def test_a_lattice_is_turned_to_fit(shapes):
     flat = len(lattice(shapes["rectangle"], 0.01, 0.001))
     assert flat >= len(lattice(shapes["plate"], 0.01, 0.001)) / 2.5
     assert FeasibleRegion(shapes["L"], 0.01, 0.001).holds(lattice(shapes["L"], 0.01, 0.001)[None])[0]
+
+
+@pytest.mark.parametrize("clearance", [None, 0.0016])
+def test_a_gap_is_kept_between_dots_but_not_from_walls(clearance):
+    points, diameter = pack(Circle(0.03), 4, clearance, 0.0092)
+    region = FeasibleRegion(Circle(0.03), diameter - 1e-9, diameter / 10 if clearance is None else clearance, 0.0092)
+    assert region.holds(points[None])[0]
+    # A square: its side is d + 9.2 mm, and its half diagonal 30 mm less d / 2 and the clearance.
+    wall = 0.6 if clearance is None else 0.5
+    assert diameter == pytest.approx((0.03 - (clearance or 0) - 0.0092 / np.sqrt(2)) / (wall + np.sqrt(0.5)), rel=1e-6)
+    assert fitting(FeasibleRegion(Circle(0.03), 0.016, 0.0016, 0.0092), 4) is not None
+    assert count_that_fit(Circle(0.03), 0.016, 0.0016, 12, 0.0092) == 4
