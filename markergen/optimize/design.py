@@ -766,7 +766,7 @@ def _refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: S
         raise InputError(
             f"points with room for {dots}",
             f"{breaches[0].words}{more}",
-            "move them, or give a smaller --dot",
+            "move them, or give a smaller --dot; numbers without a unit are in m",
         )
     if spec.relief:
         worst = relief_breach(points, spec.relief, region.diameter, region.clearance, eyes_of(setting.poses))

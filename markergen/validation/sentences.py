@@ -183,7 +183,7 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
     if views:
         sentences.append(detection_sentence(views))
         sentences += [
-            f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
+            f"  not detected: tilted by {view['polar_angle_deg']:.3g} deg at {view['distance']:.3g} m: {view['reason']}"
             for view in views["failures"][:5]
         ]
     sentences += limit_sentences(results)

@@ -228,7 +228,7 @@ def captions(sample: Mapping[str, Any]) -> tuple[str, str]:
     if "plates" in sample:
         where = f"{sample['plates']} plate{'s' * (sample['plates'] != 1)} in view at {sample['distance']:.3g} m"
     else:
-        where = f"{sample['polar_angle_deg']:g} deg at {sample['distance']:.3g} m"
+        where = f"tilted by {sample['polar_angle_deg']:.3g} deg at {sample['distance']:.3g} m"
     if "reason" in sample:
         return where, sample["reason"]
     if "plates" in sample:
