@@ -129,6 +129,9 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
         (rb"\A\x89HDF", "an HDF5 file", _ARRAYS),
         (rb"aslam_cv\.libaslam", "results of Kalibr for people", "give its camchain.yaml"),
         (rb"libCalib::CameraModel", "a project of calib.io", _OPENCV),
+        (rb"\"FOV_Degrees\"|\"image_size_x\"", "a camera of AirSim or CARLA", "write fx = width / (2 tan(fov / 2))"),
+        (rb"\AP0: ", "KITTI's rectified projections", "give calib_cam_to_cam.txt, or write fx, fy, cx, cy, size"),
+        (rb"\"CameraCalibrations\"", "a calibration of Aria, with thin prisms", "calibrate its images with OpenCV"),
         (rb"CAHVORE?\b|^Model = CAHV", "a CAHVOR camera", "convert it to mrcal's LENSMODEL_OPENCV8"),
     ],
     "poses": [

@@ -230,6 +230,9 @@ BEGINNINGS = [
     b"\x89HDF\r\n",
     b"cam0 (/cam0/image_raw):\n    type: <class 'aslam_cv.libaslam_cv_python.DistortedPinholeCameraGeometry'>",
     b'{"polymorphic_name": "libCalib::CameraModelOpenCV"}',
+    '{"CaptureSettings": [{"ImageType": 0, "Width": 640, "Height": 480, "FOV_Degrees": 90}]}',
+    "P0: 7.188560e+02 0 6.071928e+02 0 0 7.188560e+02 1.852157e+02 0 0 0 1 0\n",
+    '{"CameraCalibrations": [{"Label": "camera-rgb", "Projection": {"Name": "FisheyeRadTanThinPrism"}}]}',
     b"Model = CAHV = perspective, linear\n",
 ]  # fmt: skip
 

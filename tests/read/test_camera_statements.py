@@ -19,6 +19,9 @@ TABLE = {
 }  # fmt: skip
 
 
+PLAIN = {"fx": 500, "fy": 510, "cx": 320, "cy": 240, **dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.01)}
+
+
 def read(**changes):
     """Camera of a table with these keys changed, those of None left out, and the remarks about it."""
     values = {key: value for key, value in {**TABLE, **changes}.items() if value is not None}
@@ -47,6 +50,41 @@ def test_flags_of_a_fisheye(key):
         camera, remarks = read(**{key: value})
         assert camera.distortion.model == "radtan"
         assert not remarks
+
+
+@pytest.mark.parametrize(
+    ("order", "is_right"),
+    [
+        ("k1, k2, p1, p2, k3", True),
+        ("fisheye: k1 k2 k3 k4; radtan: k1 k2 p1 p2", True),
+        ("K1, K2, K3, P1, P2", False),
+        ("[k_1 k_2 k_3 k_4]", False),
+    ],
+)
+def test_a_stated_order_of_coefficients_is_that_of_the_lens(order, is_right):
+    """Read at all only if the order is the lens's: k3 in the place of p1 is off by pixels."""
+    five = [0.1, -0.2, 0.001, 0.002, 0.03]
+    if is_right:
+        assert read(distortion_coefficients=five, note=order)[0].distortion.coefficients == tuple(five)
+        return
+    with pytest.raises(InputError, match="coefficients in the order k1 k2 p1 p2 k3"):
+        read(distortion_coefficients=five, note=order)
+
+
+def test_a_type_is_a_lens_s_only_beside_a_camera():
+    values = {"Dataset": {"type": "tum", "Calibration": {**PLAIN, "image_width": 640, "image_height": 480}}}
+    with collected_remarks() as remarks:
+        assert load_camera(values).fx == PLAIN["fx"]
+    assert remarks == ["not used of the dict: Dataset.type"]
+    values["Dataset"]["Calibration"]["type"] = "tum"
+    with pytest.raises(InputError, match="a known distortion model"):
+        load_camera(values)
+
+
+def test_units_of_pixels_in_names():
+    values = {f"{key}_px": value for key, value in PLAIN.items() if key[0] in "fc"}
+    camera = load_camera({**values, "width_px": 640, "height_px": 480, "k1": 0.1, "k2": 0.0, "p1": 0.0, "p2": 0.0})
+    assert (camera.fx, camera.cy, camera.width, camera.distortion.coefficients[0]) == (500, 240, 640, 0.1)
 
 
 def test_four_coefficients_without_a_name_are_open():

@@ -181,6 +181,13 @@ def test_options_that_say_nothing(write, options, words):
         (json.dumps({"unit": "yard", "poses": [{"tx": 0}]}), "a known unit"),
         ("# IMAGE_ID, QX, QY, QZ, QW, TX, TY, TZ\n1 1 0 0 0 0 0 1 1 a.png\n\n", "a comment with qw"),
         (rows(T, T, mark=",", head="# angles in degrees\ntx,ty,tz,rx,ry,rz\n"), "a comment about degrees"),
+        (rows(T, FORWARD, mark=",", head="# pose of the camera in the world frame\ntx,ty,tz,qx,qy,qz,qw\n"),
+         "a comment about camera to world"),
+        (rows(TUM, XYZW, head="# world -> camera\n"), "a comment about world to camera"),
+        (rows(TUM, XYZW, head="# the board's pose: marker pose relative to the camera\n"), "a comment about world to"),
+        (rows(TUM, XYZW, head="# left-handed, z up\n"), "right-handed frames in poses.txt"),
+        (json.dumps({"frames": [{"transform_matrix": frame, "w2c": True} for frame in FRAMES.tolist()]}),
+         "a comment about world to camera"),
     ],
 )  # fmt: skip
 def test_contradictions_and_what_is_open_are_refused(write, text, words):
@@ -200,6 +207,12 @@ def test_unused_columns_and_keys_are_reported(write):
     with collected_remarks() as remarks:
         read_poses(write(json.dumps({"rate": 30, "poses": [pose]})))
     assert remarks == ["not used of poses.txt: rate"]
+    frames = [
+        {"file_path": "a.png", "sharpness": 9, "exposure": 1, "transform_matrix": frame} for frame in FRAMES.tolist()
+    ]
+    with collected_remarks() as remarks:
+        read_poses(write(json.dumps({"frames": frames})))
+    assert remarks == ["not used of poses.txt: exposure"]
 
 
 @pytest.mark.parametrize(
@@ -223,6 +236,7 @@ def test_comments_about_other_things_state_nothing():
         "file: rgbd_dataset_freiburg1_xyz.bag",
         "created by evo",
         "x y z are positions",
+        "camera intrinsics of the world's largest lens",
     ):
         assert stated([text], "x") == {}
 

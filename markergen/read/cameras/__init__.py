@@ -14,7 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
-from markergen.read.cameras.statements import doubts, refuse_lenses, remark_unused_keys
+from markergen.read.cameras.statements import check_order, doubts, refuse_lenses, remark_unused_keys
 from markergen.read.formats import Format, recognized, refuse_unreadable, split, unknown_format
 from markergen.read.images import find_images, size_in_file
 from markergen.read.remarks import collected_remarks, remark
@@ -146,6 +146,7 @@ def _camera_of(document: Document, choice: str | None) -> Camera:
         refuse_lenses(document)
         raise unknown_format(CAMERA_FORMATS, document.name, "a camera")
     camera = CAMERA_FORMATS[name].read(document, choice)
+    check_order(document, camera)
     remark_unused_keys(document, camera)
     for doubt in doubts(camera):
         remark(f"{document.name}: {doubt}")

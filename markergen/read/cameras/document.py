@@ -24,6 +24,7 @@ DEEPEST = 20
 
 _LONGEST_KEY = 40
 """Maximum length of keys that are looked for in any spelling; the longest has 23, distortion_coefficients."""
+_UNIT = re.compile(r"_(px|pix|pixels?)$", re.IGNORECASE)
 _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
 _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
 
@@ -300,7 +301,7 @@ def tables_in(value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def names_of(place: str) -> list[str]:
     """Return the names by which a place such as camera.distortion.model is found: its last one, two and three words."""
-    words = place.split(".")[-3:]
+    words = [_UNIT.sub("", word) for word in place.split(".")[-3:]]
     names = [plain("".join(words[i:])) for i in range(len(words)) if len("".join(words[i:])) <= _LONGEST_KEY]
     return list(dict.fromkeys(names))
 

@@ -325,7 +325,9 @@ PROGRAMS: dict[str, Program] = {
         lambda values: _any("camera_info")(values) or (_any(*KEYS["matrix"])(values) and _any(*KEYS["model"])(values))),
     "opencv": Program("camera_matrix, distortion_coefficients, image_width", _any(*KEYS["matrix"])),
     "orb-slam": Program("Camera.fx, Camera.width", _any("Camera.fx", "Camera1.fx")),
-    **{name: Program(name, lambda _: False, corner=0.5 if "colmap" in name else 0.0) for name in TEXTS},
+    **{name: Program(name, lambda _: False) for name in TEXTS},
+    **{name: Program(f"{COLMAP_ORDER}{what}", lambda _: False, corner=0.5)
+       for name, what in (("colmap", " in lines"), ("colmap cameras.bin", " as bytes"))},
     "keys": Program("a matrix or fx, fy, cx, cy under any key", bool),
 }  # fmt: skip
 """Programs by name; the last takes what no other has."""

@@ -60,7 +60,9 @@ GENERAL = {"none", "linear", "opencv", "camera", "standard", "polynomial", "fram
 """Names that mean a lens only under a key that is about one."""
 
 ABOUT_LENS = re.compile(
-    r"distort|lens|model|projection|camera_?type|calibration_?type|(^|\.)type$|fish_?eye", re.IGNORECASE
+    r"distort|lens|model|projection|camera_?type|calibration_?type|fish_?eye|"
+    r"(^|(cam|intrin|calib|optic)[^.]*\.(\d+\.)?)type$",
+    re.IGNORECASE,
 )
 LABEL = re.compile(
     r"name|title|note|comment|desc|serial|label|product|sensor|manufacturer|brand|make$|topic|frame_?id|path|file",
@@ -76,7 +78,7 @@ IRRELEVANT = re.compile(
     r"extrinsic|translation|rotation_?(matrix|vector)s?$|stereo|baseline|^cam\d+$|hfov|vfov|lens_?position|"
     r"do_rectify|^rate|sensor_type|^t_\w|local_transform|fix_|corner|^rotation$|^projection$|_rect_|depth_scale|setup|color_order|"
     r"feature|orbextractor|metadata|camera_?poses|calibrator|calibrated_by|^[rt]_\d+$|blur_score|"
-    r"^dt$|^type_id$|^camera$|rt_cam|icam|valid_intrinsics|imu|accel|gyro|vignette|mocap",
+    r"^dt$|world_?units|^type_id$|^camera$|rt_cam|icam|valid_intrinsics|imu|accel|gyro|vignette|mocap",
     re.IGNORECASE,
 )
 """Keys that do not change a camera: when, with what and how well it was calibrated, names, poses, what is rectified."""
@@ -89,6 +91,8 @@ ORIGIN = re.compile(
 CENTERS = re.compile(r"0|0\.0|integers?|cent(er|re)s?|opencv|ros", re.IGNORECASE)
 NOT_ZERO = re.compile(r"skew|alpha_?c|^gamma$|shear", re.IGNORECASE)
 COMMENT = re.compile(r"\b(fish-?eye|equidistant|kannala\w*|omni\w*|double.sphere|mei|ucm)\b", re.IGNORECASE)
+ORDER = re.compile(r"\bk_?1(?:[\s,;:|/'\"()\[\]]+[kp]_?\d\b){3,}", re.IGNORECASE)
+"""Names of four coefficients or more, one after the other."""
 MOST_TABLES = 100
 """Number of tables of a file without a camera that are searched for the name of a lens."""
 SWITCH = re.compile(r"[01]|true|false|yes|no|on|off|", re.IGNORECASE)
@@ -219,10 +223,20 @@ def remark_unused_keys(document: Document, camera: Camera) -> None:
     remark_unused(document.name, names)
 
 
+def check_order(document: Document, camera: Camera) -> None:
+    """Refuse a file whose comments or keys list coefficients in another order than that of the lens."""
+    text = document.data.decode("utf-8", "replace").lower()
+    orders = [re.findall(r"[kp]\d", match[0].replace("_", "")) for match in ORDER.finditer(text)]
+    names = list(camera.distortion.names)
+    if names and orders and not any(order[: len(names)] == names[: len(order)] for order in orders):
+        expected = f"coefficients in the order {' '.join(names)} in {document.name}"
+        raise InputError(expected, f"the order {' '.join(orders[0])} in its text", "reorder them")
+
+
 def _irrelevant(path: str, value: Any) -> bool:
     key = path.rpartition(".")[2]
     # A label that is a lens's name may be meant as one.
-    if isinstance(value, str) and plain(value) not in GENERAL and lens_name(value) is not None:
+    if isinstance(value, str) and plain(value) not in GENERAL and lens_name(value) not in (None, ANY):
         return False
     if key == "type" and re.fullmatch(r"\d+", str(value)):  # Of a matrix's elements.
         return True

@@ -540,7 +540,7 @@ class _SvgReader:
             raise self.file.too_much(f"at most {DEEPEST} levels of groups and uses")
         style = style_of(element, place.style, self.sheet)
         chosen = self.layers is not None and id(element) in self.layers
-        if gone(style) and place.wanted and not chosen:
+        if (gone(style) or element.get("requiredExtensions")) and place.wanted and not chosen:
             self.others.append("hidden shapes")
             return
         name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
@@ -548,7 +548,9 @@ class _SvgReader:
         layers = (*place.layers, *_names(element)[:1]) if kind == "g" else place.layers
         here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1, layers)
         before = len(self.pieces)
-        if kind in GROUPS:
+        if kind == "switch":
+            self._switch(element, here)
+        elif kind in GROUPS:
             self.children(element, here)
         elif kind == "svg":
             self._framed(element, element, here, name)
@@ -559,6 +561,17 @@ class _SvgReader:
         elif here.wanted and element.get("class") != "BoundingBox":  # LibreOffice has one around each shape.
             self.others.append("shapes without fill and stroke")
         self._refuse_cuts(style, self.pieces[before:], here, name)
+
+    def _switch(self, element: Element, place: _Place) -> None:
+        """Read the first child that is drawn everywhere; what is before it and no shape is noted."""
+        for child in element:
+            is_shape = child.tag in (*SHAPES, *GROUPS, "svg", "use")
+            if not is_shape or child.attrib.keys().isdisjoint(("requiredExtensions", "systemLanguage")):
+                self._element(child, place)
+                if is_shape:
+                    break
+        if len(element) > 1:
+            self.others.append("other branches of a switch")
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:
         look = Paint(place.style, place.layers)

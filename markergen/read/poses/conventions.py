@@ -156,13 +156,16 @@ def unit_of(units: Iterable[str], place: str) -> str:
 # --- Statements -------------------------------------------------------------------------------------------------------
 
 _Q = r"q?[_ ]?(?:quat(?:ernion)?[_ .]?)?"
-_S, _CAM = r"[\s,;|/]*", r"cam(?:era)?"
+_S, _CAM = r"[\s,;|/]*", r"cam(?:era)?s?"
+_TO = r"(?:[- _]?(?:to|2)[- _]?(?:the )?|\s*-+>\s*)"
+_IN = r"(?:[- _]+(?:poses?|positions?))?[- _](?:in|wrt|relative to|with respect to)[- _](?:the )?"
+_WORLD = r"(?:world|marker|map|global)"
 STATEMENTS: list[tuple[str, str, str]] = [
     ("order", "wxyz", rf"\b({_Q})w{_S}\1x{_S}\1y{_S}\1z\b|\b(?:scalar|real|w)(?: part)?[- ]first"),
     ("order", "xyzw", rf"\b({_Q})x{_S}\1y{_S}\1z{_S}\1w\b|\b(?:scalar|real|w)(?: part)?[- ]last"),
-    ("frame", MARKER_IN_CAMERA, rf"\bworld[- _]?(?:to|2)[- _]?cam|\bmarker[- _]in[- _]cam|\b{_CAM}[- _]from[- _]world|"
+    ("frame", MARKER_IN_CAMERA, rf"\bworld{_TO}cam|\b{_WORLD}{_IN}cam|\b{_CAM}[- _]from[- _]world|"
      rf"\bT_?c(?:am(?:era)?)?_?(?:w(?:orld)?|m(?:arker)?)\b|\bw2c\b|\binver(?:se|ted)"),
-    ("frame", CAMERA_IN_MARKER, rf"\b{_CAM}[- _]?(?:to|2)[- _]?world|\b{_CAM}[- _]in[- _](?:world|marker)|"
+    ("frame", CAMERA_IN_MARKER, rf"\b{_CAM}{_TO}world|\b{_CAM}{_IN}{_WORLD}|"
      rf"\bT_?w(?:orld)?_?c(?:am(?:era)?)?\b|\bworld[- _]from[- _]cam|\bc2w\b"),
     ("frame", BODY, r"\bimu\b|\bbody\b|\bbase_?link\b|\bgripper|\bend[- _]?effector|\btool0?\b|"
      r"\bT_?w(?:orld)?_?(?:b|i|imu|body)\b"),
@@ -171,6 +174,12 @@ STATEMENTS: list[tuple[str, str, str]] = [
     ("angle", "deg", r"\b(?:in )?degrees?\b|\bdeg\b"),
 ]  # fmt: skip
 """Aspect, value, and how comments and keys state it, in any case."""
+
+OTHERS = (
+    (r"\bjpl\b", "Hamilton's quaternions", "JPL's", "write the conjugates, with x y z negated"),
+    (r"\bleft[- ]?handed|\bunity ?(?:3d)?\b|\bunreal\b", "right-handed frames", "left-handed ones", "convert them"),
+)
+"""What comments state and readers do not convert: form, what was expected, what it is, what to do."""
 
 _UNIT_WORD = re.compile(r"\b(mm|cm|um|millimet\w+|centimet\w+|micromet\w+|microns?|inch(?:es)?|feet)\b", re.IGNORECASE)
 _UNIT_KEY = re.compile(
@@ -182,8 +191,9 @@ def stated(texts: Iterable[str], place: str) -> dict[str, str]:
     """Return what texts such as comments state: order, frame, axes, unit, angle; raises InputError if they disagree."""
     statements: dict[str, str] = {}
     for text in texts:
-        if re.search(r"\bjpl\b", text, re.IGNORECASE):
-            raise InputError(f"Hamilton's quaternions in {place}", "JPL's", "write the conjugates, with x y z negated")
+        for form, expected, problem, remedy in OTHERS:
+            if re.search(form, text, re.IGNORECASE):
+                raise InputError(f"{expected} in {place}", problem, remedy)
         here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
         words = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
         for word in words:

@@ -24,8 +24,10 @@ from markergen.read.poses.tables import frame_of
 from markergen.read.remarks import remark_unused
 
 NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
-NERF = re.compile(r"camera_(?:model|angle_\w+)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|ply_file_path")
-"""Keys of the camera in nerf's transforms.json."""
+NERF = re.compile(
+    r"camera_(?:model|angle_\w+|id)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|\w*path|sharpness|rotation|\w*_id|time\w*"
+)
+"""Keys of the camera and of images in nerf's transforms.json."""
 
 BOP = ("cam_R_m2c", "cam_t_m2c")
 """Keys of BOP's pose of a model in the camera."""
@@ -37,7 +39,10 @@ LARGEST_JSON = 5_000_000
 def _read(file: RowsFile) -> RawPoses:
     poses, around = records(file)
     is_nerf = NERF_KEY in poses[0]
-    lines = {key: f"{key}: {value}" for key, value in around.items() if not (is_nerf and NERF.fullmatch(key))}
+    if is_nerf:
+        around = {key: value for table in (around, *poses) for key, value in table.items()
+                  if not (key == NERF_KEY or NERF.fullmatch(key))}  # fmt: skip
+    lines = {key: f"{key}: {value}" for key, value in around.items()}
     file.stated.update(stated(lines.values(), file.name))
     remark_unused(file.name, [key for key, line in lines.items() if not stated([line], file.name)])
     file, statements = replace(file, row="pose"), file.stated

@@ -33,6 +33,9 @@ from hypothesis import strategies as st
         ('<svg x="10" y="20"><circle r="1"/></svg>', [9, -21, 11, -19]),
         ('<svg viewBox="0 0 10 10" preserveAspectRatio="xMinYMax slice"><circle r="1"/></svg>', [-20, 80, 20, 120]),
         ('<switch><foreignObject/><g><circle r="2"/></g></switch>', [-2, -2, 2, 2]),
+        ('<switch><g requiredExtensions="http://ns.adobe.com/"><circle r="9"/></g><g><circle r="2"/></g>'
+         '<circle r="5"/></switch><circle r="8" requiredExtensions="http://ns.adobe.com/"/>', [-2, -2, 2, 2]),
+        ('<switch><circle r="9" systemLanguage="de"/><circle r="2"/></switch>', [-2, -2, 2, 2]),
         ('<a href="http://example.com"><circle r="2"/></a>', [-2, -2, 2, 2]),
     ],
 )  # fmt: skip
