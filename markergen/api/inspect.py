@@ -309,25 +309,24 @@ def _draw_camera(camera: Camera, axes: "Axes") -> None:
 def _poses(path: Path, asked: Mapping[str, Any]) -> Facts:
     from markergen.read.remarks import remark
 
-    reading = pose_reading(path, stated_convention(asked) or AS_WRITTEN)
-    poses = reading.poses
+    poses, form, frame, axes = pose_reading(path, stated_convention(asked) or AS_WRITTEN)
     if doubt := poses.plausibility():
         remark(f"{path.name}: {doubt}")
     distance, tilt = poses.distance, poses.polar_angle_deg
     front = int(np.count_nonzero(poses.cos_tilt > 0))
     values = {
-        "format": reading.format,
+        "format": form,
         "count": len(poses),
-        "frame": reading.frame,
-        "axes": reading.axes,
+        "frame": frame,
+        "axes": axes,
         "distance_m": _range_of(distance),
         "tilt_deg": _range_of(tilt),
         "from_the_front": front,
     }
     rows = {
-        "format": reading.format,
+        "format": form,
         "poses": f"{len(poses)}, {front} of them from the marker's front",
-        "read as": f"{reading.frame}, axes of {reading.axes}, in m",
+        "read as": f"{frame}, axes of {axes}, in m",
         "distance": f"{distance.min():.4g} to {distance.max():.4g} m, median {np.median(distance):.4g} m",
         "tilt": f"{tilt.min():.1f} to {tilt.max():.1f} deg, median {np.median(tilt):.1f} deg",
     }
@@ -366,16 +365,16 @@ def _draw_poses(poses: RecordedPoses, axes: "Axes") -> None:
 
 
 def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
-    reading = outline_reading(path, asked["boundary_unit"], asked["layer"], bool(asked["ignore_open"]))
-    contours = reading.contours
+    options = asked["boundary_unit"], asked["layer"], bool(asked["ignore_open"])
+    contours, form, scale = outline_reading(path, *options)
     boxes = np.array([box(contour) for contour in contours])
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     outer = sum(area(contour) > 0 for contour in contours)
     sides = [side for contour in contours for side in contour.sides]
     arcs, total = sum(1 for side in sides if side[2]), sum(map(area, contours))
     values = {
-        "format": reading.format,
-        "unit_mm": reading.scale * 1e3,
+        "format": form,
+        "unit_mm": scale * 1e3,
         "size_m": (high - low).tolist(),
         "low_m": low.tolist(),
         "area_m2": total,
@@ -386,8 +385,8 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
     }
     width, height = (format_length(float(side)) for side in high - low)
     rows = {
-        "format": reading.format,
-        "unit": f"{reading.scale * 1e3:.7g} mm",
+        "format": form,
+        "unit": f"{scale * 1e3:.7g} mm",
         "size": f"{width} x {height}, from ({format_length(float(low[0]))}, {format_length(float(low[1]))})",
         "outlines": f"{outer}, with {len(contours) - outer} holes",
         "sides": f"{len(sides) - arcs} lines, {arcs} arcs",

@@ -48,15 +48,15 @@ T = TypeVar("T", bound=Format[Any, Any, Any])
 
 def recognized(formats: Registry[T], file: object) -> str | None:
     """Return the name of the format that a file has, if any; raises InputError if one says why it has none."""
-    damage: InputError | None = None
+    damages = []
     for name in formats:
         try:
             if formats[name].fits(file):
                 return name
         except InputError as error:  # Another format may not be what is damaged.
-            damage = error
-    if damage:
-        raise damage
+            damages.append(error)
+    if damages:
+        raise damages[-1]
     return None
 
 
@@ -152,6 +152,7 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
         (rb"\A(?:\x89PNG|\xff\xd8\xff|GIF8|BM|II\*|MM\0\*|RIFF....WEBP)", "a picture", "trace it, as Inkscape can"),
         (rb"\A(?:G04|%FS|%MO|M48)", "Gerber or drill data", "export Edge.Cuts as SVG or DXF, or give the .kicad_pcb"),
         (rb"<eagle\b|<LightBurnProject|<kml\b|<gpx\b|<mxfile\b", "a drawing of another program", _DRAWING),
+        (rb"\AAutoCAD Binary DXF|\AAC10\d\d", "binary DXF or DWG", "save it as ASCII DXF"),
         (rb"\A\(kicad_(?:sch|sym|pro)", "a schematic of KiCad", "give its .kicad_pcb"),
         (rb"\APK\x03\x04|\A\xd0\xcf\x11\xe0|\ARIFF....CDR", "a document of a drawing or CAD program", _DRAWING),
         (rb"\A\0\0\x27\x0a", "a shapefile", "convert it to GeoJSON"),

@@ -112,7 +112,8 @@ def read_image(path: Path) -> Image:
     except MemoryError:
         raise InputError(f"enough memory for {path}", "too little", "scale the image down") from None
     except Exception as error:  # Decoders raise all kinds of exceptions for broken files.
-        raise InputError(f"a complete {_KNOWN} image in {path}", _brief(error), "export the image again") from None
+        problem = " ".join(str(error).split())[:80] or type(error).__name__
+        raise InputError(f"a complete {_KNOWN} image in {path}", problem, "export the image again") from None
     if pixels.dtype not in (np.uint8, np.uint16):
         remedy = "convert the image to 8 or 16 bit grey"
         raise InputError(f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", remedy)
@@ -428,9 +429,3 @@ def _standard_error_nowhere() -> Iterator[None]:
 
 quiet = _Quiet()
 """The context in which decoders say nothing."""
-
-
-def _brief(error: Exception) -> str:
-    """Shorten an error to one line of at most 80 characters."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) <= 80 else text[:77] + "..."

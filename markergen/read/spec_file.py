@@ -346,14 +346,13 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     camera = values.get("camera")
     if isinstance(camera, Camera):
         values["camera"] = camera.as_dict()
-    elif isinstance(camera, str | PathLike) or hasattr(camera, "read") or _is_calibration(camera):
+    elif isinstance(camera, Mapping):
+        # A spec's own table is validated with better messages than the contents of a calibration file.
+        if "fx" not in camera and not camera.keys() <= CameraTable.model_fields.keys():
+            values["camera"] = load_camera(camera).as_dict()
+    elif isinstance(camera, str | PathLike) or hasattr(camera, "read"):
         values["camera"] = load_camera(camera).as_dict()
     return values
-
-
-def _is_calibration(camera: object) -> bool:
-    """True for the contents of a calibration file; a spec's own table is validated with better messages."""
-    return isinstance(camera, Mapping) and "fx" not in camera and not camera.keys() <= CameraTable.model_fields.keys()
 
 
 def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:

@@ -49,20 +49,20 @@ def as_camera(path, row):
 
 def as_poses(path, row):
     _, convention, ends = row
-    reading = pose_reading(path, PoseConvention(**convention))
-    poses, count = reading.poses, 1 if ends == "read1" else len(T)
+    poses, form, _, _ = pose_reading(path, PoseConvention(**convention))
+    count = 1 if ends == "read1" else len(T)
     doubt = bool(poses.plausibility())
     same = len(poses) == count and np.allclose(poses.rotation, ROT[:count], atol=1e-9)
-    return reading.format, (same and np.allclose(poses.translation, T[:count], atol=1e-9)) or ends == "doubt", doubt
+    return form, (same and np.allclose(poses.translation, T[:count], atol=1e-9)) or ends == "doubt", doubt
 
 
 def as_outline(path, row):
-    reading = outline_reading(path, **row[2])
+    contours, form, _ = outline_reading(path, **row[2])
     wanted = row[1] if isinstance(row[1], float) else np.inf
-    total = sum(map(area, reading.contours))
+    total = sum(map(area, contours))
     polygons = sum(abs(float(np.sum(ring[:, 0] * np.roll(ring[:, 1], -1) - ring[:, 1] * np.roll(ring[:, 0], -1)))) / 2
-                   for ring in polygons_of(reading.contours)[:1])  # fmt: skip
-    return reading.format, abs(total / wanted - 1) < 2e-4 and polygons > 0, False
+                   for ring in polygons_of(contours)[:1])  # fmt: skip
+    return form, abs(total / wanted - 1) < 2e-4 and polygons > 0, False
 
 
 READERS = {"camera": (CAMERAS, as_camera), "poses": (POSES, as_poses), "outline": (OUTLINES, as_outline)}

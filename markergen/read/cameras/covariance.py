@@ -76,8 +76,7 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     """
     if isinstance(source, Path | str):
         name, choice = split(os.fspath(source))
-        path = Path(name)
-        name, data = read(path, "covariance")
+        name, data = read(path := Path(name), "covariance")
         document = Document(name, data)
         if data.startswith(b"\x93NUMPY"):
             values = _npy(path)

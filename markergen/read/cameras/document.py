@@ -221,8 +221,7 @@ class Fields:
 
     def number(self, *names: str) -> float:
         """Return a finite number."""
-        key = self.key(*names)
-        return self._number(key, self.values[key])
+        return self._number(key := self.key(*names), self.values[key])
 
     def whole(self, *names: str) -> int:
         """Return a whole number."""
@@ -245,10 +244,8 @@ class Fields:
 
     def words(self, *names: str) -> list[str]:
         """Return words from a list, or from text separated by blanks."""
-        key = self.key(*names)
-        items = self.values[key]
-        if isinstance(items, str):
-            items = items.split()
+        items = self.values[key := self.key(*names)]
+        items = items.split() if isinstance(items, str) else items
         if not isinstance(items, list) or not items or not all(isinstance(item, str) for item in items):
             raise InputError(f"a list of names at {self.place(key)}", brief(items), "correct the file")
         return items

@@ -31,6 +31,7 @@ PART = re.compile(
 """Keys of tables that belong to the camera around them."""
 WHOLE = ("roi", NAMES, COVARIANCE)
 """Keys of tables that have keys such as width for something else."""
+_ABOUT = re.compile("model|type", re.IGNORECASE)
 _SIDE = r"left|right|cam\d{1,3}|l|r|a|b|\d{1,3}"
 _GROUPED = (re.compile(rf"(.+?)_?({_SIDE})", re.IGNORECASE), re.compile(rf"({_SIDE})_(.+)", re.IGNORECASE))
 """Keys of one of several cameras beside each other."""
@@ -84,7 +85,8 @@ def _search(node: Mapping[str, Any], way: tuple[str, ...], visited: set[int]) ->
     else:
         grouped = {place for camera in groups for place in camera.values}
         scalars = {key: value for key, value in node.items() if not isinstance(value, dict)}
-        around = {place: value for place, value in _leaves(scalars, way) if place not in grouped and _is_about(place)}
+        leaves = [(place, value) for place, value in _leaves(scalars, way) if place not in grouped]
+        around = {place: value for place, value in leaves if _ABOUT.search(place) or KNOWN & {*names_of(place)}}
         for camera in inner:
             camera.values |= around
     return inner
@@ -107,10 +109,6 @@ def _items(node: Mapping[str, Any], cameras: Sequence[Any], index: int, way: tup
         and len(value) == len(cameras) and value is not cameras and all(isinstance(item, list) for item in value)
     }  # fmt: skip
     return {".".join((*way, key)): value[index] for key, value in lists.items()}
-
-
-def _is_about(place: str) -> bool:
-    return any(name in KNOWN for name in names_of(place)) or "model" in plain(place) or "type" in plain(place)
 
 
 def _is_camera(node: Mapping[str, Any], parent: tuple[str, ...]) -> bool:

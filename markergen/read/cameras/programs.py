@@ -282,10 +282,6 @@ def _any(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
     return lambda values: any(plain(key) in set(map(plain, keys)) for key in values)
 
 
-def _every(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
-    return lambda values: bool(values) and all(isinstance(v, dict) and v.keys() >= set(keys) for v in values.values())
-
-
 class Program(NamedTuple):
     """Typical contents, whether values are the program's, their conversion, the coordinate of a pixel's center."""
 
@@ -316,7 +312,10 @@ PROGRAMS: dict[str, Program] = {
         "fl_x, cx, w, frames",
         lambda values: "fl_x" in values or {"camera_angle_x", "frames"} <= values.keys() or _has_single(values),
         _nerf, 0.5),
-    "opensfm": Program("projection_type, focal_x, c_x", _every("projection_type", "width", "height"), _opensfm),
+    "opensfm": Program(
+        "projection_type, focal_x, c_x",
+        lambda values: bool(values) and all(isinstance(v, dict) and "projection_type" in v for v in values.values()),
+        _opensfm),
     "photonvision": Program("cameraIntrinsics, distCoeffs", _has("cameraIntrinsics")),
     "realsense": Program("fx, ppx, coeffs", _has("fx", "ppx"), _realsense),
     "markergen": Program("width, height, fx, fy, cx, cy, distortion", _is_own),

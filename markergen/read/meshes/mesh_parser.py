@@ -118,15 +118,12 @@ def _glb_flaws(document: dict[str, Any]) -> Iterator[str]:
         if "targets" in primitive or primitive.get("mode", TRIANGLES) != TRIANGLES:
             yield "it has lines, points or shapes that move, which are not read"
     for material in document.get("materials", []):
-        clear = material.get("alphaMode", "OPAQUE") != "OPAQUE"
-        if clear and (material["alphaMode"] == "MASK" or _opacity(material) < 1):
+        opacity = float(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))[3])
+        mode = material.get("alphaMode", "OPAQUE")
+        if mode != "OPAQUE" and (mode == "MASK" or opacity < 1):
             yield f"the material {brief(str(material.get('name', '')))} is transparent"
         if any(material.get("emissiveFactor", ())):
             yield f"the material {brief(str(material.get('name', '')))} glows"
-
-
-def _opacity(material: dict[str, Any]) -> float:
-    return float(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))[3])
 
 
 def _parts_of_glb(data: bytes) -> tuple[dict[str, Any], memoryview]:

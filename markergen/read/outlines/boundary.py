@@ -8,7 +8,6 @@ outline is left out with a warning: shapes without area, center lines, and loops
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import hypot, inf
 from pathlib import Path
 from typing import Any
@@ -66,22 +65,13 @@ def read_contours(
     ignore_open : bool
         Leave out lines that bound nothing, and list them in a warning.
     """
-    return outline_reading(path, unit, layer, ignore_open).contours
-
-
-@dataclass(frozen=True)
-class OutlineReading:
-    """Contours of a file in m, y up, the name of its format, and the length in m of its unit."""
-
-    contours: tuple[Contour, ...]
-    format: str
-    scale: float
+    return outline_reading(path, unit, layer, ignore_open)[0]
 
 
 def outline_reading(
     path: Path | str, unit: str | None = None, layer: str | None = None, ignore_open: bool = False
-) -> OutlineReading:
-    """Read outlines as `read_contours` does, with what their file says of them."""
+) -> tuple[tuple[Contour, ...], str, float]:
+    """Read outlines as `read_contours` does, with the name of their format and the length in m of its unit."""
     if unit is not None and unit not in UNITS:
         raise InputError("a known --boundary-unit", brief(unit), f"known: {', '.join(UNITS)}")
     file = OutlineFile(*read(Path(path), "outline"))
@@ -107,7 +97,7 @@ def outline_reading(
     contours = _canonical(rings, file.name)
     # Mirroring reverses the direction of an outline.
     upright = tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
-    return OutlineReading(upright, form, scale)
+    return upright, form, scale
 
 
 def _canonical(rings: list[Contour], source: str) -> tuple[Contour, ...]:

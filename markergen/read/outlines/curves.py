@@ -9,6 +9,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError
+from markergen.geometry.contour import center_of
 
 MOST_POINTS = 100_000
 """Maximum number of points of one polyline."""
@@ -190,8 +191,7 @@ def bulge(start: Array, end: Array, amount: float) -> Curve:
     # The sagitta is amount times half the chord; here the center would be more than a million chords away.
     if abs(amount) < 1e-7 or not chord.any():
         return Polyline(np.stack([start, end]))
-    left = np.array([-chord[1], chord[0]])
-    center = (start + end) / 2 + left * ((1 - amount**2) / (4 * amount))
+    center = np.array(center_of(((start[0], start[1]), (end[0], end[1]), amount)))
     u = start - center
     return Arc(center, u, np.array([-u[1], u[0]]), 0.0, 4 * float(np.arctan(amount)))
 

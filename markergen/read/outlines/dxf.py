@@ -61,7 +61,6 @@ _END = re.compile(r"^[ \t]*0[ \t]*\n[ \t]*EOF(?=\s|\x1a|$)", re.MULTILINE)
 _ENTITIES = re.compile(r"^[ \t]*2[ \t]*\n[ \t]*ENTITIES[ \t]*$", re.MULTILINE)
 
 _FLAT = np.eye(4)[:2]
-_BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
 
 
 @contextmanager
@@ -81,7 +80,7 @@ def without_time() -> Iterator[None]:
 def _fits(file: OutlineFile) -> bool:
     # The first group code: 0 for a section, or 999 for a comment.
     first = file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:100].replace(b"\r", b"\n").split(b"\n")[0].strip()
-    return first in (b"0", b"999") or file.data.startswith((_BINARY, _DWG))
+    return first in (b"0", b"999")
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
@@ -250,10 +249,6 @@ class DxfReader:
 
 def _document(file: OutlineFile) -> "Document":
     """Parse the file after checking that it is complete text."""
-    if file.data.startswith(_BINARY):
-        raise file.unreadable("DXF as text", "binary DXF", "save it as ASCII DXF")
-    if file.data.startswith(_DWG):
-        raise file.unreadable("DXF", "DWG", "save it as ASCII DXF")
     if len(file.data) > LARGEST_DXF:
         raise file.too_much(f"at most {LARGEST_DXF // 10**6} MB of DXF")
     text = _whole(_text(file).lstrip("\n"), file)

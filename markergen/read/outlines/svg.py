@@ -187,7 +187,7 @@ class Shapes:
     def matrix(self, element: Element, name: str) -> Array:
         """Affine map (3, 3) from the transform attribute."""
         text = element.get("transform", "")
-        if moved_by_style(element):
+        if _MOVES.search(element.get("style", "")) or "transform-origin" in element.attrib:
             problem = f"one in the style of {name}"
             raise self.file.unreadable("transforms as attributes", problem, "save it as plain SVG")
         self._count(text)
@@ -380,11 +380,6 @@ def is_painted(style: Style) -> bool:
 def gone(style: Style) -> bool:
     """Tell whether an element is omitted together with its contents."""
     return style["display"] == "none" or _zero(style["opacity"])
-
-
-def moved_by_style(element: Element) -> bool:
-    """Tell whether an element is moved by a CSS transform."""
-    return bool(_MOVES.search(element.get("style", ""))) or "transform-origin" in element.attrib
 
 
 def _declarations(text: str) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -58,7 +57,7 @@ def poses_from(source: Any) -> PoseDistribution:
     if callable(source):
         return poses_from(source(np.random.default_rng(0)))
     if hasattr(source, "to_csv"):
-        return _reading_of("the DataFrame", source.to_csv(index=False).encode(), AS_WRITTEN).poses
+        return _reading_of("the DataFrame", source.to_csv(index=False).encode(), AS_WRITTEN)[0]
     return RecordedPoses.from_numbers(_numbers_of_arrays(source))
 
 
@@ -125,16 +124,6 @@ def settled_poses(wish: str) -> str | RecordedPoses:
     return read_poses(path)
 
 
-@dataclass(frozen=True)
-class PoseReading:
-    """Poses of a file, the name of its format, and the frame and axes that its poses are in."""
-
-    poses: RecordedPoses
-    format: str
-    frame: str
-    axes: str
-
-
 def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> RecordedPoses:
     """Read the poses of a file: a table of T_camera_marker as CSV or JSON, or a format of `POSE_FORMATS`.
 
@@ -143,17 +132,17 @@ def read_poses(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> Rec
     Raises InputError if the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose
     is invalid; the message names file and line. If the poses may be those of a body, or the file contradicts itself.
     """
-    return pose_reading(path, convention).poses
+    return pose_reading(path, convention)[0]
 
 
-def pose_reading(path: Path | str, convention: PoseConvention = AS_WRITTEN) -> PoseReading:
-    """Read poses as `read_poses` does, with what their file says of them."""
+def pose_reading(path: Path | str, convention: PoseConvention) -> tuple[RecordedPoses, str, str, str]:
+    """Read poses as `read_poses` does, with the name of their format, and the frame and axes of its poses."""
     path = Path(path)
     _, data = read(path, "poses")
     return _reading_of(path.name if path.name.isprintable() else brief(path.name), data, convention)
 
 
-def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReading:
+def _reading_of(name: str, data: bytes, convention: PoseConvention) -> tuple[RecordedPoses, str, str, str]:
     """Read the poses of a file's content."""
     if data.count(b"\n") > MOST_LINES:
         expected = f"at most {MOST_ROWS} poses in {name}"
@@ -171,12 +160,7 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> PoseReadi
     raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
     frame, axes = settled_frame(convention, raw, file.stated, file.name)
     numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
-    return PoseReading(RecordedPoses.of(numbers, file.name, _digest(data, convention)), kind, frame, axes)
-
-
-def _digest(data: bytes, convention: PoseConvention) -> str:
-    """SHA-256 of a file and of what a user says of it, if anything."""
-    if not convention.is_stated:
-        return hashlib.sha256(data).hexdigest()
     body = [] if convention.camera_in_body is None else convention.camera_in_body.tolist()
-    return hashlib.sha256(data + repr((convention.frame, convention.axes, convention.unit, body)).encode()).hexdigest()
+    convention_text = repr((convention.frame, convention.axes, convention.unit, body)) if convention.is_stated else ""
+    digest = hashlib.sha256(data + convention_text.encode()).hexdigest()
+    return RecordedPoses.of(numbers, file.name, digest), kind, frame, axes

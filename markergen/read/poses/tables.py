@@ -66,10 +66,6 @@ def _count(file: RowsFile) -> int:
     return len(file.first.decode("utf-8", "replace").split(file.delimiter))
 
 
-def _fits(file: RowsFile) -> bool:
-    return _count(file) > 3 and (_count(file) not in MATRIX or bool(file.header))
-
-
 def _is_matrices(file: RowsFile) -> bool:
     second = next((line for number, line in islice(file.lines(), 1, 2)), b"")
     is_log = _count(file) == 3 and len(second.split()) == 4 and file.first.split()[0].isdigit()
@@ -171,7 +167,7 @@ _POSE, _POINT = struct.Struct("<I7dI"), 24
 def _unpacked(data: bytes) -> Sequence[tuple[Any, ...]]:
     """Return the numbers of the images of an images.bin; none if it is something else."""
     count, place, poses = int.from_bytes(data[:8], "little"), 8, []
-    if len(data) < 8 or not 0 < count <= len(data) // (_POSE.size + 9):
+    if b"\0" not in data[:8] or not 0 < count <= len(data) // (_POSE.size + 9):
         return []
     for _ in range(count):
         name_end = data.find(b"\0", place + _POSE.size)
@@ -180,11 +176,6 @@ def _unpacked(data: bytes) -> Sequence[tuple[Any, ...]]:
         poses.append(_POSE.unpack_from(data, place)[1:8])
         place = name_end + 9 + _POINT * int.from_bytes(data[name_end + 1 : name_end + 9], "little")
     return poses if place == len(data) else []
-
-
-def is_images(data: bytes) -> bool:
-    """True if all bytes are those of an images.bin."""
-    return b"\0" in data[:8] and len(_unpacked(data)) > 0
 
 
 def _write_images(numbers: Array, _: str) -> str:
@@ -196,7 +187,7 @@ def _write_images(numbers: Array, _: str) -> str:
 POSE_FORMATS.register("colmap")(
     PoseFormat(
         f"lines of {IMAGE_FORM}, each with one of points",
-        lambda file: is_images(file.data) or _IMAGE.match(file.first) is not None,
+        lambda file: bool(_unpacked(file.data)) or _IMAGE.match(file.first) is not None,
         _of_images,
         ("images.txt",),
         _write_images,
@@ -211,7 +202,15 @@ POSE_FORMATS.register("csv")(
         lambda numbers, _: lines_of(numbers, ",", COLUMNS.replace(" ", ",") + "\n"),
     )
 )
-POSE_FORMATS.register("tum")(PoseFormat(f"lines of {FORM}", _fits, _read, (".tum", ".tum.txt"), _write))
+POSE_FORMATS.register("tum")(
+    PoseFormat(
+        f"lines of {FORM}",
+        lambda file: _count(file) > 3 and not _is_matrices(file),
+        _read,
+        (".tum", ".tum.txt"),
+        _write,
+    )
+)
 POSE_FORMATS.register("kitti")(
     PoseFormat(
         "lines of 12 or 16 numbers [R t], or matrices in 4 lines",
