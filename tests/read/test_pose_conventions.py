@@ -237,6 +237,7 @@ def test_comments_about_other_things_state_nothing():
         "created by evo",
         "x y z are positions",
         "camera intrinsics of the world's largest lens",
+        "quaternions of unity norm",
     ):
         assert stated([text], "x") == {}
 

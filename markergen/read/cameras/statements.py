@@ -228,7 +228,8 @@ def check_order(document: Document, camera: Camera) -> None:
     text = document.data.decode("utf-8", "replace").lower()
     orders = [re.findall(r"[kp]\d", match[0].replace("_", "")) for match in ORDER.finditer(text)]
     names = list(camera.distortion.names)
-    if names and orders and not any(order[: len(names)] == names[: len(order)] for order in orders):
+    is_known = bool(names) and all(re.fullmatch(r"[kp]\d", name) for name in names)
+    if is_known and orders and not any(order[: len(names)] == names[: len(order)] for order in orders):
         expected = f"coefficients in the order {' '.join(names)} in {document.name}"
         raise InputError(expected, f"the order {' '.join(orders[0])} in its text", "reorder them")
 

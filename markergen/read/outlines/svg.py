@@ -270,8 +270,12 @@ def _rows(command: str, text: str) -> Array:
     """Numbers (k, n) after a command, a row for each time that it is repeated."""
     width = _ROW[command]
     if command == "A":
-        numbers = [number for arc in _ARC.findall(text) for number in arc]
-        complete = not _ARC.sub("", text).strip(" ,\t\r\n\f")
+        numbers: list[str] = []
+        position = 0
+        while match := _ARC.match(text, position):  # One after the other: a search would try every digit.
+            numbers += match.groups()
+            position = match.end()
+        complete = not text[position:].strip(" ,\t\r\n\f")
     else:
         numbers = re.findall(_NUMBER, text)
         complete = not width or len(numbers) % width == 0

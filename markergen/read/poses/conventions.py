@@ -177,8 +177,9 @@ STATEMENTS: list[tuple[str, str, str]] = [
 
 OTHERS = (
     (r"\bjpl\b", "Hamilton's quaternions", "JPL's", "write the conjugates, with x y z negated"),
-    (r"\bleft[- ]?handed|\bunity ?(?:3d)?\b|\bunreal\b", "right-handed frames", "left-handed ones", "convert them"),
-)
+    (r"\bleft[- ]?handed|\bunity ?3d|\b(?:unity|unreal)(?:'s)? (?:engine|coord|axes|frame)", "right-handed frames",
+     "left-handed ones", "convert them"),
+)  # fmt: skip
 """What comments state and readers do not convert: form, what was expected, what it is, what to do."""
 
 _UNIT_WORD = re.compile(r"\b(mm|cm|um|millimet\w+|centimet\w+|micromet\w+|microns?|inch(?:es)?|feet)\b", re.IGNORECASE)

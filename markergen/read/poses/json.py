@@ -25,7 +25,7 @@ from markergen.read.remarks import remark_unused
 
 NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
 NERF = re.compile(
-    r"camera_(?:model|angle_\w+|id)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|\w*path|sharpness|rotation|\w*_id|time\w*"
+    r"camera_(?:model|angle_\w+|id)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|\w*path|sharpness|rotation|\w*(?:_id|name)|time\w*"
 )
 """Keys of the camera and of images in nerf's transforms.json."""
 

@@ -225,6 +225,8 @@ def test_files_too_large_to_be_outlines(refused, tmp_path):
     assert "300 kB of path" in refused(svg(f'<path d="M0 0 {"1 1 " * 80_000}z"/>'))
     assert "10000 lines and curves" in refused(svg(f'<path d="M0 0 {"1 1 " * 20_000}z"/>'))
     assert "10000 lines and curves" in refused(svg(f'<path d="M0 0 {"h1z" * 20_000}"/>'))
+    # A search for arcs would start at every digit.
+    assert "path data" in refused(svg(f'<path d="M0 0A{"1" * 250_000}"/>'))
     assert "3 MB of GeoJSON" in refused(b'{"type": "' + b"a" * 3_000_000, unit="mm")
     assert "2 MB of DXF" in refused(b"0\nSECTION\n" + b" " * 3_000_000)
     assert "20000 entities" in refused(b"0\nSECTION\n2\nENTITIES\n" + b"0\nLINE\n" * 20_001 + b"0\nENDSEC\n0\nEOF\n")
