@@ -64,10 +64,11 @@ def marker_plan(claim: Mapping[str, Any]) -> list[str]:
     """Sentences about a marker's `headline`, with that of `compare_views` under ``views``."""
     rotated, moved = (claim["hardest"][key] for key in _POSE_UNITS)
     over_all, views = claim["all"], claim.get("views") or {}
-    # What is claimed is no plan where the views of the same run contradict it.
-    begin, end = (
-        ("Expect", " The views of this run say otherwise.") if views.get("disagreements") else ("Plan with", "")
-    )
+    # What is claimed is no plan where the views of the same run contradict it, or do not find the marker.
+    begin, end = "Expect" if views.get("disagreements") else "Plan with", ""
+    if views.get("disagreements"):
+        contradicted = any(error["agrees"] == 0 for key in ("hardest", "all") for error in views[key].values())
+        end = " The views of this run say otherwise." if contradicted else f" {_lost(views)}"
     sentences = [
         f"{begin} {_planned(claim).amounts} {_planned(claim).conditions}: RMS over {over_all['poses']} poses, with "
         f"{claim['source']}.{end}"
@@ -78,7 +79,7 @@ def marker_plan(claim: Mapping[str, Any]) -> list[str]:
     if _place(rotated) == _place(moved):
         hardest = f"{deg} and {mm} at {_place(rotated)}"
     else:
-        hardest = f"{deg} at {_place(rotated)} and {mm} at {_place(moved)}"
+        hardest = f"{deg} at {_place(rotated)}; {mm} at {_place(moved)}"
     failed = f" {percent(rotated['failure_rate'])} of the estimates fail there, and are not included."
     sentences.append(f"The hardest: {hardest}{rate}.{frontal}{failed if rotated['failure_rate'] else ''}")
     if over_all["sampled"]:
@@ -143,8 +144,12 @@ def agreement(views: Mapping[str, Any]) -> list[str]:
     if agreed and not sentences:
         sentences.append(f"The views of this run agree: {'; '.join(agreed)}.")
     if views["lost"]:
-        sentences.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
+        sentences.append(f"{_lost(views)} No error includes that.")
     return sentences
+
+
+def _lost(views: Mapping[str, Any]) -> str:
+    return f"In {_views(views['lost'])} of this run the marker was not found."
 
 
 def trial_sentences(results: Mapping[str, Any]) -> list[str]:
@@ -307,7 +312,7 @@ def _views(count: int) -> str:
 
 
 def _place(cell: Mapping[str, Any]) -> str:
-    return f"{cell['distance'].replace('..', ' to ')} m and {cell['tilt'].replace('..', ' to ')} deg"
+    return f"{cell['distance']} m, tilted by {cell['tilt']} deg".replace("..", " to ")
 
 
 def _cost(results: Mapping[str, Any]) -> str:

@@ -20,7 +20,7 @@ def test_answer_has_the_hardest_case(subject, budget, few):
     mm = rms(1e3 * np.sqrt(np.trace(budget.total[steep, 3:, 3:], axis1=1, axis2=2)))
     deg = rms(np.rad2deg(rotation_bound(budget.total))[frontal])
     second = report.answer(subject).sentences[1]
-    assert f"{value_text(mm, 2)} mm at 1.5 m and 70 deg" in second
+    assert f"{value_text(mm, 2)} mm at 1.5 m, tilted by 70 deg" in second
     said = float(second.split("The hardest: ")[1].split(" deg")[0])
     # Four poses with 500 draws, and what first order leaves out.
     assert said == pytest.approx(deg, rel=0.1)
