@@ -24,7 +24,7 @@ def test_answer_has_the_hardest_case(subject, budget, few):
     said = float(second.split("The hardest: ")[1].split(" deg")[0])
     # Four poses with 500 draws, and what first order leaves out.
     assert said == pytest.approx(deg, rel=0.1)
-    assert "at 1.5 m and 0 deg" in second
+    assert "at 1.5 m, tilted by 0 deg" in second
 
 
 def test_without_a_headline_the_answer_is_first_order(subject, budget, few):
