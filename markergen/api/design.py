@@ -47,7 +47,7 @@ from markergen.read.outlines.boundary import PAGE
 from markergen.read.poses import poses_from
 from markergen.read.poses.conventions import READING
 from markergen.read.rig_plates import SUFFIXES, read_plates
-from markergen.read.spec_file import spec_from_mapping, spec_of
+from markergen.read.spec_file import OPTIONS, spec_from_mapping, spec_of
 from markergen.read.templates import read_template
 
 if TYPE_CHECKING:
@@ -338,7 +338,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     @cache
     def make(*room: int) -> Spec:
         named = {"radius": f"{room[0]}mm"} if fit else {"boundary": "rect:{}mmx{}mm".format(*room)} if page else {}
-        return spec_from_mapping(values | named, str(template or "the options"))
+        return spec_from_mapping(values | named, str(template or OPTIONS))
 
     limits = radius_limits(make, choices.sheet) if fit else None
     spec = make(limits[0]) if limits else make(*_held_by_page(make, choices.sheet)) if page else make()
@@ -397,7 +397,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         geometry = rig_shape(shape, **measures)
     values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
-    spec = spec_from_mapping(values, "the options")
+    spec = spec_from_mapping(values, OPTIONS)
     tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
     listed = shape if markers or geometry.text == "plates" else None

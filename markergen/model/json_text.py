@@ -122,10 +122,17 @@ def findings_of(error: "ValidationError", keys_at: Callable[[Location], Iterable
     return [
         f"{place_path(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
         + (_nearest(item["loc"], keys_at) if item["type"] == "extra_forbidden" else "")
-        # For a missing key, the input is the whole table around it.
-        + ("" if item["type"] == "missing" else f" (got {brief(item['input'])})")
+        # For a missing key, the input is the whole table around it; a parser's error has it already.
+        + ("" if item["type"] == "missing" or refusal_in(item) else f" (got {brief(item['input'])})")
         for item in error.errors()
     ]
+
+
+def refusal_in(item: Mapping[str, Any]) -> InputError | None:
+    """Return the error of a parser that a finding of pydantic passes on with all its words."""
+    error = item.get("ctx", {}).get("error")
+    refusal = getattr(error, "__context__", None)
+    return refusal if isinstance(refusal, InputError) and str(error).endswith(str(refusal)) else None
 
 
 def _nearest(location: Location, keys_at: Callable[[Location], Iterable[str]]) -> str:

@@ -38,7 +38,7 @@ HEADS = {
 """Largest theoretical diameter in mm of the head of each countersunk screw, so that none protrudes: ISO 10642, and for
 M2 and M2.5 ISO 14581."""
 
-MOUNT = "write 4xM3@120mm, countersunk 4xM3c@120mm, or M3:40mm,-20mm;-40mm,-20mm"
+MOUNT = "write 4xM3@120mm, countersunk 4xM3c@120mm, M3:40mm,-20mm;-40mm,-20mm, or 40mm:0mm,0mm for a bore in the middle"
 DOWEL = "write 2x4mm@130mm, or 4mm:65mm,0mm;-65mm,0mm"
 
 _COUNTERSUNK = re.compile(r"(.*?)\s*(?:-?\s*countersunk|(?<=\d)\s*c)\s*", re.IGNORECASE)

@@ -23,7 +23,7 @@ from pydantic import (
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
-from markergen.model.json_text import findings_of, in_one_line
+from markergen.model.json_text import findings_of, in_one_line, refusal_in
 from markergen.model.marker import Marker
 from markergen.model.poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, SubstrateFile, built
@@ -145,6 +145,9 @@ DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto),
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Whole = Annotated[int, Field(lt=2**63)]  # TOML's integers have 64 bits
 Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
+
+OPTIONS = "the options"
+"""Name of a spec that is typed, whose only error needs no place."""
 
 ABSENT: Any = None
 """Placeholder for a key that is not given; defaults are defined by `Spec` alone."""
@@ -288,7 +291,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     try:
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
-        raise InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places") from None
+        refusal = refusal_in(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
+        findings = InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places")
+        raise refusal or findings from None
     options = {
         key: value for key, value in table.model_dump(exclude_unset=True, exclude={"poses"}).items() if key in _KEPT
     }

@@ -28,7 +28,7 @@ from markergen.read.poses import read_poses
 from markergen.read.remarks import collected_remarks
 from markergen.read.spec_file import spec_of
 from markergen.read.templates import read_template
-from markergen.studio.state import RENAMED, refuse_files, refuse_named_plates
+from markergen.studio.state import RENAMED, length_as_text, refuse_files, refuse_named_plates, with_lengths_typed
 
 ASKED = re.compile("--boundary-unit|layer")
 """In errors that another unit or layer may mend."""
@@ -120,7 +120,7 @@ def _spec(path: Path) -> dict[str, Any]:
     title = {"title": str(values["title"])} if "title" in values else {}
     options = {RENAMED.get(key, key): value for key, value in values.items() if key != "title"}
     refuse_files(options, DesignKeywords)
-    return {**title, "options": options}
+    return {**title, "options": with_lengths_typed(options)}
 
 
 def _camera(path: Path) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def options_of(marker: Marker) -> dict[str, Any] | None:
     options |= _plate(values.get("substrate", {}))
     designed = marker.as_designed
     points = designed.xyz if designed.height else designed.xyz[:, :2]
-    return {**options, "dot": marker.dot_diameter, "points": points.tolist()}
+    return with_lengths_typed({**options, "dot": marker.dot_diameter, "points": points.tolist()})
 
 
 def _plate(substrate: Mapping[str, Any]) -> dict[str, Any]:
@@ -182,8 +182,8 @@ def _plate(substrate: Mapping[str, Any]) -> dict[str, Any]:
     options = {key: value for key, value in substrate.items() if key != "holes" and value is not None}
     alike = defaultdict[tuple[str, str], list[str]](list)
     for hole in substrate.get("holes", ()):
-        kind = hole["name"] + "c" * bool(hole["sink"]) if hole["name"] in SCREWS else repr(hole["diameter"])
-        alike[hole["use"], kind].append(f"{hole['x']!r},{hole['y']!r}")
+        kind = hole["name"] + "c" * bool(hole["sink"]) if hole["name"] in SCREWS else length_as_text(hole["diameter"])
+        alike[hole["use"], kind].append(f"{length_as_text(hole['x'])},{length_as_text(hole['y'])}")
     for (use, kind), places in alike.items():
         options.setdefault(use, []).append(f"{kind}:{'; '.join(places)}")
     return options

@@ -39,7 +39,16 @@ from markergen.presentation.results import plain as as_json
 from markergen.studio.look import look, more
 from markergen.studio.opening import opened_file
 from markergen.studio.showing import detected, exported, parsed_request, scene, view
-from markergen.studio.state import declared_options, place_in, plain_options, rig_of, table_in, with_region, words
+from markergen.studio.state import (
+    declared_options,
+    place_in,
+    plain_options,
+    rig_of,
+    table_in,
+    with_lengths_typed,
+    with_region,
+    words,
+)
 
 HOST = "127.0.0.1"
 
@@ -250,7 +259,7 @@ def settled_options(options: Mapping[str, Any], finished: Design) -> dict[str, A
         kept["radius"] = spec.boundary.radius
     # Both depend on what was open.
     stored = spec.as_dict()
-    return kept | {name: stored[name] for name in ("noise_model", "print_sigma") if name in stored}
+    return with_lengths_typed(kept | {name: stored[name] for name in ("noise_model", "print_sigma") if name in stored})
 
 
 def rig_result(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:

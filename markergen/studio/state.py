@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from decimal import Decimal
 from functools import lru_cache
 from typing import Any
 
@@ -130,6 +131,24 @@ def plain_options(options: Any, table: type = DesignKeywords) -> dict[str, Any]:
 def points_as_text(rows: Sequence[Sequence[float]]) -> str:
     """Write points in m as they are typed, in mm, to a tenth of a nanometer."""
     return "; ".join(",".join(f"{round(1e3 * value, 7) + 0.0!r}mm" for value in row) for row in rows)
+
+
+def with_lengths_typed(options: Options) -> dict[str, Any]:
+    """Return options whose lengths in m are texts in mm, as fields have them: the same to the last bit."""
+    lengths = {name for name, option in declared(DesignKeywords).items() if option.kind.startswith("length")}
+    return {
+        name: length_as_text(value) if name in lengths and isinstance(value, float) else value
+        for name, value in options.items()
+    }
+
+
+def length_as_text(meters: float) -> str:
+    """Write a length in m as it is typed, in mm.
+
+    >>> length_as_text(0.0214), length_as_text(1.0)
+    ('21.4mm', '1000mm')
+    """
+    return f"{Decimal(repr(float(meters))).scaleb(3).normalize():f}mm"
 
 
 def _number(text: str, kind: str) -> Any:

@@ -56,10 +56,32 @@ def test_it_answers_at_the_field(refusing):
     fault.wait_for(state="hidden")
 
 
-def test_a_bare_length_is_in_mm(studio):
-    type_in(studio, "radius", "80")
-    assert studio.state()["radius"] == "80mm"
-    assert studio.page.input_value("#option-radius") == "80mm"
+@pytest.mark.parametrize(
+    ("name", "typed", "taken"),
+    [
+        ("radius", "80", "80mm"),
+        ("radius", "0,08", "0,08"),
+        ("keep_out", "circle:5@-10,.5 | rect:4 x 6", "circle:5mm@-10mm,.5mm | rect:4mm x 6mm"),
+        ("mount", "4xM3@120/45 | M2.5:1,2; -3,4 | 4x3.4@110", "4xM3@120mm/45 | M2.5:1mm,2mm; -3mm,4mm | 4x3.4mm@110mm"),
+    ],
+)
+def test_a_length_without_a_unit_is_in_mm(refusing, name, typed, taken):
+    type_in(refusing, name, typed)
+    refusing.settle()
+    assert refusing.page.input_value(f"#option-{name}") == taken
+
+
+def test_an_option_is_found_by_what_it_is_for(studio):
+    for word, names in (("bore", {"mount", "dowel"}), ("screw", {"mount"}), ("hole", {"mount", "dowel", "keep_out"})):
+        studio.page.fill("#find", word)
+        visible = studio.page.eval_on_selector_all(
+            ".option:not([hidden]) input", "(fields) => fields.map(({id}) => id)"
+        )
+        assert names <= {field.removeprefix("option-") for field in visible}
+        assert "option-n" not in visible
+        assert not studio.said()
+    studio.page.fill("#find", "xyzzy")
+    assert studio.said()
 
 
 def test_one_menu_copies(studio):

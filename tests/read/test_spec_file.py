@@ -12,10 +12,10 @@ from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import RecordedPoses, named_poses
 from markergen.model.spec import AUTO, ImageNoise, Spec
-from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
+from markergen.model.substrate import MOUNT, Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import OPTIONS, spec_from_mapping
 from markergen.read.templates import read_template, shipped_templates
 
 CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
@@ -288,6 +288,17 @@ def test_what_is_wrong_with_a_plate_is_named(table, words):
         spec_from_mapping({"substrate": table})
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+    # Not the whole table around it.
+    assert "(got {" not in str(caught.value)
+
+
+def test_the_only_error_of_what_was_typed_is_that_of_its_parser():
+    mount = {"mount": ["40mm"]}
+    with pytest.raises(InputError) as caught:
+        spec_from_mapping(mount, OPTIONS)
+    assert caught.value.args == ("mounting holes", "'40mm'", MOUNT)
+    with pytest.raises(InputError, match=f"a valid spec in {OPTIONS}"):
+        spec_from_mapping({**mount, "seed": "x"}, OPTIONS)
 
 
 def test_what_is_stored_names_no_files():

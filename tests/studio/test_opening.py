@@ -14,6 +14,7 @@ from markergen.model.camera import Camera
 from markergen.model.rig import Rig
 from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.studio.opening import opened_file, options_of
+from markergen.units import parse_length
 
 SQUARE = (
     b'<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="100mm"><rect width="200mm" height="100mm"/></svg>'
@@ -42,6 +43,8 @@ def test_a_marker_gives_the_options_that_make_it_again(more):
     ).marker
     options = opened_file("marker.json", to_json(marker))["options"]
     assert "n" not in options
+    # A field's numbers without a unit are mm.
+    assert all(text.count("mm") > 1 for text in options.get("mount", [])[1:])
     again = mg.design(**options).marker
     for name in ("image_noise", "camera_covariance", "scale_sigma"):
         assert getattr(spec_of(again), name) == getattr(spec_of(marker), name), name
@@ -54,7 +57,9 @@ def test_a_marker_gives_the_options_that_make_it_again(more):
 def test_a_marker_of_unknown_origin_is_opened_too(pentagon):
     options = opened_file("any.json", to_json(pentagon))["options"]
     assert options["points"] == pentagon.xyz[:, :2].tolist()
-    assert (options["radius"], options["dot"]) == (pentagon.boundary.radius, pentagon.dot_diameter)
+    assert all(options[name].endswith("mm") for name in ("radius", "dot"))
+    lengths = [parse_length(options[name]) for name in ("radius", "dot")]
+    assert lengths == [pentagon.boundary.radius, pentagon.dot_diameter]
 
 
 def test_a_marker_that_was_measured_is_opened_as_designed_and_says_so(pentagon):

@@ -35,7 +35,7 @@ def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
     found = mg.design(**bare)
     assert values[-1] >= found.value * (1 - 1e-9)
     kept = {name: value for name, value in QUICK.items() if name != "n"}
-    assert last["options"] == {**kept, "points": found.marker.xyz[:, :2].tolist(), "dot": found.dots.diameter}
+    assert last["options"] == {**kept, "points": found.marker.xyz[:, :2].tolist(), "dot": "0mm"}
     assert last["summary"] == found.summary
     assert last["certificate"] == {"sentence": Certificate(4, 1.0, 0.25).sentence, "gap": 0.75}
 

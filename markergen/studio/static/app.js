@@ -530,7 +530,7 @@ function listen() {
     event.preventDefault();
     by("marker").focus();
   });
-  by("find").addEventListener("input", () => fields.find(by("find").value));
+  by("find").addEventListener("input", () => said(fields.find(by("find").value) ? "" : "No option is called that, nor says so."));
   by("photos-away").addEventListener("click", () => {
     by("photos").replaceChildren();
     by("photos-away").hidden = true;

@@ -26,7 +26,7 @@ const LABELS = {
   "--keep-out": "regions without dots", "--relief": "height of pillars", "--poses": "camera poses", "--noise-model": "noise of dots", "--image-noise": "image quality",
   "--print-sigma": "print error", "--scale-sigma": "scale error", "--dot": "dot diameter", "--clearance": "gap around dots", "--gap": "gap between dots",
   "--asymmetric": "labels by the layout, px", "--ids": "ids of a family", "--tile": "several pages", "--edge": "edge of the plate", "--survive": "dots that may be lost",
-  "--restarts": "starts of the search",
+  "--restarts": "starts of the search", "--mount": "mounting holes", "--dowel": "holes for dowel pins", "--outline": "outline of the plate",
 };
 
 /* The label of the field of an option such as --print-sigma. */
@@ -38,6 +38,8 @@ export const worded = (text) => text.replace(/--[a-z][a-z-]*/g, (flag) => `\u201
 /* An error of the command likewise. */
 const refusal = (line) => worded(line)
   .replace(/^expected options of markergen\.\w+, found/, "expected values that the fields take, found")
+  // Bare numbers have become mm.
+  .replace(/0\.15 or (?=\S?150mm)/, "").replace(" (a bare number is meters)", "")
   .replace(/see help\(.*\)$/, "each field says what it takes");
 
 export const capital = (line) => `${line[0].toUpperCase()}${line.slice(1)}`;

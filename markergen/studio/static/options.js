@@ -9,8 +9,15 @@ const FILES = ["camera", "poses", "covariance"];
 const CLOSED = ["orientation", "noise_model", "coordinates", "process"];
 const EXAMPLES = {
   "ERROR@LENGTH": "0.1deg@1.5m", "X,Y;...|FILE.csv": "0mm,50mm; -40mm,-30mm; …", "SHAPE|FILE": "rect:200mmx100mm", "SHAPE|FILE[#LAYER]": "circle:5mm@30mm,0mm",
-  WxH: "640x480", LIST: "0-9", HOLES: "4xM4@100mm", FACE: "-z",
+  WxH: "640x480", LIST: "0-9", mount: "4xM4@100mm", dowel: "2x4mm@130mm", FACE: "-z",
 };
+/* Other names of what an option is for. */
+const ALSO = { mount: "bore drill screw bolt", dowel: "bore drill pin", keep_out: "keep-out hole", n: "count", dot: "size", poses: "distance tilt angle" };
+
+/* Lengths without a unit are in mm; in shapes, places and holes all numbers but a count, which stands first, angles, and what follows a letter. */
+const BARE = { length: /^()(\d+\.?\d*|\.\d+)$/, places: /(^(?![^x]*x)|[:@,;x]\s*)([-+]?(?:\d+\.?\d*|\.\d+))(?=\s*(?:[,;:@x/]|$))/g };
+const withUnits = (text, kind) => (/^(length|shape|layout|texts)/.test(kind) ? text.replace(BARE[kind.startsWith("length") ? "length" : "places"], "$1$2mm") : text);
+const plain = (text) => ` ${text.toLowerCase().replaceAll(/[^a-z0-9]+/g, " ").trim()}`;
 
 /* Fill a form with groups of options; change(name, value) is called with text, a boolean, a list, or null for the default. */
 export function form(element, groups, change) {
@@ -37,13 +44,15 @@ export function form(element, groups, change) {
     },
     /* Labels and values of a state, for paper. */
     told: (options) => Object.entries(fields).filter(([name]) => options[name] !== undefined).map(([name, field]) => field.told(options[name])),
+    /* Show the options that have a word; returns whether there are any. */
     find(text) {
-      const wanted = text.trim().toLowerCase();
+      const wanted = plain(text);
       for (const field of Object.values(fields)) field.row.hidden = !field.words.includes(wanted);
       for (const group of element.querySelectorAll("details")) {
         group.hidden = ![...group.querySelectorAll(".option")].some((row) => !row.hidden);
-        if (wanted) group.open = true;
+        if (wanted.trim()) group.open = true;
       }
+      return Object.values(fields).some((field) => !field.row.hidden);
     },
   };
 }
@@ -52,7 +61,7 @@ export function form(element, groups, change) {
 const typed = (value) => typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "string"));
 
 function control(option, change) {
-  const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || EXAMPLES[option.metavar] || option.metavar || ""), meant = worded(option.help);
+  const id = `option-${option.name}`, help = `${id}-help`, usual = worded(option.shown || EXAMPLES[option.name] || EXAMPLES[option.metavar] || option.metavar || ""), meant = worded(option.help);
   const common = { id, "aria-describedby": help };
   const { choices } = option, list = choices.length ? `${id}-list` : undefined;
   let input, own = "";
@@ -64,10 +73,9 @@ function control(option, change) {
     input = make("input", {
       ...common, list, autocomplete: "off", spellcheck: "false", placeholder: usual, inputmode: { int: "numeric", float: "decimal" }[option.kind],
       change: () => {
-        // In the studio a bare number is in mm.
-        const text = input.value.trim().replace(/^\+?(\d+\.?\d*|\.\d+)$/, option.kind.startsWith("length") ? "$1mm" : "$1");
-        own = input.value = text;
-        change(!text ? null : option.repeatable ? text.split(/\s*\|\s*/) : text);
+        const parts = input.value.trim().replace(/^\+(?=[\d.])/, "").split(/\s*\|\s*/).map((part) => withUnits(part, option.kind));
+        const text = own = input.value = parts.join(" | ");
+        change(!text ? null : option.repeatable ? parts : text);
       },
     });
   }
@@ -83,7 +91,7 @@ function control(option, change) {
     named: (text) => names.test(text),
     quoted: (text) => input.value.split("|").some((each) => each.trim() && text.includes(`'${each.trim()}'`)),
     told: (value) => [label(option.flag), typed(value) ? [value].flat().join(" | ") : JSON.stringify(value).replaceAll('"', "").replaceAll(/[:,]/g, "$& ")],
-    row, words: `${label(option.flag)} ${option.name} ${option.flag} ${option.help}`.toLowerCase(),
+    row, words: plain(`${label(option.flag)} ${option.name} ${option.help} ${ALSO[option.name] || ""}`),
     show(value, placeholder) {
       const given = value !== undefined && value !== null;
       row.classList.toggle("set", given);
