@@ -1,4 +1,4 @@
-"""Write what follows from code and templates: schemas of files, the command-line reference, the page of templates.
+"""Write what follows from code, tests and templates: schemas of files, the command-line reference, pages.
 
 python -m docs.generate
 """
@@ -10,6 +10,7 @@ from typing import Any
 import typer
 from pydantic import TypeAdapter
 
+from docs.damage import page_of_damage
 from markergen.api.templates import overview
 from markergen.cli.commands import app
 from markergen.cli.options import Help
@@ -142,6 +143,7 @@ def main() -> None:
     (HERE / "spec.schema.json").write_text(spec_file_schema())
     (HERE / "cli.md").write_text(reference())
     (HERE / "templates.md").write_text(page_of_templates())
+    (HERE / "damage.md").write_text(page_of_damage())
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ FAQ, RESULTS, INSTALL, ROS2 = "docs/faq.md", "docs/results.md", "docs/install.md
 CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
 HANDEYE = "docs/handeye.md"
 
-GENERATED = ("docs/cli.md", "docs/templates.md")
+GENERATED = ("docs/cli.md", "docs/damage.md", "docs/templates.md")
 """Files that `make docs` writes."""
 
 _NUMBER = r"-?(?:\d{1,3}(?:,\d{3})+|\d+)(?:\.\d+)?"

@@ -81,6 +81,9 @@ class Exporter:
         Rejects invalid `ExportOptions` before any work is done; as text like `write`.
     rig_description : str
         Purpose for a rig; empty if it holds markers alone.
+    parts : callable, str or None
+        Of a solid whose parts can be compared: takes a body and a `Fabrication`, and returns the parts and a function
+        that meshes them within a tolerance in mm; as text like `write`.
     """
 
     write: Callable[[Any, "ExportOptions"], "Output"] | str
@@ -91,6 +94,7 @@ class Exporter:
     kernel: bool = False
     check: Callable[["ExportOptions"], None] | str | None = None
     rig_description: str = ""
+    parts: Callable[[Body, Fabrication], tuple[Sequence[Any], Callable[[float], Sequence[Any]]]] | str | None = None
 
     def __call__(self, bodies: Body | Sequence[Body], options: "ExportOptions") -> "Output":
         """See `write`."""
@@ -101,6 +105,12 @@ class Exporter:
         """See `check`."""
         if self.check is not None:
             _function(self.check)(options)
+
+    def parts_of(self, body: Body, fabrication: Fabrication) -> tuple[Sequence[Any], Callable[[float], Sequence[Any]]]:
+        """See `parts`."""
+        assert self.parts is not None
+        parts: tuple[Sequence[Any], Callable[[float], Sequence[Any]]] = _function(self.parts)(body, fabrication)
+        return parts
 
     def purpose(self, frame: str) -> str:
         """Return the description for bodies of a frame, ``marker`` or ``rig``; empty if it does not hold them."""

@@ -130,6 +130,14 @@ class Fabrication:
     hole: str = ""
 
     @property
+    def shape_options(self) -> dict[str, Any]:
+        """Choices that change a solid, by name, where they are not the defaults."""
+        entries, usual = ("material", "general_tolerance", "datum", "hole"), Fabrication.__dataclass_fields__
+        return {
+            name: value for name, value in vars(self).items() if name not in entries and value != usual[name].default
+        }
+
+    @property
     def datums(self) -> dict[str, str]:
         """Names of the features by the letters of the datums."""
         return dict(entry.strip().split("=") for entry in self.datum.split(",") if entry)

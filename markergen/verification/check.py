@@ -28,49 +28,17 @@ from markergen.verification.findings import (
     judge_copies,
 )
 from markergen.verification.flat import flat_findings, informative
-from markergen.verification.made import (
-    REMARK,
-    is_light_alone,
-    sheet_plate_findings,
-    solid_findings,
-    unclaimed_findings,
-)
 from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, mapped_pages
-from markergen.verification.placement import (
-    check_sides,
-    in_other_units,
-    in_part,
-    stretched,
-    turned_solids,
-)
 from markergen.verification.reading import Page, Reading, Settings, reader_of
-from markergen.verification.result import Check
-from markergen.verification.solids import (
-    DARK,
-    LIGHT,
-    SHEET,
-    dots_of_surface,
-    holds_sheet,
-    recess_clearance,
-    recesses,
-)  # fmt: skip
-from markergen.verification.surface import Surface
+from markergen.verification.result import Check, is_strange
 from markergen.verification.tags import ABSENT, tag_findings
 from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
 
 USUAL = Settings()
 """Nothing said."""
 
-SAME = 1e-3
-"""Distance in mm below which dots of unknown size are one."""
-
 LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
 """Kinds of findings that hidden layers explain."""
-
-ABOUT_DOTS = ("shifted", "missing", "extra", "height", "diameter", "kind", "twice")
-
-STRANGE = ("another marker", "no dots")
-"""Kinds of findings about a file whose dots are not the marker's."""
 
 Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
@@ -110,18 +78,11 @@ def verify(body: Body, path: Path, settings: Settings = USUAL) -> Check:
 
 
 def _checked(body: Body, reading: Reading, tolerance: float) -> Check:
-    """Check a sheet or a solid."""
-    surface, marker = reading.pages[0].surface, body.plates[0].marker
+    """Check a sheet."""
     if body.frame != "marker":
-        return check_sides(body, reading, tolerance) if surface else _several(body, reading, tolerance)
-    check = _solid(marker, reading, tolerance)
-    if surface is None:
-        return changed(marker, reading, tolerance, check)
-    if check.findings:
-        check = _placed(marker, reading, surface, check, tolerance) or check
-        if is_strange(check):
-            check = _as_a_part(marker, reading, surface, tolerance) or check
-    return check
+        return _several(body, reading, tolerance)
+    marker = body.plates[0].marker
+    return changed(marker, reading, tolerance, best_check(marker, reading, tolerance))
 
 
 def check_tolerance(tolerance: float | None) -> None:
@@ -147,34 +108,6 @@ def best_check(marker: Marker, reading: Reading, tolerance: float) -> Check:
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
-def _solid(marker: Marker, reading: Reading, tolerance: float) -> Check:
-    """Check a solid as a marker and, if it has none of its dots, as a plate for a printed sheet."""
-    check, surface = best_check(marker, reading, tolerance), reading.pages[0].surface
-    if surface is None or not is_strange(check):
-        return check
-    return _for_a_sheet(marker, reading, surface, tolerance) or check
-
-
-def is_strange(check: Check) -> bool:
-    """Tell whether a file does not have the marker's dots."""
-    return any(finding.kind in STRANGE for finding in check.findings)
-
-
-def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
-    """Check a plate for a printed sheet; None if it is not one."""
-    if not holds_sheet(surface, marker.boundary):
-        return None
-    flaws = [Finding("solid", flaw) for flaw in reading.flaws]
-    errors, remarks = _sorted_out([*flaws, *sheet_plate_findings(marker.as_designed, surface, 1e3 * tolerance)])
-    return Check("", reading.kind, pages=(None,), tolerance=tolerance, findings=errors, notes=(SHEET, *remarks))
-
-
-def _sorted_out(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
-    """Separate errors from remarks."""
-    errors = tuple(finding for finding in findings if finding.kind != REMARK)
-    return errors, tuple(finding.sentence for finding in findings if finding.kind == REMARK)
-
-
 def changed(marker: Marker, reading: Reading, tolerance: float, plain: Check) -> Check:
     """Check a page that was scaled, stretched or sheared as a whole, if that explains more than the check as it is."""
     apart = sum(finding.kind == "shifted" for finding in plain.findings)
@@ -189,52 +122,12 @@ def changed(marker: Marker, reading: Reading, tolerance: float, plain: Check) ->
         check = best_check(marker, mapped_pages(reading, undo), tolerance)
         if is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
             continue
-        change_errors = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
+        change_errors = change_findings(change, expected, 1e3 * tolerance, page.measured)
         # Lines and edges at the wrong scale mean nothing.
         rest = tuple(finding for finding in check.findings if finding.kind in ("mirrored", "missing", "kind", "extra"))
         scale = (float(change[0, 0]), float(change[1, 1]))
         return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*change_errors, *rest))
     return plain
-
-
-def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
-    """Check a file of the dark or of the light parts alone whose dots are not all there; None if it is not one."""
-    part = in_part(marker.as_designed, surface, 1e3 * tolerance)
-    if part is None:
-        return None
-    findings, note, dots = part
-    flaws = [Finding("solid", flaw) for flaw in reading.flaws]
-    return Check(
-        "", reading.kind, dots=dots, pages=(None,), tolerance=tolerance, findings=(*flaws, *findings), notes=(note,)
-    )  # fmt: skip
-
-
-def _placed(marker: Marker, reading: Reading, surface: Surface, plain: Check, tolerance: float) -> Check | None:
-    """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
-    strange, mirrored = is_strange(plain), any(finding.kind == "mirrored" for finding in plain.findings)
-    ways = [turned_solids(marker, reading, surface)] if strange or mirrored else []
-    ways += [in_other_units(marker, reading)] if strange else []
-    for way in [*ways, stretched(marker, reading, surface)]:
-        checks = [(placement, _solid(marker, placement.reading, tolerance)) for placement in way]
-        good = [
-            (len(check.findings), number, placement, check)
-            for number, (placement, check) in enumerate(checks)
-            if not any(finding.kind in (*STRANGE, "mirrored") for finding in check.findings)
-            and (strange or len(check.findings) + 1 < len(plain.findings) + mirrored)
-        ]
-        if good:
-            _, _, placement, check = min(good, key=lambda entry: entry[:2])
-            scale = (check.scale[0] / placement.times, check.scale[1] / placement.times)
-            largest = check.largest if placement.times == 1.0 else np.nan
-            worst = check.worst if placement.times == 1.0 else None
-            # The kernel drops edges of a CAD file that are too short for it, if that is in a wrong unit.
-            kept = [
-                finding
-                for finding in check.findings
-                if surface.mapped or placement.times == 1.0 or finding.kind in ABOUT_DOTS
-            ]
-            return replace(check, largest=largest, worst=worst, scale=scale, findings=(placement.finding, *kept))
-    return None
 
 
 def _wanted(marker: Marker) -> list[Wanted]:
@@ -262,50 +155,32 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("twice", sentence, "remove one of both") for sentence in reading.twice]
-    findings += [Finding("solid", flaw) for flaw in reading.flaws]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
     holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
     notes = [*reading.notes, *([note] if note else [])]
     for page in reading.pages:
-        dots = _dots(page, expected)
+        dots = dots_on_page(page, expected)
         # A page may have no dots, such as assembly instructions.
         if not len(dots) and len(reading.pages) > 1:
             continue
-        room = recess_clearance(page.surface, dots, expected) if page.surface is not None else 0.0
-        cored = bool(room and dots.rings.any())
-        sought = recesses(expected, room, cored) if room else expected
-        first, *others = _copies(sought, ids, dots, tolerance, reading, page)
+        first, *others = judge_copies(expected, ids, dots, tolerance, upright=page.upright, pixels=page.measured)
         # Holes may be as many as the dots, and as large: they are not another marker.
         bored = at_holes(dots, first.motion, holes)
         here = [first, *(verdict for verdict in others if not bored[verdict.used].all())]
         bored[np.concatenate([verdict.used for verdict in here])] = False
         count += len(dots) - int(bored.sum())
-        if page.surface is not None and page.surface.loose:
-            notes.append(DARK)
-        if page.surface is not None and not room and is_light_alone(page.surface, dots):
-            notes.append(LIGHT)
-        if cored:
-            notes.append(f"{LIGHT}; there are {1e3 * room:.4g} um of room around these")
-        elif room:
-            notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
-        elif marker.tag is not None and reading.tagged:
+        if marker.tag is not None:
             here = with_tag(here, marker.tag, factor, page, tolerance)
-        if page.surface is not None:
-            here = [_made(verdict, marker, page.surface, None if room else dots, tolerance) for verdict in here]
-        else:
-            here, said_of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
-            findings += said_of_page
-            notes += remarks
+        here, said_of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
+        findings += said_of_page
+        notes += remarks
         verdicts += here
         explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
         findings += extras(dots, explained_dots, here[0].motion, holes)
-        # What is left over means something once all of the marker is in its place.
-        if page.surface is not None and not _sorted_out([*findings, *here[0].findings])[0] and len(here) == 1:
-            findings += _unclaimed(here[0], marker, page.surface, None if room else dots, tolerance)
     hidden = [layer for page in reading.pages for layer in page.hidden]
-    verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
+    verdicts = verdicts or [judge(expected, ids, dots_on_page(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     if reading.alone and len(verdicts) > 1:
@@ -314,44 +189,12 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     if hidden and any(finding.kind in LACKING for v in verdicts for finding in v.findings):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
     of_copies = [_of_copy(finding, k, verdicts) for k, verdict in enumerate(verdicts) for finding in verdict.findings]
-    errors, verdict_remarks = _sorted_out([*findings, *of_copies])
     return Check(
         "", reading.kind, count, sum(len(verdict.used) > 0 for verdict in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(page.size for page in reading.pages),
-        tolerance, errors, tuple(dict.fromkeys([*notes, *verdict_remarks])),
+        tolerance, (*findings, *of_copies), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
-
-
-def _dots(page: Page, expected: DotSet) -> DotSet:
-    return dots_on_page(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
-
-
-def _made(verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet | None, tolerance: float) -> Verdict:
-    """Add to a solid's verdict the findings about all but the places and sizes of its dots."""
-    if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
-        return verdict
-    dots = page_dots.take(verdict.used) if page_dots is not None else None
-    made_findings = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
-    return replace(verdict, findings=(*verdict.findings, *made_findings))
-
-
-def _unclaimed(
-    verdict: Verdict, marker: Marker, surface: Surface, page_dots: DotSet | None, tolerance: float
-) -> list[Finding]:
-    """What of a solid that has all of a marker belongs to nothing of it."""
-    if verdict.motion is None:
-        return []
-    dots = page_dots.take(verdict.used) if page_dots is not None else None
-    return unclaimed_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
-
-
-def _copies(
-    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, reading: Reading, page: Page
-) -> list[Verdict]:
-    return judge_copies(
-        expected, ids, dots, tolerance, ordered=reading.ordered, upright=page.upright, pixels=reading.pixels
-    )
 
 
 def with_tag(
@@ -454,8 +297,8 @@ def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> di
         ids = [point.id for point in plate.marker.control_points]
         for number, page in enumerate(reading.pages):
             dots = dots_on_page(page, expected)
-            verdicts = _copies(expected, ids, dots, tolerance, reading, page)
-            if plate.marker.tag is not None and reading.tagged:
+            verdicts = judge_copies(expected, ids, dots, tolerance, upright=page.upright, pixels=page.measured)
+            if plate.marker.tag is not None:
                 verdicts = with_tag(verdicts, plate.marker.tag, (1.0, 1.0), page, tolerance)
             places += [
                 _PlateOnPage(k, number, (len(verdict.findings), verdict.largest), dots.take(verdict.used))
@@ -479,5 +322,4 @@ def _without(page: Page, neighbors: Sequence[DotSet]) -> Page:
 
 def _in_dots(points: Array, dots: DotSet) -> NDArray[np.bool_]:
     """Tell which points (m, 2) lie in dots."""
-    radii = np.nan_to_num(dots.radii, nan=SAME)
-    return np.asarray((np.linalg.norm(points[:, None] - dots.centers, axis=-1) < radii).any(axis=1))
+    return np.asarray((np.linalg.norm(points[:, None] - dots.centers, axis=-1) < dots.radii).any(axis=1))

@@ -64,7 +64,7 @@ def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         unread=tuple((label, np.full((4, 2), np.nan)) for label in shapes.unread),
         engraved=np.concatenate([np.zeros((0, 2, 2)), *shapes.lines[ENGRAVE]]),
     )
-    return Reading("DXF", (page,), tagged=True, alone=True, twice=tuple(shapes.twice[:MOST_LISTED]))
+    return Reading("DXF", (page,), alone=True, twice=tuple(shapes.twice[:MOST_LISTED]))
 
 
 def _unit(document: "Document", data: bytes, name: str, asked: float | None) -> float:

@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,6 @@ from markergen.arrays import Array, Mask
 from markergen.maths.rotation import rigid_motion, scaled_motion
 from markergen.verification.matching import DotSet, Match, best_match
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids, scale_finding, short_length
-
-Off = Callable[[Array, Array, Mask, bool], Array]
 
 MOST_SUBSETS = 300
 """Maximum number of pairs or triples of dots tried as a basis for consensus."""
@@ -72,7 +71,7 @@ NOTHING = np.zeros(0, dtype=np.intp)
 
 def judge(
     expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, *,
-    ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
+    upright: Callable[[], bool | None] | None = None, pixels: bool = False,
 ) -> Verdict:  # fmt: skip
     """Compare found dots with expected ones, aligned by the best rigid motion of the plane (no scale).
 
@@ -84,13 +83,13 @@ def judge(
         Ids of the expected dots.
     tolerance : float
         m.
-    ordered, upright
+    upright
         See `best_match`.
     pixels : bool
         True if the dots were measured in pixels, which widens the tolerance of diameters.
     """
     tol = 1e3 * tolerance
-    labels = best_match(expected, dots, ordered and dots.ordered, upright)
+    labels = best_match(expected, dots, upright)
     n = len(expected)
     if labels is None or labels.count < 3 or 2 * labels.count < n:
         seen = 0 if labels is None else labels.count
@@ -139,15 +138,12 @@ def judge(
     )  # fmt: skip
 
 
-def judge_copies(
-    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, *,
-    ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
-) -> list[Verdict]:  # fmt: skip
+def judge_copies(expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, **traits: Any) -> list[Verdict]:
     """Verdicts on all copies of the marker among dots, see `judge`; one at least."""
     verdicts: list[Verdict] = []
     left = np.arange(len(dots))
     while len(verdicts) < MOST_COPIES:
-        verdict = judge(expected, ids, dots.take(left), tolerance, ordered=ordered, upright=upright, pixels=pixels)
+        verdict = judge(expected, ids, dots.take(left), tolerance, **traits)
         if not len(verdict.used):
             break
         verdict = replace(verdict, used=left[verdict.used])
@@ -215,31 +211,28 @@ def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Ma
         return float(x), float(y)
 
     everything = np.ones(len(source), dtype=bool)
-    if (_rigid_off(source, target, everything, mirror) <= tol).all():
-        return everything, scales(everything), False
-    if len(source) >= 4 and (_scaled_off(source, target, everything, mirror) <= tol).all():
-        return everything, scales(everything), True
-    rigid, scaled = _rigid_consensus(source, target, mirror, tol), _scaled_consensus(source, target, mirror, tol)
+    scalable = len(source) >= 4
+    worst = [_away(source, target, everything, mirror, is_scaled).max() for is_scaled in (False, True)[: 1 + scalable]]
+    for is_scaled, off in enumerate(worst):
+        if off <= tol:
+            return everything, scales(everything), bool(is_scaled)
+    rigid, scaled = (_consensus(source, target, mirror, tol, is_scaled) for is_scaled in (False, True))
     if scaled.sum() >= 4 and 2 * scaled.sum() > len(source) and scaled.sum() > rigid.sum():
         return scaled, scales(scaled), True
     if rigid.sum() >= 3 and 2 * rigid.sum() > len(source):
         return rigid, scales(rigid), False
     # No consensus: call it scaled if that explains most of the error, and otherwise trust no dot.
-    none = np.zeros(len(source), dtype=bool)
-    if len(source) >= 4:
-        worst_scaled, worst_rigid = (off(source, target, everything, mirror).max() for off in (_scaled_off, _rigid_off))
-        if worst_scaled < worst_rigid / 4:
-            return everything, scales(everything), True
-    return none, scales(everything), False
+    explained = scalable and bool(worst[1] < worst[0] / 4)
+    return everything & explained, scales(everything), explained
 
 
-def _rigid_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
-    rotation, translation = rigid_motion(source[chosen], target[chosen], mirror)
-    return np.linalg.norm(source @ rotation.T + translation - target, axis=-1)
-
-
-def _scaled_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
-    rotation, by, translation = scaled_motion(source[chosen], target[chosen], mirror)
+def _away(source: Array, target: Array, chosen: Mask, mirror: bool, is_scaled: bool) -> Array:
+    """Distances (m,) of dots from where the motion puts them that brings some nearest, with a scale or without."""
+    by: Array | float = 1.0
+    if is_scaled:
+        rotation, by, translation = scaled_motion(source[chosen], target[chosen], mirror)
+    else:
+        rotation, translation = rigid_motion(source[chosen], target[chosen], mirror)
     return np.nan_to_num(np.linalg.norm(source * by @ rotation.T + translation - target, axis=-1), nan=np.inf)
 
 
@@ -250,16 +243,16 @@ def _subsets(m: int, size: int) -> list[tuple[int, ...]]:
     return [tuple(rng.choice(m, size, replace=False).tolist()) for _ in range(MOST_SUBSETS)]
 
 
-def _consensus(source: Array, target: Array, mirror: bool, tol: float, size: int, off: Off) -> Mask:
-    best = np.zeros(len(source), dtype=bool)
+def _consensus(source: Array, target: Array, mirror: bool, tol: float, is_scaled: bool) -> Mask:
+    best, size = np.zeros(len(source), dtype=bool), 3 if is_scaled else 2
     for subset in _subsets(len(source), size):
         chosen = np.zeros(len(source), dtype=bool)
         chosen[list(subset)] = True
         # A small subset predicts the other dots less accurately than the full consensus.
-        agreed = off(source, target, chosen, mirror) <= 3 * tol
+        agreed = _away(source, target, chosen, mirror, is_scaled) <= 3 * tol
         if agreed.sum() <= max(best.sum(), size):
             continue
-        agreed = off(source, target, agreed, mirror) <= tol
+        agreed = _away(source, target, agreed, mirror, is_scaled) <= tol
         if agreed.sum() > best.sum():
             best = agreed
         if best.all():
@@ -267,17 +260,9 @@ def _consensus(source: Array, target: Array, mirror: bool, tol: float, size: int
     return best
 
 
-def _rigid_consensus(source: Array, target: Array, mirror: bool, tol: float) -> Mask:
-    return _consensus(source, target, mirror, tol, 2, _rigid_off)
-
-
-def _scaled_consensus(source: Array, target: Array, mirror: bool, tol: float) -> Mask:
-    return _consensus(source, target, mirror, tol, 3, _scaled_off)
-
-
 def _resized(dots: DotSet, expected: DotSet, factor: float) -> bool:
     """True if the dots keep their size while the distances between them are scaled."""
-    sized = np.isfinite(dots.radii) & (expected.radii > 0)
+    sized = expected.radii > 0
     if not sized.any():
         return False
     grown = float(np.median(dots.radii[sized] / expected.radii[sized]))
@@ -307,15 +292,14 @@ def _features(
 ) -> list[Finding]:
     """Findings about diameters, kinds, heights, and off-center circles of a dot."""
     findings = []
-    sized = np.isfinite(dots.radii)
-    for k in np.flatnonzero(sized & (dots.rings != expected.rings))[:MOST_LISTED]:
+    for k in np.flatnonzero(dots.rings != expected.rings)[:MOST_LISTED]:
         is_, not_ = ("a ring", "a dot") if dots.rings[k] else ("a dot", "a ring")
         findings.append(Finding("kind", f"dot {names[k]} is {is_}, not {not_}"))
     for what, have, want in (
         ("a diameter", dots.radii, expected.radii),
         ("an inner diameter", dots.inner, expected.inner),
     ):
-        both = sized & (have > 0) & (want > 0)
+        both = (have > 0) & (want > 0)
         wrong = np.flatnonzero(both & (np.abs(have - factor * want) > share * tol / 2))
         if len(wrong) == len(names) > 1:
             sizes = (
@@ -331,7 +315,7 @@ def _features(
         for k in wrong[:MOST_LISTED]:
             sentence = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
             findings.append(Finding("diameter", sentence))
-    for k in np.flatnonzero(sized & (dots.spread > tol))[:MOST_LISTED]:
+    for k in np.flatnonzero(dots.spread > tol)[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(dots.spread[k])} apart"))
     if dots.heights is not None and expected.heights is not None:
         # In every format with heights they are measured from the marker's plane.

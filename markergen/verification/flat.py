@@ -52,8 +52,8 @@ THIN = 0.05
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
-MISPLACED = 0.1
-"""Share of a dot's radius by which the lines of a dot may be off, which is reported as such."""
+ENGRAVED = 1.0
+"""Distance in mm from a dot or the tag up to which lines to engrave are its own, though misplaced."""
 
 INFO_ON = "INFO"
 """Layer of a DXF of what is drawn for information only."""
@@ -92,28 +92,31 @@ def flat_findings(
         if verdict.motion is None or not {finding.kind for finding in verdict.findings} <= STILL_TRUE:
             judged.append(verdict)
             continue
+        motion = verdict.motion
         flaws = _on_layers(page, dots.take(verdict.used), verdict.names)
-        lines, wanted = _lines(kinds, page, verdict.motion, expected_dots(marker), factor, tol)
+        lines, wanted = _lines(kinds, page, motion, expected_dots(marker), factor, tol)
         flaws += lines
         if page.picture is not None:
-            around = _around(marker, wanted, verdict.motion, factor, tol + 1.5 * page.picture.grain)
+            around = _around(marker, wanted, motion, factor, tol + 1.5 * page.picture.grain)
             others = np.delete(np.arange(len(dots)), verdict.used)
             crowd = np.column_stack([dots.centers[others], dots.radii[others]])
-            appearance, remarks = shown_findings(
-                dots.take(verdict.used), verdict.names, page.picture, verdict.motion, tol,
-                np.concatenate([around, crowd]),
-            )  # fmt: skip
+            placed, names = _with_absent(dots.take(verdict.used), verdict, marker, factor)
+            appearance, remarks, absent = shown_findings(
+                placed, names, len(verdict.used), page.picture, motion, tol, np.concatenate([around, crowd])
+            )
             flaws += appearance
             notes.update(dict.fromkeys(remarks))
-        flaws += _unread(page, marker, verdict.motion, factor)
+            kept = tuple(finding for finding in verdict.findings if finding.kind != "missing")
+            missing = (Finding("missing", f"{listed_ids(absent)} missing", AGAIN),) if absent else ()
+            verdict = replace(verdict, findings=(*kept, *missing))
+        flaws += _unread(page, marker, motion, factor)
         misplaced = any(finding.kind == "layer" for finding in flaws)
         if page.cut is not None and page.lines is not None and not misplaced:
-            stray = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
+            stray = strays(wanted, _to_marker(page.lines[page.cut], motion, factor))
             strange = stray if strange is None else strange & stray
-        seen = verdict if page.picture is None else _explained(verdict, marker, page.picture)
-        if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (seen.findings or flaws):
-            flaws = printed_findings(marker, factor != (1.0, 1.0), page.size, page.picture, verdict.motion)
-        judged.append(replace(verdict, findings=(*seen.findings, *flaws)))
+        if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (verdict.findings or flaws):
+            flaws = printed_findings(marker, factor != (1.0, 1.0), page.size, page.picture, motion)
+        judged.append(replace(verdict, findings=(*verdict.findings, *flaws)))
     if page.lines is None and page.picture is not None and page.picture.bilevel:
         notes["a picture in black and white alone, which may lack grey lines to cut"] = None
     extra = []
@@ -135,46 +138,32 @@ def _unclaimed(
     """Lines to engrave (m, 2, 2) that belong to no dot, whether it is the marker's or extra, and not to the tag, mm."""
     if page.engraved is None or any(verdict.findings for verdict in verdicts):
         return np.zeros((0, 2, 2))
-    expected = expected_dots(marker)
-    room = np.maximum(MISPLACED * expected.radii, 1.0)
-    left = page.engraved[~_on_rim(page.engraved.mean(axis=1), dots, np.full(len(dots), 0.1))]
-    for motion in [verdict.motion for verdict in verdicts if verdict.motion is not None]:
-        middles = _to_marker(left.mean(axis=1), motion, factor)
-        claimed = _on_rim(middles, expected, room)
-        if marker.tag is not None:
-            rings = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines]
-            pieces = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-            claimed |= np.linalg.norm(seek_among(pieces)(middles, middles) - middles, axis=1) < 1.0
-        left = left[~claimed]
-    return left
+    motions = [verdict.motion for verdict in verdicts if verdict.motion is not None]
+    tag = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines] if marker.tag is not None else []
+    rings = [_to_page(ring, motion, factor) for ring in tag for motion in motions]
+    around = np.exp(2j * np.pi * np.arange(60) / 60)
+    for radii in (dots.radii, dots.inner):
+        circles = radii[:, None] * around
+        rings += list(dots.centers[:, None] + np.stack([circles.real, circles.imag], axis=-1))
+    wanted = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+    middles = page.engraved.mean(axis=1)
+    away = np.linalg.norm(seek_among(wanted)(middles, middles) - middles, axis=1)
+    return page.engraved[~(away < ENGRAVED)]
 
 
-def _on_rim(points: Array, dots: DotSet, room: Array) -> Mask:
-    """Tell which points are on a rim of the dot nearest to them."""
-    from scipy.spatial import cKDTree
-
-    if not len(dots) or not len(points):
-        return np.zeros(len(points), dtype=bool)
-    away, index = cKDTree(dots.centers).query(points)
-    inner = (dots.inner[index] > 0) & (np.abs(away - dots.inner[index]) < room[index])
-    return np.asarray((np.abs(away - dots.radii[index]) < room[index]) | inner)
-
-
-def _explained(verdict: Verdict, marker: Marker, picture: PagePicture) -> Verdict:
-    """Replace the findings about missing dots where something shows at their places, or they are cropped."""
+def _with_absent(
+    dots: DotSet, verdict: Verdict, marker: Marker, factor: tuple[float, float]
+) -> tuple[DotSet, list[int]]:
+    """The dots of a copy with those that were not found, at their places on the page, and the ids of all."""
+    assert verdict.motion is not None
     ids = [point.id for point in marker.control_points]
     absent = [k for k, name in enumerate(ids) if name not in set(verdict.names)]
-    if not absent or verdict.motion is None:
-        return verdict
-    seen = damaged_findings(expected_dots(marker), absent, picture, verdict.motion)
-    kept = [finding for finding in verdict.findings if finding.kind != "missing"]
-    left = [ids[k] for k in absent if k not in seen]
-    missing = [Finding("missing", f"{listed_ids(left)} missing", AGAIN)] if left else []
-    named = [
-        replace(finding, sentence=finding.sentence.replace(f"dot {k} ", f"dot {ids[k]} "))
-        for k, finding in seen.items()
-    ]
-    return replace(verdict, findings=(*kept, *missing, *named))
+    expected = expected_dots(marker).take(np.array(absent, dtype=np.intp))
+    placed = replace(expected, centers=_to_page(expected.centers, verdict.motion, factor))
+    centers, radii, inner = (
+        np.concatenate([getattr(one, key) for one in (dots, placed)]) for key in ("centers", "radii", "inner")
+    )
+    return DotSet(centers, radii, inner, np.zeros(len(ids))), [*verdict.names, *(ids[k] for k in absent)]
 
 
 def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
@@ -328,19 +317,22 @@ PRINT_ALL = "export it again, and print the whole page with all layers"
 def shown_findings(
     dots: DotSet,
     names: Sequence[int],
+    count: int,
     picture: PagePicture,
     motion: tuple[Array, Array],
     tolerance: float,
     around: Array,
-) -> tuple[list[Finding], list[str]]:
-    """Findings and notes about how a marker's dots show.
+) -> tuple[list[Finding], list[str], list[int]]:
+    """Findings and notes about how a marker's dots show, and the ids of those of which nothing shows.
 
     Parameters
     ----------
     dots : DotSet
-        The marker's dots as found, mm.
+        The marker's dots as found, and then those that were not found at the places where they should be, mm.
     names : sequence of int
         Their ids.
+    count : int
+        Number of those that were found.
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
     tolerance : float
@@ -364,27 +356,38 @@ def shown_findings(
         nearby = others[np.linalg.norm(others[:, :2] - dots.centers[k], axis=1) < 2 * dots.radii[k] + others[:, 2]]
         away = np.linalg.norm(off[k][:, None] - nearby[:, :2], axis=2) - nearby[:, 2]
         paper[k, (away < 0).any(axis=1)] = np.nan
-    visible = np.flatnonzero(~hidden)
-    if not len(visible):
-        return findings, []
-    ground = np.array([_median(row) for row in paper[visible]])
+    ground = np.array([_median(row) for row in paper])
     # A dot in a crowd takes the paper of the others.
     ground = np.where(np.isfinite(ground), ground, _median(np.append(ground, picture.paper)))
-    level = np.array([_level(row, paper) for row, paper in zip(ink[visible], ground, strict=True)])
+    level = np.array([_level(row, paper) for row, paper in zip(ink, ground, strict=True)])
+    is_found = np.arange(len(dots)) < count
+    visible = np.flatnonzero(~hidden & (is_found | (np.abs(ground - level) >= UNSEEN)))
+    unexplained = ~is_found & ~hidden
+    if not len(visible):
+        return findings, [], [name for name, is_ in zip(names, unexplained, strict=True) if is_]
+    ground, level = ground[visible], level[visible]
     contrast_findings, notes, good = _contrasts(ground - level, [names[k] for k in visible.tolist()], picture)
+    unexplained[visible[np.abs(ground - level) < ALIKE * np.abs(ground - level).max()]] = False
     findings += contrast_findings
     middle[(np.abs((hole - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
     for place in np.flatnonzero(good):
         k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
-        if not picture.whole:
+        if not picture.whole and is_found[k]:
             continue
-        stroked = [] if picture.measured else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+        stroked = (
+            []
+            if picture.measured or not is_found[k]
+            else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+        )
         most = STROKE if stroked else COVERED
         if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > COVERED:
             findings.append(Finding("kind", f"the middle of ring {names[k]} shows ink", "draw it as a ring"))
         more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
-        findings += more if any(finding.kind == "covered" for finding in more) else stroked or more
-    return findings[: 2 * MOST_LISTED], notes
+        covered = any(finding.kind == "covered" for finding in more)
+        findings += more if covered else stroked or more
+        unexplained[k] &= not covered
+    absent = [name for name, is_ in zip(names, unexplained & ~is_found, strict=True) if is_]
+    return findings[: 2 * MOST_LISTED], notes, absent
 
 
 def _spread(centers: Array, low: Array, high: Array) -> Array:
@@ -465,39 +468,6 @@ def _covers(
         x, y = places[inked].mean(axis=0)
         sentence = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
         findings.append(Finding("quiet", sentence, "keep a ring half a diameter wide around each dot free"))
-    return findings
-
-
-def damaged_findings(
-    expected: DotSet, names: Sequence[int], picture: PagePicture, motion: tuple[Array, Array]
-) -> dict[int, Finding]:
-    """Findings, by index, about dots that were not found although something shows at their places, or nothing can.
-
-    Parameters
-    ----------
-    expected : DotSet
-        All dots of the marker, mm, marker frame.
-    names : sequence of int
-        Indices of those that were not found.
-    """
-    places = expected.centers @ motion[0].T + motion[1]
-    on, off = (_spread(places, low * expected.radii, high * expected.radii) for low, high in ((0.6, 0.95), (1.1, 1.6)))
-    ink, paper = (picture.sample(sites.reshape(-1, 2)).reshape(len(places), -1) for sites in (on, off))
-    ground = np.array([_median(row) for row in paper])
-    contrast = np.abs(ground - [_level(row, level) for row, level in zip(ink, ground, strict=True)])
-    findings = {}
-    for k in names:
-        share = float((np.abs(ink[k] - ground[k]) > UNSEEN).mean())
-        if np.isnan(ink[k]).mean() > 0.5:
-            findings[k] = _cut_off([k])[0]
-        if not share > 1 - ALIKE:
-            continue
-        sentence = f"{100 * contrast[k] / np.nanmax(contrast):.0f} % as dark as the darkest dot"
-        if share < ALIKE:
-            sentence = f"{100 * (1 - share):.0f} % of dot {k} is covered"
-            findings[k] = Finding("covered", sentence, "remove what is drawn over it")
-        elif contrast[k] < ALIKE * np.nanmax(contrast):
-            findings[k] = Finding("pale", f"dot {k} is grey: {sentence}", "give all dots the same ink")
     return findings
 
 

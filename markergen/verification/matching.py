@@ -40,7 +40,6 @@ class DotSet:
     ----------
     centers : array (m, 2)
     radii : array (m,)
-        nan in formats without radii.
     inner : array (m,)
         Inner radius of a ring; 0 for a disk.
     spread : array (m,)
@@ -88,9 +87,6 @@ def expected_dots(marker: Marker) -> DotSet:
 def dots_on_page(page: Page, expected: DotSet) -> DotSet:
     """Circles of a page that may be dots: of about the size of an expected dot, concentric circles merged."""
     circles = page.circles
-    if not np.isfinite(circles[:, 2]).all() or not len(circles):
-        none = np.zeros(len(circles))
-        return DotSet(circles[:, :2], none + np.nan, none, none, page.heights)
     radii = np.unique(expected.radii)
     is_dot = np.abs(np.log(np.maximum(circles[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
     free, rows = is_dot.copy(), []
@@ -111,7 +107,7 @@ def dots_on_page(page: Page, expected: DotSet) -> DotSet:
         spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
         rows.append((*center, float(within[:, 2].max(initial=0.0)), spread))
     table = np.array(rows, dtype=float).reshape(-1, 5)
-    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
+    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], ordered=not page.measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +143,7 @@ class Match:
         return bool(np.all(np.diff(self.indices[self.indices >= 0]) > 0))
 
 
-def best_match(
-    expected: DotSet, dots: DotSet, ordered: bool, upright: Callable[[], bool | None] | None
-) -> Match | None:
+def best_match(expected: DotSet, dots: DotSet, upright: Callable[[], bool | None] | None) -> Match | None:
     """Match the dots, mirrored only if no other match fits.
 
     If a layout maps onto itself by a rotation or a reflection, the reading direction of the page or else the order of
@@ -166,7 +160,7 @@ def best_match(
     reads = upright() if both and upright is not None else None
     if reads is not None:
         alike = [match for match in alike if match.mirror != reads]
-    elif ordered and any(match.ordered for match in alike):
+    elif dots.ordered and any(match.ordered for match in alike):
         alike = [match for match in alike if match.ordered]
     return min(alike, key=lambda match: (match.mirror, _turn(match)))
 
@@ -234,8 +228,7 @@ def _guesses(
     across = source[pair[1]] - source[pair[0]]
     gaps = target[None, :] - target[:, None]
     stretch = np.abs(np.abs(gaps) / abs(across) - 1)
-    sized = np.isfinite(dots.radii)
-    kinds = [(dots.rings == expected.rings[index]) | ~sized for index in pair]
+    kinds = [dots.rings == expected.rings[index] for index in pair]
     for wanted in (kinds[0][:, None] & kinds[1], np.ones_like(stretch, dtype=bool)):
         a, b = np.nonzero((stretch < STRETCH) & wanted & (gaps != 0))
         if len(a):
@@ -285,8 +278,7 @@ def _labels(
         return None
     rotation, translation = rigid_motion(expected.centers[used], dots.centers[index[used]], mirror)
     off = expected.centers[used] @ rotation.T + translation - dots.centers[index[used]]
-    sized = np.isfinite(dots.radii[index[used]])
-    strange = int(np.sum(sized & (dots.rings[index[used]] != expected.rings[used])))
+    strange = int(np.sum(dots.rings[index[used]] != expected.rings[used]))
     rms = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
     angle = float(np.arctan2(*(rotation[[1, 0], 0] * (-1 if mirror else 1))))
     return Match(index.astype(np.intp), mirror, strange, rms, angle)
@@ -329,10 +321,6 @@ def _ratios(page: Page, expected: DotSet) -> list[float]:
     radii = page.circles[:, 2]
     if not len(radii):
         return []
-    if not np.isfinite(radii).all():
-        apart = [np.sqrt(np.mean(np.sum((c - c.mean(axis=0)) ** 2, axis=1))) for c in
-                 (page.circles[:, :2], expected.centers)]  # fmt: skip
-        return [float(apart[0] / apart[1])] if apart[0] > 0 and len(radii) == len(expected) else []
     sizes, often = np.unique(expected.radii, return_counts=True)
     usual = float(sizes[np.argmax(often)])
     ordered = np.sort(radii[radii > 0])
@@ -356,7 +344,7 @@ def _stretch(expected: DotSet, dots: DotSet) -> tuple[Array, Array] | None:
         sides.append(offset @ (vector / np.sqrt(value)) @ vector.T)
     scale = float(np.ptp(expected.centers))
     even, evened = (replace(layout, centers=scale * side) for layout, side in zip((expected, dots), sides, strict=True))
-    match = best_match(even, evened, dots.ordered, None)
+    match = best_match(even, evened, None)
     if match is None or (match.indices < 0).any():
         return None
     source = expected.centers - expected.centers.mean(axis=0)

@@ -7,8 +7,10 @@ of a row has no seam on its left.
 
 # tests: tests/verification/test_check.py tests/verification/test_flat.py
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,14 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
+from markergen.geometry.region import Region
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.body import Body
-from markergen.verification.matching import dots_on_page, expected_dots
+from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
 from markergen.verification.pdf_parser import FINEST
 from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
-from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters
+from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters, round_shape
 from markergen.verification.words import MOST_LISTED
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
@@ -39,14 +42,8 @@ TILE_TOLERANCE = 1e-3
 ON_SEAM = 2.0
 """Maximum distance in mm of a cross from its seam: the shift due to a scale error of 1 % on large paper."""
 
-WHOLE = 0.93
-"""Minimum share of a circle's circumference that the pieces on all pages must cover."""
-
-SAME = 2.0
-"""Maximum distance in mm between the centers of pieces of one circle, before they are fitted together."""
-
-PIECES, LEAST = 64, 6
-"""Number of sectors by which that share is counted, and minimum number of points of a piece."""
+PIECE = 0.25
+"""Minimum size of a piece of a circle, as a share of its diameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +65,12 @@ class TilePage:
     trim: tuple[float | None, float | None, float | None, float | None]
     arcs: tuple[Array, ...] = ()
 
+    @property
+    def kept(self) -> tuple[float, ...]:
+        """Box (left, bottom, right, top) that remains after trimming."""
+        sides = (-np.inf, -np.inf, np.inf, np.inf)
+        return tuple(far if cut is None else cut for cut, far in zip(self.trim, sides, strict=True))
+
     def marks(self, side: int) -> Array:
         """Crosses on one seam, sorted along it; empty if there is no seam."""
         place = self.trim[side]
@@ -76,18 +79,6 @@ class TilePage:
         axis = side % 2
         chosen = self.crosses[np.abs(self.crosses[:, axis] - place) < ON_SEAM]
         return chosen[np.argsort(chosen[:, 1 - axis])]
-
-
-@dataclass
-class Assembly:
-    """Tiles assembled into one large page, and the errors that their marks reveal."""
-
-    page: Page
-    gaps: list[str] = field(default_factory=list)
-
-
-Grid = dict[tuple[int, int], tuple[int, TilePage]]
-"""Page index, from 0, and page, by row and column."""
 
 
 @READERS.register(".fab.pdf")
@@ -115,11 +106,10 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if is_tiled(sheets):
-        radii = np.unique([diameter / 2 for diameter in circle_diameters(body)])
-        assemblies = [assemble(sheets, radii, TILE_TOLERANCE, indices) for indices in markers_of(sheets)]
-        gaps = tuple(gap for assembly in assemblies for gap in assembly.gaps)
+        whole = [assembled(sheets, indices, circle_diameters(body)) for indices in markers_of(sheets)]
+        gaps = tuple(gap for _, gaps in whole for gap in gaps)
         papers = tuple(page.size for page in pages)
-        return Reading("PDF", tuple(assembly.page for assembly in assemblies), tagged=True, papers=papers, gaps=gaps)
+        return Reading("PDF", tuple(page for page, _ in whole), papers=papers, gaps=gaps)
     finest = max((values["image"] for values in reply.values["pages"]), default=0.0)
     if finest and not any(
         len(dots_on_page(page, expected_dots(plate.marker))) for page in pages for plate in body.plates
@@ -129,8 +119,8 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         ]
         tolerance = tolerance_of(min(finest, FINEST), ROUNDED)
         note = f"pictures of {25.4 * finest:.0f} dpi without paths: places are allowed {1e6 * tolerance:.0f} um"
-        return Reading("PDF", tuple(drawn), tolerance, ordered=False, pixels=True, tagged=True, notes=(note,))
-    return Reading("PDF", pages, tagged=True, twice=tuple(_twice(pages)))
+        return Reading("PDF", tuple(drawn), tolerance, notes=(note,))
+    return Reading("PDF", pages, twice=tuple(_twice(pages)))
 
 
 def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, body: Body, name: str) -> Page:
@@ -180,136 +170,59 @@ def markers_of(sheets: Sequence[TilePage]) -> list[range]:
     return [range(start, end) for start, end in zip(starts, [*starts[1:], len(sheets)], strict=True)]
 
 
-def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float, pages: range | None = None) -> Assembly:
-    """Assemble all tiles into one page, each shifted so that its marks lie on those of its neighbors.
+def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Sequence[float]) -> tuple[Page, list[str]]:
+    """Tiles of one marker as one page, and the errors that their marks show.
 
-    Parameters
-    ----------
-    radii : array
-        Radii of the circles whose pieces are sought on several pages, mm.
-    tolerance : float
-        Distance in mm between marks of neighbors beyond which they are reported.
-    pages : range or None
-        Indices of the pages of one marker; None for all.
+    Each tile is shifted so that its marks lie on those of its neighbors on the left and above, which come before it.
     """
-    grid: Grid = {}
-    row, column = -1, 0
-    for index in range(len(sheets)) if pages is None else pages:
+    tiles: dict[tuple[int, int], tuple[int, TilePage, Array]] = {}
+    gaps, (row, column) = list[str](), (-1, 0)
+    for index in indices:
         sheet = sheets[index]
-        if any(place is not None for place in sheet.trim):
-            row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
-            grid[row, column] = (index, sheet)
-    shifts: dict[tuple[int, int], Array] = {next(iter(grid)): np.zeros(2)}
-    gaps: list[str] = []
-    while len(shifts) < len(grid):
-        # Next comes the tile with the most marks in common with those already placed.
-        ties = {key: _ties(grid, key, shifts) for key in grid if key not in shifts}
-        key = max(ties, key=lambda key: len(ties[key]))
-        if not len(ties[key]):
-            gaps.append(f"page {grid[key][0] + 1} has no registration marks that those of its neighbors fit")
-        shifts[key] = ties[key].mean(axis=0) if len(ties[key]) else np.zeros(2)
-    for key, (index, sheet) in grid.items():
-        for side, there in enumerate(_neighbors(key)):
-            if side >= 2 and there in grid and len(sheet.marks(side)) != len(grid[there][1].marks(side - 2)):
-                both = f"pages {index + 1} and {grid[there][0] + 1}"
-                gaps.append(f"{both} differ in the number of registration marks on their seam")
-        off = float(np.linalg.norm(_ties(grid, key, shifts) - shifts[key], axis=1).max(initial=0.0))
-        if off > tolerance:
-            gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
-    circles = [sheet.page.circles + [*shifts[key], 0.0] for key, (_, sheet) in grid.items()]
-    corners = [sheet.page.corners + shifts[key] for key, (_, sheet) in grid.items()]
-    tiles = [(sheet.page.lines, sheet.page.cut, shifts[key]) for key, (_, sheet) in grid.items()]
-    lines = [pieces + offset for pieces, _, offset in tiles if pieces is not None]
-    cut = [
-        np.zeros(len(pieces), dtype=np.bool_) if is_cut is None else is_cut
-        for pieces, is_cut, _ in tiles
-        if pieces is not None
-    ]
-    placed_tiles = [(shifts[key], sheet) for key, (_, sheet) in grid.items()]
-    arcs = [arc + shifts[key] for key, (_, sheet) in grid.items() for arc in sheet.arcs]
-    whole = np.concatenate([*circles, _joined(arcs, radii)])
-    page = Page(
-        whole, None, np.concatenate(corners), picture=PagePicture.of_tiles([_kept(*tile) for tile in placed_tiles]),
-        lines=np.concatenate(lines), cut=np.concatenate(cut) if np.concatenate(cut).any() else None,
-    )  # fmt: skip
-    return Assembly(page, gaps)
-
-
-def _kept(offset: Array, sheet: TilePage) -> tuple[PagePicture | None, Array, tuple[float, ...]]:
-    """Picture of a tile, its shift, and the box that remains after trimming, on the tile."""
-    sides = (-np.inf, -np.inf, np.inf, np.inf)
-    box = tuple(far if cut is None else cut for cut, far in zip(sheet.trim, sides, strict=True))
-    return sheet.page.picture, offset, box
-
-
-def _neighbors(key: tuple[int, int]) -> tuple[tuple[int, int], ...]:
-    """Grid positions on the left, below, on the right, above."""
-    row, column = key
-    return (row, column - 1), (row + 1, column), (row, column + 1), (row - 1, column)
-
-
-def _ties(grid: Grid, key: tuple[int, int], shifts: Mapping[tuple[int, int], Array]) -> Array:
-    """Shifts (k, 2) of a tile implied by its marks and those of neighbors that are already placed."""
-    offsets = [np.zeros((0, 2))]
-    for side, there in enumerate(_neighbors(key)):
-        if there in shifts:
-            mine, theirs = grid[key][1].marks(side), grid[there][1].marks((side + 2) % 4)
+        if all(place is None for place in sheet.trim):
+            continue
+        row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
+        ties = [np.zeros((0, 2))]
+        for side, there in ((0, (row, column - 1)), (3, (row - 1, column))):
+            if there not in tiles:
+                continue
+            number, neighbor, offset = tiles[there]
+            mine, theirs = sheet.marks(side), neighbor.marks((side + 2) % 4)
             if len(mine) == len(theirs):
-                offsets.append(theirs + shifts[there] - mine)
-    return np.concatenate(offsets)
+                ties.append(theirs + offset - mine)
+            else:
+                both = f"pages {number + 1} and {index + 1}"
+                gaps.append(f"{both} differ in the number of registration marks on their seam")
+        shifts = np.concatenate(ties)
+        if tiles and not len(shifts):
+            gaps.append(f"page {index + 1} has no registration marks that those of its neighbors fit")
+        shift = shifts.mean(axis=0) if len(shifts) else np.zeros(2)
+        off = float(np.linalg.norm(shifts - shift, axis=1).max(initial=0.0))
+        if off > TILE_TOLERANCE:
+            gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
+        tiles[row, column] = index, sheet, shift
+    placed = [(sheet, shift) for _, sheet, shift in tiles.values()]
+    cut = np.concatenate([np.zeros(len(sheet.page.lines), bool) if sheet.page.cut is None else sheet.page.cut
+                          for sheet, _ in placed if sheet.page.lines is not None])  # fmt: skip
+    page = Page(
+        np.concatenate([*(sheet.page.circles + [*shift, 0.0] for sheet, shift in placed), _joined(placed, diameters)]),
+        None,
+        np.concatenate([sheet.page.corners + shift for sheet, shift in placed]),
+        picture=PagePicture.of_tiles([(sheet.page.picture, shift, sheet.kept) for sheet, shift in placed]),
+        lines=np.concatenate([sheet.page.lines + shift for sheet, shift in placed if sheet.page.lines is not None]),
+        cut=cut if cut.any() else None,
+    )
+    return page, gaps
 
 
-def _joined(outlines: Sequence[Array], radii: Array) -> Array:
-    """Circles (m, 3) formed by pieces of outlines."""
-    pieces = [piece for outline in outlines for radius in radii for piece in _piece(outline, radius)]
-    circles, left = [], list(range(len(pieces)))
-    while left:
-        center, radius, _ = pieces[left[0]]
-        mine = [k for k in left if pieces[k][1] == radius and np.linalg.norm(pieces[k][0] - center) < SAME]
-        left = [k for k in left if k not in mine]
-        points = np.concatenate([pieces[k][2] for k in mine])
-        x, y, r = _circle(points)
-        angle = np.arctan2(points[:, 1] - y, points[:, 0] - x)
-        turns = np.unique(((angle / (2 * np.pi) + 1) * PIECES).astype(int) % PIECES)
-        if len(turns) >= WHOLE * PIECES:
-            # If the pieces do not fit, a second circle reports the distance of the worst point.
-            off = np.abs(np.linalg.norm(points - [x, y], axis=1) - r)
-            circles.append((x, y, r))
-            if off.max() > 1e-3:
-                circles.append((x + float(off.max()), y, r))
-    return np.array(circles, dtype=float).reshape(-1, 3)
-
-
-def _piece(outline: Array, radius: float) -> list[tuple[Array, float, Array]]:
-    """Center, radius and points of the longest part of an outline that lies on a circle of about this radius."""
-    size = float(np.ptp(outline, axis=0).max())
-    if not 0.1 * radius < size < 2.2 * radius:
-        return []
-    m, best = len(outline), None
-    start = np.arange(0, m, max(m // 48, 1))
-    span = max(m // 16, 3)
-    a, b, c = (outline[(start + k * span) % m] for k in range(3))
-    area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
-    sides = np.prod([np.linalg.norm(end - first, axis=1) for first, end in ((a, b), (b, c), (c, a))], axis=0)
-    for first in start[np.abs(sides / np.maximum(4 * area, 1e-12) / radius - 1) < 0.05]:
-        x, y, r = _circle(outline[[first, (first + span) % m, (first + 2 * span) % m]])
-        # Three points of a short piece give only a rough circle.
-        for tolerance in (2e-3, 2e-4):
-            on_circle = outline[np.abs(np.linalg.norm(outline - [x, y], axis=1) - r) < tolerance * radius]
-            if len(on_circle) < LEAST:
-                break
-            x, y, r = _circle(on_circle)
-        else:
-            if best is None or len(on_circle) > len(best[2]):
-                best = np.array([x, y]), radius, on_circle
-    return [best] if best is not None else []
-
-
-def _circle(points: Array) -> tuple[float, float, float]:
-    """Center and radius of a circle through points (m, 2): least squares of x^2 + y^2 + d x + e y + f = 0."""
-    middle = points.mean(axis=0)
-    offset = points - middle
-    rows = np.column_stack([offset, np.ones(len(points))])
-    (d, e, f), *_ = np.linalg.lstsq(rows, -np.sum(offset**2, axis=1), rcond=None)
-    square = (d * d + e * e) / 4 - f
-    return float(middle[0] - d / 2), float(middle[1] - e / 2), float(np.sqrt(max(square, 0.0)))
+def _joined(placed: Sequence[tuple[TilePage, Array]], diameters: Sequence[float]) -> Array:
+    """Circles (m, 3) of about these diameters that pieces on several tiles form, which overlap."""
+    tiles = []
+    for sheet, shift in placed:
+        sizes = [float(np.ptp(arc, axis=0).max()) for arc in sheet.arcs]
+        # A sliver of less would be whole on the neighbor; letters are smaller.
+        rings = (Region.polygon(arc + shift, mend=True) for arc, size in zip(sheet.arcs, sizes, strict=True)
+                 if PIECE * min(diameters) < size < ALIKE * max(diameters))  # fmt: skip
+        tiles.append(reduce(xor, rings, Region()))
+    circles = [round_shape(ring) for ring in Region.union(tiles).rings]
+    return np.array([circle for circle in circles if circle], dtype=float).reshape(-1, 3)

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.verification.reading import FLATTEST, circles_of, round_shape
-
-Numbers = NDArray[np.int64]
+from markergen.read.outlines.curves import Bezier
+from markergen.verification.reading import FARTHEST, FLATTEST, circles_of, round_shape
 
 MM_PER_POINT = 25.4 / 72
 """The unit of a PDF is 1/72 inch."""
@@ -38,6 +37,9 @@ FILLED_OFF, STROKED_OFF = 2e-2, 5e-4
 
 FINEST, MOST_PIXELS, ALL_PIXELS = 300 / 25.4, 24_000_000, 60_000_000
 """Pixels per mm of a picture at most, pixels of one picture, and of all pictures of a file."""
+
+FINE, COARSE = 50, 1000
+"""Ratios of the size of a curve to the distance of its points from each other's chords, at least and at most."""
 
 LEAST_ARC, LONGEST_ARM = 12, 20.0
 """Minimum number of points of an outline with a piece of a circle; maximum length in mm of a registration mark."""
@@ -109,13 +111,12 @@ class _Parser:
             for cut, edge in zip(page.get_trimbox(), media, strict=True)
         ]
         tiled = any(trim is not None for trim in trims)
-        paths = _Paths()
+        outlines = list[_Outline]()
         self.finest = 0.0
-        self._objects(page.raw, paths)
-        points, ends, kind, layer = paths.flattened()
-        circles, corners, arcs = self._filled(points, ends, kind, tiled)
-        lines, line_layer = _lines(points, ends, kind, layer)
-        drawn = points[np.isfinite(points).all(axis=1)]
+        self._objects(page.raw, outlines)
+        circles, corners, arcs = self._filled(outlines, tiled)
+        lines = [outline.lines for outline in outlines if outline.stroked]
+        layers = [outline.layer for outline in outlines if outline.stroked]
         self.pages.append(
             {
                 "size": [(media[2] - media[0]) * MM_PER_POINT, (media[3] - media[1]) * MM_PER_POINT],
@@ -128,14 +129,14 @@ class _Parser:
         )
         self.arrays |= {
             f"circles{index}": circles_of(circles, "the PDF"),
-            f"corners{index}": corners,
-            f"lines{index}": lines,
-            f"layer{index}": line_layer,
-            f"crosses{index}": _crosses(points, ends, kind),
+            f"corners{index}": np.concatenate([np.zeros((0, 2)), *corners]),
+            f"lines{index}": np.concatenate([np.zeros((0, 2, 2)), *lines]),
+            f"layer{index}": np.repeat(np.array(layers, dtype=np.int64), [len(pieces) for pieces in lines]),
+            f"crosses{index}": _crosses([outline.points for outline in outlines if not outline.filled]),
             f"arcs{index}": np.concatenate(arcs) if arcs else np.zeros((0, 2)),
             f"arc_ends{index}": np.cumsum([len(arc) for arc in arcs], dtype=np.int64),
         }
-        if len(drawn) or self.finest:
+        if outlines or self.finest:
             self.arrays[f"picture{index}"] = self._picture(page, box)
 
     def _picture(self, page: Any, box: list[float]) -> NDArray[np.uint8]:
@@ -151,7 +152,7 @@ class _Parser:
         printed = page.render(scale=fine * MM_PER_POINT, grayscale=True, optimize_mode="print")
         return np.ascontiguousarray(printed.to_numpy()[..., :]).squeeze()
 
-    def _objects(self, page: Any, paths: "_Paths") -> None:
+    def _objects(self, page: Any, outlines: "list[_Outline]") -> None:
         import pypdfium2.raw as pdfium
 
         def objects(holder: Any, count: int, get: Any, matrix: Array, depth: int, layer: int) -> None:
@@ -167,7 +168,7 @@ class _Parser:
                 here = matrix @ np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0, 0, 1]])
                 if kind == pdfium.FPDF_PAGEOBJ_PATH:
                     on = self._layer(item) or layer
-                    self._spend(paths.add(item, here, on, self.budget, strokes_only=self.layers[on] == TEXT))
+                    outlines.extend(self._outlines(item, MM_PER_POINT * here, on))
                 elif kind == pdfium.FPDF_PAGEOBJ_IMAGE:
                     width, height = ctypes.c_uint(), ctypes.c_uint()
                     if pdfium.FPDFImageObj_GetImagePixelSize(item, width, height):
@@ -205,149 +206,93 @@ class _Parser:
                 return self.layers.index(name) if name in self.layers else 0
         return 0
 
+    def _outlines(self, item: Any, matrix: Array, layer: int) -> "Iterator[_Outline]":
+        """The parts of a path, from one place to which the pen moves to the next, with curves as points on them."""
+        import pypdfium2.raw as pdfium
+
+        mode, stroke, x, y = ctypes.c_int(), pdfium.FPDF_BOOL(), ctypes.c_float(), ctypes.c_float()
+        if not pdfium.FPDFPath_GetDrawMode(item, mode, stroke):
+            return
+        is_read = bool(stroke.value) or self.layers[layer] != TEXT
+        count = max(pdfium.FPDFPath_CountSegments(item), 0) if is_read else 0
+        self._spend(count)
+        off = FILLED_OFF if mode.value else STROKED_OFF
+        (a, c, e), (b, d, f) = matrix[:2].tolist()
+        points, bend, closed = list[tuple[float, float]](), list[tuple[float, float]](), False
+        for index in range(count + 1):
+            segment = pdfium.FPDFPath_GetPathSegment(item, index) if index < count else None
+            kind = pdfium.FPDFPathSegment_GetType(segment) if segment else pdfium.FPDF_SEGMENT_MOVETO
+            if kind == pdfium.FPDF_SEGMENT_MOVETO:
+                if len(points) > 1:
+                    yield _Outline(np.array(points), bool(mode.value), bool(stroke.value), closed, layer)
+                points, bend, closed = [], [], False
+            if segment is None:
+                return
+            pdfium.FPDFPathSegment_GetPoint(segment, x, y)
+            place = (a * x.value + c * y.value + e, b * x.value + d * y.value + f)
+            closed |= bool(pdfium.FPDFPathSegment_GetClose(segment))
+            bend.append(place)
+            if kind != pdfium.FPDF_SEGMENT_BEZIERTO or not points:
+                points, bend = [*points, place], []
+            elif len(bend) == 3:
+                points += _on_curve(np.array([points[-1], *bend]), off)
+                bend = []
+
     def _filled(
-        self, points: Array, ends: Numbers, kind: Numbers, tiled: bool
-    ) -> tuple[list[tuple[float, float, float]], Array, list[Array]]:
+        self, outlines: "list[_Outline]", tiled: bool
+    ) -> tuple[list[tuple[float, float, float]], list[Array], list[Array]]:
         """Circles among the filled outlines, the corners of the others, and with tiles those that may hold arcs."""
-        circles, others, arcs = [], np.zeros(len(points), dtype=bool), []
-        starts = np.concatenate([[0], ends[:-1]])
-        count = ends - starts
-        if not len(ends):
-            return [], np.zeros((0, 2)), []
-        low, high = (ufunc.reduceat(points, starts, axis=0) for ufunc in (np.minimum, np.maximum))
-        half = high - low
-        even = half.min(axis=1) >= FLATTEST * half.max(axis=1)
-        for index in np.flatnonzero((kind & FILLED > 0) & (count >= 3)):
-            outline = slice(starts[index], ends[index])
+        circles, others, arcs = list[tuple[float, float, float]](), list[Array](), list[Array]()
+        for points in (outline.points for outline in outlines if outline.filled and len(outline.points) >= 3):
+            sides = np.ptp(points, axis=0)
             circle = None
-            if even[index]:
+            if sides.min() >= FLATTEST * sides.max():
                 self.rounds -= 1
                 if self.rounds < 0:
                     raise InputError(f"at most {MOST_ROUND} small shapes", "more", "verify a smaller file")
-                circle = round_shape(points[outline])
+                circle = round_shape(points)
             if circle is not None:
                 circles.append(circle)
                 continue
-            others[outline] = True
-            if tiled and count[index] >= LEAST_ARC:
-                arcs.append(points[outline])
-        return circles, points[others & np.isfinite(points).all(axis=1)], arcs
+            is_good = np.isfinite(points).all(axis=1)
+            others.append(points[is_good])
+            if tiled and len(points) >= LEAST_ARC and is_good.all():
+                arcs.append(points)
+        return circles, others, arcs
 
 
-FILLED, STROKED, CLOSED = 1, 2, 4
-"""Bits of the kind of a path."""
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """Part of a path: points (m, 2) in mm, how it is painted, and the index of its layer."""
+
+    points: Array
+    filled: bool
+    stroked: bool
+    closed: bool
+    layer: int
+
+    @property
+    def lines(self) -> Array:
+        """Straight pieces (k, 2, 2)."""
+        ring = np.concatenate([self.points, self.points[: int(self.closed)]])
+        pieces = np.stack([ring[:-1], ring[1:]], axis=1)
+        return pieces[np.isfinite(pieces).all(axis=(1, 2))]
 
 
-@dataclass
-class _Paths:
-    """Raw segments of all paths of a page: points, kinds of segments, and the path that each belongs to."""
-
-    xs: list[float] = field(default_factory=list)
-    ys: list[float] = field(default_factory=list)
-    kinds: list[int] = field(default_factory=list)
-    closes: list[int] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
-    matrices: list[Array] = field(default_factory=list)
-    flags: list[int] = field(default_factory=list)
-    layers: list[int] = field(default_factory=list)
-
-    def add(self, item: Any, matrix: Array, layer: int, most: int, strokes_only: bool) -> int:
-        """Add a path, and return the number of its segments, at most `most`; on request only if it is stroked."""
-        import pypdfium2.raw as pdfium
-
-        mode, stroke = ctypes.c_int(), pdfium.FPDF_BOOL()
-        if not pdfium.FPDFPath_GetDrawMode(item, mode, stroke):
-            return 0
-        count = 0 if strokes_only and not stroke.value else pdfium.FPDFPath_CountSegments(item)
-        if not 0 < count <= most:
-            return max(count, 0)
-        self.counts.append(count)
-        self.matrices.append(matrix)
-        self.flags.append((FILLED if mode.value else 0) | (STROKED if stroke.value else 0))
-        self.layers.append(layer)
-        get, get_type = pdfium.FPDFPath_GetPathSegment, pdfium.FPDFPathSegment_GetType
-        get_point, get_close = pdfium.FPDFPathSegment_GetPoint, pdfium.FPDFPathSegment_GetClose
-        x, y = ctypes.c_float(), ctypes.c_float()
-        for index in range(count):
-            segment = get(item, index)
-            get_point(segment, x, y)
-            self.xs.append(x.value)
-            self.ys.append(y.value)
-            self.kinds.append(get_type(segment))
-            self.closes.append(get_close(segment))
-        return int(count)
-
-    def flattened(self) -> tuple[Any, Any, Any, Any]:
-        """Points (m, 2) in mm of all runs, the end of each run, its flags and layer; curves become points on them."""
-        import pypdfium2.raw as pdfium
-
-        if not self.counts:
-            nothing = np.zeros(0, dtype=np.int64)
-            return np.zeros((0, 2)), nothing, nothing, nothing
-        of = np.repeat(np.arange(len(self.counts)), self.counts)
-        matrix = np.array(self.matrices)[of]
-        raw = np.column_stack([self.xs, self.ys])
-        places = MM_PER_POINT * (np.einsum("mij,mj->mi", matrix[:, :2, :2], raw) + matrix[:, :2, 2])
-        kinds, flags = np.array(self.kinds), np.array(self.flags)[of]
-        curve = kinds == pdfium.FPDF_SEGMENT_BEZIERTO
-        # The last of three consecutive points of a curve stands for it.
-        number = np.arange(len(kinds))
-        rank = number - np.maximum.accumulate(np.where(curve & ~np.roll(curve, 1), number, 0))
-        last = np.flatnonzero(curve & (rank % 3 == 2) & (number >= 3))
-        steps = np.where(curve, 0, 1)
-        off = np.where(flags[last] & FILLED > 0, FILLED_OFF, STROKED_OFF)
-        bend = np.linalg.norm(places[last - 3] - 2 * places[last - 2] + places[last - 1], axis=1)
-        bend = np.maximum(bend, np.linalg.norm(places[last - 2] - 2 * places[last - 1] + places[last], axis=1))
-        # A chord over a step h deviates by at most h^2 / 8 times the second derivative.
-        with np.errstate(invalid="ignore"):
-            fine = np.nan_to_num(np.ceil(np.sqrt(6 * bend / (8 * off))), nan=4.0, posinf=4.0)
-        steps[last] = np.clip(fine, 4, 64)
-        index = np.repeat(np.arange(len(kinds)), steps)
-        share = (np.arange(len(index)) - np.repeat(np.cumsum(steps) - steps, steps) + 1) / steps[index]
-        points = places[index]
-        bent = np.flatnonzero(curve[index])
-        t, at = share[bent, None], index[bent]
-        points[bent] = (
-            (1 - t) ** 3 * places[at - 3]
-            + 3 * t * (1 - t) ** 2 * places[at - 2]
-            + 3 * t**2 * (1 - t) * places[at - 1]
-            + t**3 * places[at]
-        )
-        begins = np.flatnonzero(kinds[index] == pdfium.FPDF_SEGMENT_MOVETO)
-        begins = begins if len(begins) and begins[0] == 0 else np.concatenate([[0], begins])
-        ends = np.concatenate([begins[1:], [len(points)]])
-        run = index[begins]
-        closed = np.maximum.reduceat(np.array(self.closes)[index], begins) > 0
-        kind = flags[run] | np.where(closed, CLOSED, 0)
-        kept = ends - begins > 1
-        if not kept.all():
-            points = points[np.repeat(kept, ends - begins)]
-            ends = np.cumsum((ends - begins)[kept])
-        return np.asarray(points, dtype=float), ends, kind[kept], np.array(self.layers)[of[run]][kept]
+def _on_curve(points: Array, off: float) -> list[tuple[float, float]]:
+    """Points of a Bezier curve (4, 2) after its first; the last one alone if it overflows."""
+    size = float(np.ptp(points, axis=0).max())
+    if not 0 < size < FARTHEST:
+        return [(float(points[-1, 0]), float(points[-1, 1]))]
+    return [(float(x), float(y)) for x, y in Bezier(points).flatten(max(min(off, size / FINE), size / COARSE))[1:]]
 
 
-def _lines(points: Array, ends: Numbers, kind: Numbers, layer: Numbers) -> tuple[Array, Numbers]:
-    """Straight pieces (k, 2, 2) of everything that is stroked, and their layers."""
-    starts = np.concatenate([[0], ends[:-1]])[: len(ends)]
-    run = np.repeat(np.arange(len(ends)), ends - starts)
-    after = np.arange(len(points)) + 1
-    stroked = kind[run] & STROKED > 0 if len(run) else np.zeros(0, dtype=bool)
-    final = np.zeros(len(points), dtype=bool)
-    final[ends - 1] = True
-    after[ends - 1] = starts
-    kept = np.flatnonzero(stroked & (~final | (kind[run] & CLOSED > 0 if len(run) else final)))
-    pieces = np.stack([points[kept], points[after[kept]]], axis=1)
-    good = np.isfinite(pieces).all(axis=(1, 2))
-    return pieces[good], layer[run[kept]][good]
-
-
-def _crosses(points: Array, ends: Numbers, kind: Numbers) -> Array:
+def _crosses(lines: list[Array]) -> Array:
     """Middles (k, 2) of pairs of lines of equal length that bisect each other at right angles."""
-    starts = np.concatenate([[0], ends[:-1]])[: len(ends)]
-    first = starts[(ends - starts == 2) & (kind & FILLED == 0)] if len(ends) else np.zeros(0, dtype=np.int64)
-    if not 1 < len(first) <= MOST_LINES:
+    ends = np.array([line for line in lines if len(line) == 2]).reshape(-1, 2, 2)
+    if not 1 < len(ends) <= MOST_LINES:
         return np.zeros((0, 2))
-    middle, along = (points[first] + points[first + 1]) / 2, points[first + 1] - points[first]
+    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     crosses = []
     order = np.lexsort((np.round(middle[:, 1], 2), np.round(middle[:, 0], 2)))

@@ -1,7 +1,7 @@
 """How the plates of a body lie in a solid.
 
-A solid of one plate may be right but for one thing about it as a whole: turned, sheared, in another unit, only a part.
-In a solid of several each is looked at from its own side, and its place compared with the body.
+A solid of one plate may be right but for one thing about it as a whole: turned, sheared, in another unit. In a solid of
+several each is found by the rims of its dots, and its place compared with the body.
 """
 
 # tests: tests/verification/test_placement.py tests/verification/test_made.py
@@ -10,43 +10,33 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.errors import InputError
-from markergen.geometry.contour import box
 from markergen.maths.rotation import rigid_motion
 from markergen.model.body import Body, Plate
-from markergen.model.marker import Marker
-from markergen.verification.claims import several_findings
-from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, extras, judge_copies
-from markergen.verification.made import faces_of, is_light_alone
-from markergen.verification.matching import DotSet, expected_dots
-from markergen.verification.reading import Page, Reading
+from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
+from markergen.verification.matching import DotSet
+from markergen.verification.rays import CHORDS, difference
 from markergen.verification.result import Check
-from markergen.verification.solids import (
-    DARK,
-    FLUSH,
-    LIGHT,
-    classified,
-    differ,
-    dots_of_surface,
-    plate_index,
-    reading_of,
-    round_edges,
+from markergen.verification.rims import Rims, dots_of
+from markergen.verification.solid_files import Solid
+from markergen.verification.wanted_solids import WantedSolid, wanted_dots
+from markergen.verification.words import (
+    KNOWN,
+    MOST_LISTED,
+    NO_PLATE,
+    REMOVE,
+    Finding,
+    scale_finding,
+    short_length,
+    somewhere,
 )
-from markergen.verification.surface import Surface
-from markergen.verification.tags import tag_findings
-from markergen.verification.words import KNOWN, MOST_LISTED, NO_PLATE, Finding, scale_finding, short_length
 
 STRAIGHT = np.radians(0.01)
 """Angle in rad below which an axis is an axis."""
 
 ROUGHLY = 4.0
-"""Maximum ratio of the size of a plate to that of its marker, for a guess at its unit."""
-
-NEAR = 2.0
-"""Maximum distance in mm of a part or pocket of a dot from its place, beyond which it belongs to something else."""
+"""Maximum ratio of the size of a solid to that of its body, for a guess at its unit."""
 
 LAYER = 0.05
 """Minimum distance in mm between two planes with dots."""
@@ -57,12 +47,17 @@ TURNED = np.radians(0.005)
 NEARLY = 20.0
 """Ratio of the tolerance within which a marker in another one's place is recognized."""
 
+COARSE, SNAP = 1e-3, 2e-4
+"""Width in rad of the groups of parallel rims, and angle below which a direction is one that is expected."""
 
-# --- One plate -------------------------------------------------------------------------------------------------------
-
+MOST_SIDES = 60
+"""Maximum number of directions of rims to look from."""
 
 UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
 """Units, in mm, that a file may have been written in although it is read in another."""
+
+
+# --- One plate -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -71,35 +66,38 @@ class Placement:
 
     Attributes
     ----------
-    reading : Reading
+    solid : Solid
         The solid without it.
     times : float
         Factor by which lengths were multiplied to undo it.
     """
 
     finding: Finding
-    reading: Reading
+    solid: Solid
     times: float = 1.0
 
 
-def _with_surface(marker: Marker, reading: Reading, surface: Surface) -> Reading:
-    """Return the reading of a solid with another surface."""
-    return replace(reading, pages=reading_of(reading.kind, [surface], marker).pages)
-
-
-def _in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:
-    """Scale everything in a reading by a factor."""
-    surface = reading.pages[0].surface
-    # The kernel's checks of a solid depend on its size.
-    return reading if surface is None else replace(_with_surface(marker, reading, surface.scaled(factor)), flaws=())
-
-
-def turned_solids(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
-    """The solid with its largest level area up, and with it down; not the view that the file has."""
-    for view in surface.views():
-        # The direction in the file of what is up in the view.
-        finding = _direction(view.rotation[2], reading.kind)
-        yield Placement(finding, replace(reading, pages=_with_surface(marker, reading, view).pages))
+def placements(solid: Solid, wanted: WantedSolid, kind: str) -> Iterator[Placement]:
+    """The solid if it is turned, or in another unit."""
+    for normal in _widest(solid.shell.corners):
+        rotation = rotation_up(normal)
+        if rotation[2, 2] < 1 - 1e-4:
+            # The direction in the file of what is up in the view.
+            yield Placement(_direction(rotation[2], kind), solid.mapped(rotation, np.zeros(3)))
+    sizes = [float(np.ptp(shell.corners.reshape(-1, 3), axis=0).max()) for shell in (solid.shell, wanted.shell)]
+    seen = {1.0}
+    for usual in ("m", "mm") if kind == "GLB" else ("mm",):
+        for unit, factor in UNITS.items():
+            for times, mistake, remedy in (
+                (factor / UNITS[usual], f"{unit} taken for {usual}", f"export it in {usual}"),
+                (UNITS[usual] / factor, f"{usual} taken for {unit}", f"open it in {usual} where it was saved last"),
+            ):
+                if round(times, 9) in seen or not 1 / ROUGHLY < times * sizes[0] / sizes[1] < ROUGHLY:
+                    continue
+                seen.add(round(times, 9))
+                sentence = f"scaled by {1 / times:.6g} along x, y and z: {mistake}"
+                rescaled = solid.mapped(times * np.eye(3), np.zeros(3))
+                yield Placement(Finding("scaled", sentence, remedy), rescaled, times)
 
 
 def _direction(way: Array, kind: str) -> Finding:
@@ -119,102 +117,61 @@ def _direction(way: Array, kind: str) -> Finding:
     return Finding("turned", f"turned: its face points along {name} instead of z", remedy)
 
 
-def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
-    """The solid if it was written in one unit and read in another."""
-    seen = {1.0}
-    size = _size(reading, marker)
-    for usual in ("m", "mm") if reading.kind == "GLB" else ("mm",):
-        for unit, factor in UNITS.items():
-            for times, mistake, remedy in (
-                (factor / UNITS[usual], f"{unit} taken for {usual}", f"export it in {usual}"),
-                (UNITS[usual] / factor, f"{usual} taken for {unit}", f"open it in {usual} where it was saved last"),
-            ):
-                if round(times, 9) in seen or (size != 1.0 and not 1 / ROUGHLY < size * times < ROUGHLY):
-                    continue
-                seen.add(round(times, 9))
-                try:
-                    rescaled = _in_unit(marker, reading, times)
-                except InputError:
-                    continue  # Larger than any marker.
-                sentence = f"scaled by {1 / times:.6g} along x, y and z: {mistake}"
-                yield Placement(Finding("scaled", sentence, remedy), rescaled, times)
+def _widest(corners: Array) -> list[Array]:
+    """Unit normals of the largest area of parallel triangles, and the opposite one: the two faces of a plate."""
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(areas, axis=1)
+    areas, size = areas[size > 0], size[size > 0]
+    if not len(size):
+        return []
+    # Opposite normals together, since a plate's back is larger than its face.
+    ways = areas / size[:, None]
+    ways *= np.where(ways[np.arange(len(ways)), np.argmax(np.abs(ways), axis=1)] < 0, -1.0, 1.0)[:, None]
+    _, group = np.unique(np.round(ways, 2), axis=0, return_inverse=True)
+    chosen = group.ravel() == np.argmax(np.bincount(group.ravel(), weights=size))
+    way = np.sum(ways[chosen] * size[chosen, None], axis=0)
+    way /= np.linalg.norm(way)
+    return [way, -way]
 
 
-def _size(reading: Reading, marker: Marker) -> float:
-    """Size of a solid as a multiple of the marker's."""
-    surface = reading.pages[0].surface
-    boxes = np.array([part.box for part in surface.parts] if surface else [])
-    if surface is None or surface.mapped is None or not len(boxes):
-        # The kernel's boxes of a CAD file that is too small for it mean nothing.
-        return 1.0
-    return float(np.ptp(boxes.reshape(-1, 2), axis=0).max() / (2e3 * marker.boundary.radius))
+def rotation_up(direction: Array) -> Array:
+    """Rotation (3, 3) by the smallest angle that turns a unit vector (3,) up; over the x-axis if it points down."""
+    x, y, z = direction
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array(
+        [[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]]
+    )
 
 
-def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
+def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placement]:
     """The solid if its heights are scaled, or its layers shifted against each other: it is then sheared."""
-    face, back = faces_of(surface)
-    if surface.mapped is None or face is None or back is None or not face.z - back.z > 0:
-        return
-    thick = face.z - back.z
-    flat = [ball.flatness for part in surface.parts for ball in part.balls]
-    wanted = 1e3 * marker.substrate.thickness
-    for by in {round(thick / wanted, 6), round(float(np.median(flat)), 6) if flat else 1.0} - {1.0}:
+    heights = [shell.corners[:, :, 2] for shell in (solid.shell, wanted.shell)]
+    (low, high), (wanted_low, wanted_high) = ((float(z.min()), float(z.max())) for z in heights)
+    by = (high - low) / (wanted_high - wanted_low)
+    if by > 0 and abs(by - 1) * (wanted_high - wanted_low) > tol:
         finding = Finding("scaled", f"scaled by {by:.5g} along z", "export it again at its size")
-        undone = surface.mapped(np.diag([1.0, 1.0, 1 / by]))
-        yield Placement(finding, _with_surface(marker, reading, undone))
-    lean_offset = _middle(box(face.edges[0])) - _middle(box(back.edges[0]))
-    lean = lean_offset / thick
-    if np.linalg.norm(lean_offset) > 1e-3:
+        yield Placement(finding, solid.mapped(np.diag([1.0, 1.0, 1 / by]), np.zeros(3)))
+    below, above = (_middle(solid, wanted, low, wanted_low), _middle(solid, wanted, high, wanted_high))
+    lean = (above - below) / max(high - low, 1e-9)
+    if np.linalg.norm(above - below) > tol:
         matrix = np.eye(3)
         matrix[:2, 2] = -lean
-        x, y = lean_offset
+        x, y = above - below
         off = short_length(float(np.hypot(x, y)))
-        finding = Finding(
-            "sheared", f"sheared: its face lies {off} beside its back (x {x:+.4g} mm, y {y:+.4g} mm)",
-            "export it again from its marker.json",
-        )  # fmt: skip
-        yield Placement(finding, _with_surface(marker, reading, surface.mapped(matrix)))
+        sentence = f"sheared: its face lies {off} beside its back (x {x:+.4g} mm, y {y:+.4g} mm)"
+        finding = Finding("sheared", sentence, "export it again from its marker.json")
+        yield Placement(finding, solid.mapped(matrix, np.zeros(3)))
 
 
-def _middle(limits: tuple[float, float, float, float]) -> Array:
-    left, bottom, right, top = limits
-    return np.array([left + right, bottom + top]) / 2
-
-
-def in_part(marker: Marker, surface: Surface, tolerance: float) -> tuple[list[Finding], str, int] | None:
-    """Errors of a file of the dark or of the light parts alone, a note, and the number of dots; None for other files.
-
-    The file is in the marker frame: nothing else shows where the other parts go. Tolerance in mm.
-    """
-    expected = expected_dots(marker)
-    ids = [point.id for point in marker.control_points]
-    if surface.loose:
-        dots = dots_of_surface(surface, expected)
-        note, places = DARK, dots.centers
-        nearest = [int(np.argmin(np.linalg.norm(expected.centers - place, axis=1))) for place in places]
-        rise = np.ones(1)
-        if len(dots) and dots.heights is not None and expected.heights is not None:
-            rise = dots.heights - expected.heights[nearest]
-    else:
-        edges = round_edges(surface)
-        nearest, note, rows = list(range(len(expected))), LIGHT, []
-        for center, radius in zip(expected.centers, expected.radii, strict=True):
-            away = np.linalg.norm(edges[:, :2] - center, axis=1)
-            there = np.flatnonzero((away < NEAR) & (edges[:, 2] < radius))
-            if not len(there):
-                return None
-            rows.append(edges[there[np.argmax(edges[there, 2])], :2])
-        places, rise = np.array(rows), np.zeros(1)
-    off = places - expected.centers[nearest]
-    apart = np.linalg.norm(off, axis=1)
-    if len(set(nearest)) < len(nearest) or not np.abs(rise).max() <= tolerance or not apart.max() <= NEAR:
-        return None
-    findings = [
-        Finding("shifted", f"dot {ids[index]} is {short_length(by)} off (x {1e3 * x:+.4g} um, y {1e3 * y:+.4g} um)")
-        for index, by, (x, y) in zip(nearest, apart.tolist(), off.tolist(), strict=True)
-        if by > tolerance
-    ]
-    return findings, note, len(places)
+def _middle(solid: Solid, wanted: WantedSolid, height: float, wanted_height: float) -> Array:
+    """Middle of what is at a height of a solid, relative to that of the wanted one."""
+    middles = []
+    for shell, z in ((solid.shell, height), (wanted.shell, wanted_height)):
+        level = shell.corners.reshape(-1, 3)
+        level = level[np.abs(level[:, 2] - z) < 0.01]
+        middles.append((level.min(axis=0) + level.max(axis=0))[:2] / 2)
+    return np.asarray(middles[0] - middles[1])
 
 
 # --- Several plates --------------------------------------------------------------------------------------------------
@@ -229,13 +186,9 @@ class PlateInFile:
     rotation, translation : array (3, 3) and (3,)
         Its pose in the file, mm.
     points : array (m, 3)
-        Its dots in the file, mm.
+        The rims of its dots in the file, mm.
     wanted : array (m, 3)
-        The same dots in the marker frame, mm.
-    view : Surface
-        The side that shows it.
-    dots : DotSet
-        All dots of that side and height.
+        The same rims in the marker frame, mm.
     """
 
     verdict: Verdict
@@ -243,8 +196,6 @@ class PlateInFile:
     translation: Array
     points: Array
     wanted: Array
-    view: Surface
-    dots: DotSet
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,52 +217,39 @@ class FileMotion:
         return self.rotation @ plate.rotation_matrix, place
 
 
-def check_sides(body: Body, reading: Reading, tolerance: float) -> Check:
-    """Compare the sides of a solid with a body as designed."""
+def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> Check:
+    """Compare a solid with a body of several plates as designed."""
     plates = [replace(plate, marker=plate.marker.as_designed) for plate in body.plates]
-    views = [page.surface for page in reading.pages if page.surface is not None]
-    factor, findings = _unit(plates, views)
-    views = [surface.scaled(factor) if factor != 1 else surface for surface in views]
-    compared = _compared(plates, reading, views, tolerance)
+    factor, findings = _unit(solid, wanted)
+    solid = solid.mapped(factor * np.eye(3), np.zeros(3)) if factor != 1 else solid
+    compared = _compared(plates, solid, wanted, kind, tolerance)
     if (stretch := _stretch(compared)) is not None:
-        undone = [surface.scaled(1 / stretch) for surface in views]
         half = 500 * np.ptp(_points_of(plates), axis=0)[[0, 1]]
         findings = [scale_finding(stretch / factor, stretch / factor, np.maximum(half, 1.0), 1e3 * tolerance)]
-        compared = _compared(plates, reading, undone, tolerance)
-    # The kernel's checks of a solid depend on its size.
-    flaws = () if findings else reading.flaws
-    errors = (*(Finding("solid", flaw) for flaw in flaws), *findings, *compared.check.findings)
-    result = replace(compared.check, findings=errors, tolerance=tolerance)
+        compared = _compared(plates, solid.mapped(np.eye(3) / stretch, np.zeros(3)), wanted, kind, tolerance)
+    result = replace(compared.check, findings=(*findings, *compared.check.findings))
     if findings:
         scale = (stretch or 1.0) / factor
         return replace(result, largest=np.nan, worst=None, scale=(scale, scale))
     return result
 
 
-def _unit(plates: Sequence[Plate], views: Sequence[Surface]) -> tuple[float, list[Finding]]:
+def _unit(solid: Solid, wanted: WantedSolid) -> tuple[float, list[Finding]]:
     """Factor that undoes a wrong unit, 1 if there is none, and the finding about it."""
-    if not views:
-        return 1.0, []
-    corners = [np.array([part.low, part.high]) for part in views[0].parts]
-    size = float(np.linalg.norm(np.ptp(np.concatenate(corners), axis=0)))
-    outlines = [plate.to_body(_in_plane(np.concatenate(plate.marker.boundary.outlines()))) for plate in plates]
-    wanted = 1e3 * float(np.linalg.norm(np.ptp(np.concatenate(outlines), axis=0)))
-    ratio = size / wanted
+    corners = [shell.corners.reshape(-1, 3) for shell in (solid.shell, wanted.shell)]
+    sizes = [float(np.linalg.norm(np.ptp(points, axis=0))) for points in corners]
+    ratio = sizes[0] / sizes[1]
     if not 0 < ratio < np.inf or abs(np.log(ratio)) < np.log(ROUGHLY) / 2:
         return 1.0, []
     nearest = min(KNOWN, key=lambda factor: abs(np.log(ratio / factor)))
     if abs(np.log(ratio / nearest)) > np.log(ROUGHLY) / 2:
         return 1.0, []
-    return 1 / nearest, [scale_finding(nearest, nearest, np.array([wanted, wanted]), 1e-3)]
+    return 1 / nearest, [scale_finding(nearest, nearest, np.array([sizes[1], sizes[1]]), 1e-3)]
 
 
 def _points_of(plates: Sequence[Plate]) -> Array:
     """Control points (n, 3) of all plates in m, body frame."""
     return np.concatenate([plate.to_body(plate.marker.xyz) for plate in plates])
-
-
-def _in_plane(points: Array) -> Array:
-    return np.column_stack([points, np.zeros(len(points))])
 
 
 @dataclass(frozen=True)
@@ -329,17 +267,17 @@ def _stretch(compared: _Compared) -> float | None:
     return float(np.median(scales))
 
 
-def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface], tolerance: float) -> _Compared:
-    kind = reading.kind
-    placements = [_placements(plate, views, tolerance) for plate in plates]
-    motion = _motion(plates, placements, tolerance)
+def _compared(plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> _Compared:
+    found = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
+    motion = _motion(plates, found, tolerance)
     if motion is None:
         return _Compared(Check("", kind, findings=(NO_PLATE,)), ())
     chosen = [
         min(candidates, key=lambda placed: _apart(placed, *motion.of(plate)), default=None)
-        for plate, candidates in zip(plates, placements, strict=True)
+        for plate, candidates in zip(plates, found, strict=True)
     ]
-    findings, notes, largest, worst = list[Finding](), list[str](), 0.0, None
+    findings, largest, worst = list[Finding](), 0.0, None
+    notes = [wanted.note] if wanted.note else []
     mirrored = all(
         any(finding.kind == "mirrored" for finding in placed.verdict.findings) for placed in chosen if placed
     )
@@ -354,20 +292,21 @@ def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface
             )
             continue
         errors = [finding for finding in placed.verdict.findings if not (mirrored and finding.kind == "mirrored")]
-        local, remark = _beside(plate, placed, tolerance)
-        findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in (*errors, *local)]
-        notes += remark
+        errors += _heights(placed, 1e3 * tolerance)
+        findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in errors]
         if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
             findings += _moved(plates, k, chosen, motion, tolerance)
         rotation, translation = motion.of(plate)
         off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
             largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
-    if not findings and views[0].triangles is not None:
-        placed_plates = [(plate.marker, *motion.of(plate)) for plate in plates]
-        findings += several_findings(
-            placed_plates, views[0].triangles @ views[0].rotation, views[0].round_dots, 1e3 * tolerance
-        )
+    if not findings:
+        aligned = solid.mapped(motion.rotation.T, -motion.rotation.T @ motion.translation)
+        compared = difference(aligned.shell, wanted.shell, 1e3 * tolerance + CHORDS)
+        findings += somewhere("extra", "something that belongs to no plate", compared.extra, REMOVE)
+        findings += somewhere("missing", "something missing", compared.missing, AGAIN) * (not findings)
+        findings += somewhere("twice", "something that is there twice", compared.twice, REMOVE) * (not findings)
+        findings += somewhere("color", "the other color than it should be", compared.repainted, AGAIN)
     verdicts = tuple(placed.verdict for placed in chosen if placed)
     scales = np.array([verdict.scale for verdict in verdicts])
     check = Check(
@@ -378,30 +317,43 @@ def _compared(plates: Sequence[Plate], reading: Reading, views: Sequence[Surface
     return _Compared(check, verdicts)
 
 
-def _placements(plate: Plate, views: Sequence[Surface], tolerance: float) -> list[PlateInFile]:
-    """Find all places of a marker's layout in the sides of a file."""
-    wanted = expected_dots(plate.marker)
-    ids = [point.id for point in plate.marker.control_points]
-    flat = bool(np.ptp(wanted.heights) < LAYER) if wanted.heights is not None else True
+def _placements(
+    plate: Plate, rims: Rims, wanted: WantedSolid, plates: Sequence[Plate], tolerance: float
+) -> list[PlateInFile]:
+    """Find all places of a marker's layout among the rims of a file."""
+    back = plate.rotation_matrix.T
+    expected, ids, sizes = wanted_dots(plate.marker, wanted.rims.mapped(back, -back @ (1e3 * plate.translation_vector)))
+    if not ids:
+        return []
+    assert expected.heights is not None
+    ways = np.array([neighbor.rotation_matrix[:, 2] for neighbor in plates])
     placements = []
-    for view in views:
-        seen = _visible(view, dots_of_surface(view, wanted))
-        for dots in _layers(seen) if flat else [seen]:
-            level = replace(wanted, heights=None), ids, replace(dots, heights=None)
-            verdicts = judge_copies(*level, tolerance, ordered=False)
-            placements += [_in_file(wanted, ids, view, dots, verdict) for verdict in verdicts if len(verdict.used)]
+    for way in _directions(rims, sizes, ways):
+        rotation = rotation_up(way)
+        seen = dots_of(rims.mapped(rotation, np.zeros(3)), sizes)
+        for dots in _layers(seen) if np.ptp(expected.heights) < LAYER else [seen]:
+            level = replace(expected, heights=None), ids, replace(dots, heights=None)
+            verdicts = judge_copies(*level, tolerance)
+            placements += [
+                _in_file(expected, ids, rotation, dots, verdict) for verdict in verdicts if len(verdict.used)
+            ]
     return placements
 
 
-def _visible(surface: Surface, dots: DotSet) -> DotSet:
-    """Dots that nothing hides from above: not the ends of inlays inside of a body."""
-    if not len(dots) or dots.heights is None:
-        return dots
-    _, z, _ = surface.look(dots.centers)
-    balls = np.array([[b.x, b.y, b.radius] for part in surface.parts for b in part.balls]).reshape(-1, 3)
-    is_on_axis = np.linalg.norm(dots.centers[:, None] - balls[None, :, :2], axis=-1) < 1.0
-    rise = np.where(is_on_axis, balls[None, :, 2], 0.0).max(axis=1, initial=0.0)
-    return dots.take(z <= dots.heights + rise + FLUSH)
+def _directions(rims: Rims, sizes: Array, ways: Array) -> Iterator[Array]:
+    """Unit normals of rims of about some radii, those with most rims first; expected ones (k, 3) as they are."""
+    alike = np.abs(np.log(np.maximum(rims.radii[:, None], 1e-12) / sizes)).min(axis=1) < 0.1
+    normals = rims.normals[alike]
+    if not len(normals):
+        return
+    _, first, count = np.unique(np.round(normals / COARSE), axis=0, return_index=True, return_counts=True)
+    before: list[Array] = []
+    for index in first[np.argsort(-count, kind="stable")][:MOST_SIDES]:
+        snapped = ways[np.linalg.norm(ways - normals[index], axis=1) < SNAP]
+        way = snapped[0] if len(snapped) else normals[index]
+        if all(np.linalg.norm(way - earlier) > COARSE for earlier in before):
+            before.append(way)
+            yield way
 
 
 def _layers(dots: DotSet) -> list[DotSet]:
@@ -413,8 +365,8 @@ def _layers(dots: DotSet) -> list[DotSet]:
     return [dots.take(np.sort(rows)) for rows in np.split(order, cuts)]
 
 
-def _in_file(wanted: DotSet, ids: list[int], view: Surface, dots: DotSet, verdict: Verdict) -> PlateInFile:
-    """Place a layout that was found in a view in the frame of the file."""
+def _in_file(wanted: DotSet, ids: list[int], view: Array, dots: DotSet, verdict: Verdict) -> PlateInFile:
+    """Place a layout that was found in a view (3, 3) in the frame of the file."""
     assert verdict.motion is not None
     assert dots.heights is not None
     assert wanted.heights is not None
@@ -425,12 +377,23 @@ def _in_file(wanted: DotSet, ids: list[int], view: Surface, dots: DotSet, verdic
     rotation_in_view = np.eye(3)
     rotation_in_view[:2, :2] = rotation
     rotation_in_view[2, 2] = np.linalg.det(rotation)
-    back = view.rotation.T
-    points = np.column_stack([dots.centers[verdict.used], have]) @ view.rotation
+    points = np.column_stack([dots.centers[verdict.used], have]) @ view
     return PlateInFile(
-        verdict, back @ rotation_in_view, back @ np.array([*translation, level]), points,
-        np.column_stack([wanted.centers[indices], want]), view, dots,
+        verdict, view.T @ rotation_in_view, view.T @ np.array([*translation, level]), points,
+        np.column_stack([wanted.centers[indices], want]),
     )  # fmt: skip
+
+
+def _heights(placed: PlateInFile, tol: float) -> list[Finding]:
+    """Dots above or below the plane of the others."""
+    rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
+    return [
+        Finding(
+            "height",
+            f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {'high' if rise[n] > 0 else 'low'}",
+        )
+        for n in np.flatnonzero(np.abs(rise) > tol)[:MOST_LISTED]
+    ]
 
 
 def _motion(
@@ -449,7 +412,7 @@ def _motion(
                 if nearest is not None and distance < NEARLY * 1e3 * tolerance:
                     agreed.append((j, nearest))
                     off += distance
-            score = off - 1e6 * len(agreed)
+            score = off - 1e6 * len(agreed) + 1e3 * (np.linalg.det(placed.rotation) < 0)
             if best is None or score < best[0]:
                 best = score, agreed
     if best is None:
@@ -521,67 +484,3 @@ def _moved(
         rotation.T @ placed.rotation, rotation.T @ (placed.translation - translation), 1e3 * tolerance
     )
     return [Finding("relation", f"{plate.name} is {displacement}, in its own frame", "put it in its place")]
-
-
-def _beside(plate: Plate, placed: PlateInFile, tolerance: float) -> tuple[list[Finding], list[str]]:
-    """Findings about heights, colors and the tag of a marker that was found, and about dots that it does not have."""
-    assert placed.verdict.motion is not None
-    findings, notes = list[Finding](), list[str]()
-    tol, marker = 1e3 * tolerance, plate.marker
-    rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
-    findings += [
-        Finding(
-            "height",
-            f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {'high' if rise[n] > 0 else 'low'}",
-        )
-        for n in np.flatnonzero(np.abs(rise) > tol)[:MOST_LISTED]
-    ]
-    rotation, translation = placed.verdict.motion
-    reach = 1e3 * np.concatenate(marker.boundary.outlines()) @ rotation.T + translation
-    surface = classified(_part_of(placed.view, reach), marker)
-    dots = placed.dots.take(placed.verdict.used)
-    if surface.loose:
-        notes.append(DARK)
-    elif is_light_alone(surface, dots):
-        notes.append(LIGHT)
-    middle = dots.centers + np.column_stack([(dots.radii + dots.inner) / 2 * dots.rings, np.zeros(len(dots))])
-    pale = [placed.verdict.names[n] for n in np.flatnonzero(_pale(surface, dots, middle))]
-    if pale:
-        findings.append(Finding("color", f"dots {', '.join(map(str, pale[:MOST_LISTED]))} look like the plate", AGAIN))
-    inside = _within(placed.dots.centers, reach)
-    nearby = placed.dots.take(inside)
-    used = np.searchsorted(np.flatnonzero(inside), np.intersect1d(placed.verdict.used, np.flatnonzero(inside)))
-    holes = np.array([[1e3 * hole.x, 1e3 * hole.y] for hole in marker.substrate.holes]).reshape(-1, 2)
-    findings += extras(nearby, used, placed.verdict.motion, holes)
-    if marker.tag is not None and not any(finding.kind in UNTAGGED for finding in placed.verdict.findings):
-        page = Page(np.zeros((0, 3)), surface=surface)
-        findings += tag_findings(marker.tag, page, lambda points: 1e3 * points @ rotation.T + translation, tol)
-    return findings, notes
-
-
-def _pale(surface: Surface, dots: DotSet, middle: Array) -> NDArray[np.bool_]:
-    """Tell which dots have the color of the plate or, without colors, are one with it; by points (m, 2) on them."""
-    if surface.loose or dots.heights is None:
-        return np.zeros(len(dots), dtype=bool)
-    plate = plate_index(surface)
-    part, z, colors = surface.look(middle)
-    contrasts = [differ(color, surface.parts[plate].color) for color in colors]
-    flush = (part == plate) & (z > dots.heights - FLUSH)
-    return np.array([bool(flush[k]) if contrasts[k] is None else not contrasts[k] for k in range(len(dots))])
-
-
-def _part_of(surface: Surface, reach: Array) -> Surface:
-    """Parts that lie under a marker, of points (k, 2) around it."""
-    left, bottom = reach.min(axis=0)
-    right, top = reach.max(axis=0)
-    parts = [
-        part
-        for part in surface.parts
-        if part.low[0] < right and part.low[1] < top and part.high[0] > left and part.high[1] > bottom
-    ]
-    return replace(surface, parts=tuple(parts))
-
-
-def _within(points: Array, reach: Array) -> NDArray[np.bool_]:
-    low, high = reach.min(axis=0), reach.max(axis=0)
-    return np.asarray(((points > low) & (points < high)).all(axis=1))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.drawing.paper import PAPERS, Paper
 from markergen.errors import InputError, brief
 from markergen.model.body import Body
 from markergen.model.marker import Marker
@@ -69,9 +70,25 @@ def read_png(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)
-    size = width / scale[0], height / scale[1]
+    pixels, notes = np.array([width, height]), list[str]()
+    size = pixels / scale
+    if (paper := _stretched_paper(pixels, scale)) is not None:
+        sides = np.array([paper.width, paper.height])
+        share = 100 * float((size / sides).max() - 1)
+        notes.append(f"stretched by {share:.2g} % to whole pixels: print it to fill the whole {paper.name} page")
+        size = sides
     page = pixel_page(grey, (0.0, -size[1], size[0], 0.0), body, name)
-    return Reading("PNG", (page,), tolerance_of(scale.mean()), ordered=False, pixels=True, tagged=True)
+    tolerance = tolerance_of(scale.mean())
+    return Reading("PNG", (page,), tolerance, notes=tuple(notes))
+
+
+def _stretched_paper(pixels: Array, scale: Array) -> Paper | None:
+    """Paper of a page that a program such as PDFium stretched to whole pixels, by more than half of one."""
+    for paper in PAPERS.values():
+        more = pixels - scale * [paper.width, paper.height]
+        if (more > -0.5).all() and 0.5 < more.max() < 1.1:
+            return paper
+    return None
 
 
 def tolerance_of(scale: float, pixels: float = TOLERANCE_PX) -> float:

@@ -16,7 +16,6 @@ from markergen.model.fabrication import Fabrication
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.result import Check
-from markergen.verification.surface import Surface
 
 PRINTABLE = 20e-6
 """Default tolerance in m: less than printers and cutters show, more than programs round when they save a file."""
@@ -45,14 +44,11 @@ class Page:
     Attributes
     ----------
     circles : array (m, 3)
-        Center and radius of every complete circle, mm, y up, in the order of the file. The radius is nan in formats
-        that hold points alone.
+        Center and radius of every complete circle, mm, y up, in the order of the file.
     size : (width, height) or None
         Paper size, mm.
     corners : array (k, 2)
         Corners of the other outlines, mm, for tags.
-    heights : array (m,) or None
-        z of each circle, mm, in formats that have it.
     of_any_size : callable or None
         Returns such circles of any size, where only those that may be dots are listed.
     upright : callable or None
@@ -71,14 +67,11 @@ class Page:
         What shows but is not read, such as text and images, and boxes that hold it, mm; nan if these are unknown.
     engraved : array (k, 2, 2) or None
         Lines to engrave as straight pieces, mm, in formats that have them.
-    surface : Surface or None
-        Plan view of a solid; the circles of its dots are not listed in `circles`.
     """
 
     circles: Array
     size: tuple[float, float] | None = None
     corners: Array = field(default_factory=lambda: _empty(2))
-    heights: Array | None = None
     of_any_size: Callable[[], Array] | None = None
     upright: Callable[[], bool | None] | None = None
     picture: PagePicture | None = None
@@ -87,8 +80,12 @@ class Page:
     layers: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     unread: tuple[tuple[str, Array], ...] = ()
-    surface: Surface | None = None
     engraved: Array | None = None
+
+    @property
+    def measured(self) -> bool:
+        """True if dots were measured in pixels: in no order, and diameters less accurately than centers."""
+        return self.picture is not None and self.picture.measured
 
     def __post_init__(self) -> None:
         if self.lines is None:
@@ -110,12 +107,6 @@ class Reading:
     pages : tuple of Page
     tolerance : float
         Default tolerance of the format, m.
-    ordered : bool
-        True if the dots follow the marker's order unless an editor changed it.
-    pixels : bool
-        True if it is made of pixels, so that diameters are less accurate than centers.
-    tagged : bool
-        True if the file shows tags.
     papers : tuple of (width, height)
         Sizes of the pages that were assembled into one, mm.
     gaps : tuple of str
@@ -124,8 +115,6 @@ class Reading:
         What would be made twice.
     alone : bool
         True if it can hold one marker, once.
-    flaws : tuple of str
-        Defects of the solids themselves.
     notes : tuple of str
         Remarks about how it was read.
     """
@@ -133,14 +122,10 @@ class Reading:
     kind: str
     pages: tuple[Page, ...]
     tolerance: float = PRINTABLE
-    ordered: bool = True
-    pixels: bool = False
-    tagged: bool = False
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     twice: tuple[str, ...] = ()
     alone: bool = False
-    flaws: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -29,9 +29,9 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.verification.mesh import mesh_of
 from markergen.verification.reading import READERS, Settings
 from markergen.verification.result import Check
+from markergen.verification.solid_files import read_solid
 from markergen.verification.words import KNOWN, MOST_LISTED, Finding, scale_finding
 
 LISTED = 1e-6
@@ -575,8 +575,7 @@ def _target(file: str, path: Path) -> Path:
 
 
 def _corners(data: bytes, name: str) -> Array:
-    ((mesh,), _) = mesh_of("STL", data, name)
-    return mesh.corners
+    return read_solid("STL", data, name).shell.corners
 
 
 def _apart(corners: Array, wanted: Array, tolerance: float) -> float:

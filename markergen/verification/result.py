@@ -24,6 +24,9 @@ _CAPTION = (
 
 _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
 
+STRANGE = ("another marker", "no dots", "part")
+"""Kinds of findings about a file that does not have the marker's dots, or no plate."""
+
 _SHOWN = 8
 """Maximum number of files that a repr lists."""
 
@@ -98,6 +101,11 @@ class Check:
             ],
             "notes": list(self.notes),
         }
+
+
+def is_strange(check: Check) -> bool:
+    """Tell whether a file does not have the marker's dots, or no plate."""
+    return any(finding.kind in STRANGE for finding in check.findings)
 
 
 def _number(value: float) -> float | None:

@@ -1,299 +1,531 @@
-"""Find dots, colors and holes of a solid in its plan view, whatever process made it.
+"""Compare a solid of one marker with the one that is made of it again, and say what differs."""
 
-Plates into which the printed sheet or every printed dot is glued have recesses, and no dots of their own.
-"""
+# tests: tests/verification/test_solids.py tests/verification/test_made.py tests/verification/test_claims.py
 
-# tests: tests/verification/test_solids.py tests/verification/test_solid_readers.py
-
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.arrays import Array
-from markergen.geometry.contour import area
-from markergen.geometry.region import Region
+from markergen.arrays import Array, Mask
+from markergen.errors import InputError, OutputError
 from markergen.model.body import Body
-from markergen.model.boundary import Boundary, Circle
-from markergen.model.substrate import Hole
-from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
-from markergen.verification.reading import PRINTABLE, Page, Reading, round_shape
-from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of, out_of_round
-from markergen.verification.words import MOST_LISTED, Finding, short_length
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.openings import openings
+from markergen.verification.findings import AGAIN, UNTAGGED, Verdict, extras, judge
+from markergen.verification.lines import line_findings, pieces_of, plate_lines, seek_among
+from markergen.verification.matching import ALIKE, DotSet
+from markergen.verification.placement import Placement, check_sides, placements, stretched
+from markergen.verification.rays import CHORDS, Difference, difference
+from markergen.verification.reading import PRINTABLE, READERS, Settings
+from markergen.verification.result import Check, is_strange
+from markergen.verification.rims import FLUSH, dots_of
+from markergen.verification.solid_files import Solid, open_edges, read_solid
+from markergen.verification.tags import NEAR as NEAR_CELL
+from markergen.verification.tags import corners_off, not_there
+from markergen.verification.wanted_solids import WantedSolid, area_of, best_wanted, volume_of, wanted_dots
+from markergen.verification.words import MOST_LISTED, REMOVE, Finding, short_length, somewhere
 
-FLUSH = 1e-3
-"""Maximum difference of height between edges of one dot face, in mm."""
+SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
 
-CONTRAST = 0.2
-"""Minimum difference of lightness between a dot and the plate, where black is 0 and white is 1."""
+AROUND = 0.6
+"""Distance in mm from a dot or a tag within which what differs is about it: its gap, and what is around its inlay."""
 
-LUMA = np.array([0.2126, 0.7152, 0.0722])
+MOSTLY = 0.5
+"""Minimum share of a part's surface that is missing of a part that is reported as missing."""
 
 HOLE = 2.0
 """Maximum distance of a hole from its nominal position, in mm, beyond which it is another hole."""
 
-ROOM = 1.0
-"""Maximum clearance in mm between a recess and the part glued into it."""
+NEAR = 6.0
+"""Distance in mm from a wrong line or hole within which what differs is explained by it."""
 
-SLACK = 0.02
-"""Maximum deviation in mm of a polygon from the circle that it approximates here."""
+WHOLLY, STRETCHED = {"scaled", "mirrored", "turned"}, {"extra", "missing", "thickness"}
+"""Kinds of findings about a solid as a whole, and of those that stretching it may leave alone."""
 
-DARK = "the dark parts alone: verify the light ones, or the file of all parts, too"
-LIGHT = "the light parts alone, with pockets for the dark ones: verify these, or the file of all parts, too"
-SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
+ALWAYS = {*WHOLLY, "outline", "hole", "shifted", "inverted"}
+"""Kinds of findings that no other options of the export explain."""
 
+TYPICAL = 100.0
+"""Size in mm to which a solid of any unit is brought to find triangles that are the same to 10 nm."""
 
-def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
-    """Find the dots of a solid, each at the height of its face or of the center of its ball.
+WHOLE = "export it again with all of its parts"
+FINER = "export it with a finer tolerance, or with circles that are circles"
 
-    A dot is a separate part of about its size whose highest level face is round; or a ball; or, for pockets and
-    engraving, a round edge of a level face, the highest of several around one axis.
-    """
-    edges = round_edges(surface)
-    balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
-    radii = np.unique(expected.radii)
-    places = np.concatenate([edges[:, :3], np.array([[b.x, b.y, b.radius] for _, b in balls]).reshape(-1, 3)])
-    is_sized = np.abs(np.log(np.maximum(places[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
-    free, rows, first = is_sized.copy(), [], []
-    for index in np.flatnonzero(is_sized):
-        if not free[index]:
-            continue
-        away = np.linalg.norm(places[:, :2] - places[index, :2], axis=-1)
-        mine = away <= CONCENTRIC * np.minimum(places[:, 2], places[index, 2])
-        free &= ~(mine & is_sized)
-        pieces = [ball for ball, is_mine in zip(balls, (mine & is_sized)[len(edges) :], strict=True) if is_mine]
-        around = edges[mine[: len(edges)]]
-        row, part = _of_balls(pieces, radii) if pieces else _ofround_edges(surface, around, radii)
-        rows.append(row)
-        first.append(part)
-    table = np.array(rows, dtype=float).reshape(-1, 6)
-    # Parts follow the marker's order; the edges of one part do not.
-    ordered = len(set(first)) == len(first)
-    table = table[np.argsort(first, kind="stable")] if ordered else table
-    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
+Inside = Callable[[Array], Mask]
+"""Tells which points (k, 3) are inside of something."""
+
+RECORD = re.compile(rb'(?:markergen export"?:? ?|, mm )(\{[^{}]*\})')
+"""Options of an export: in the header of an STL or STEP, the asset of a GLB, the comment of a 3MF's archive."""
+
+DOT = re.compile(r"dot-(\d+)(-core)?$")
 
 
-def round_edges(surface: Surface) -> Array:
-    """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer edge of a face."""
-    rows = [
-        (*about, face.z, part, number, float(place == 0))
-        for part, solid in enumerate(surface.parts)
-        for number, face in enumerate(solid.faces)
-        for place, edge in enumerate(face.edges)
-        if (about := edge.as_circle)
-    ]
-    return np.array(rows, dtype=float).reshape(-1, 7)
+def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Check:
+    """Read a solid and compare it."""
+    solid = read_solid(kind, data, name)
+    tolerance = PRINTABLE if settings.tolerance is None else settings.tolerance
+    solid = _once(solid)
+    if volume_of(solid.shell.corners) < 0:
+        solid = replace(solid, flaws=(*solid.flaws, "it is inside out"))
+    recorded = _recorded(data)
+    asked = settings.fabrication if recorded is None else recorded
+    best = partial(best_wanted, asked=asked, recorded=recorded is not None, corners=solid.shell.corners,
+                   bare=not solid.is_named)  # fmt: skip
+    try:
+        choices = best(body)
+    except (InputError, OutputError) as error:
+        problem = Finding("no dots", f"another marker: this one cannot be made: {error}")
+        return Check("", kind, findings=(problem,), tolerance=tolerance)
+    if (thicker := _as_thick(body, solid, choices[0], 1e3 * tolerance)) is not None:
+        with suppress(InputError, OutputError):
+            choices = [*best(thicker), *choices]
+    if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
+        solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
+    checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
+    for wanted in choices:
+        check = check_sides(body, solid, wanted, kind, tolerance) if several else _compared(solid, wanted, tolerance)
+        if not several and _is_elsewhere(check):
+            check = _placed(check, placements(solid, wanted, kind), wanted, tolerance)
+        checks.append((check, wanted))
+        if {finding.kind for finding in check.findings} <= ALWAYS:
+            break
+
+    def rank(pair: tuple[Check, WantedSolid]) -> tuple[bool, bool, int, bool]:
+        strange = is_strange(pair[0])
+        return bool(pair[0].findings), strange, len(pair[0].findings), strange and pair[1].fabrication != asked
+
+    check, wanted = min(checks, key=rank)
+    kinds = {finding.kind for finding in check.findings}
+    if not (several or kinds & WHOLLY or is_strange(check)) and (len(check.findings) > 1 or kinds & STRETCHED):
+        check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
+    notes = [*check.notes]
+    if wanted.body != body:
+        thickness, usual = (1e3 * each.plates[0].marker.substrate.thickness for each in (wanted.body, body))
+        notes.append(f"the plate is {thickness:.5g} mm thick, where marker.json says {usual:.6g} mm")
+    # The kernel's checks depend on the unit.
+    flaws = (
+        []
+        if {finding.kind for finding in check.findings} & {"scaled", "mirrored"}
+        else [Finding("solid", flaw) for flaw in solid.flaws[:MOST_LISTED]]
+    )
+    return replace(
+        check, kind=kind, findings=(*flaws, *check.findings), notes=tuple(notes), tolerance=tolerance, pages=(None,)
+    )
 
 
-def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float, ...], int]:
-    """Row (x, y, radius, inner radius, spread, z) of a ball-shaped dot, and its part."""
-    part, best = min(pieces, key=lambda piece: np.abs(np.log(piece[1].radius / radii)).min())
-    inner = max(ball.hole for _, ball in pieces)
-    spread = max(float(np.hypot(ball.x - best.x, ball.y - best.y)) for _, ball in pieces)
-    return (best.x, best.y, best.radius, inner, spread, best.z), part
+for _suffix, _kind in ((".step", "STEP"), (".stp", "STEP"), (".brep", "BREP"), (".stl", "STL"), (".3mf", "3MF"),
+                       (".glb", "GLB")):  # fmt: skip
+    READERS.register(_suffix)(partial(_verified, _kind))
 
 
-def _ofround_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
-    """Row of a dot made of edges around one axis, and its part."""
-    misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
-    is_sized = misfit < np.log(ALIKE)
-    parts = surface.parts
-    is_part = is_sized & (around[:, 6] == 1)
-    is_part[is_part] = [is_dot(parts[int(part)], *row) for *row, part in around[is_part][:, [0, 1, 2, 4]]]
-    chosen = is_part if is_part.any() else is_sized
-    top = around[chosen, 3].max()
-    level = np.abs(around[:, 3] - top) <= FLUSH
-    candidates = np.flatnonzero(chosen & level)
-    best = around[candidates[np.argmin(misfit[candidates])]]
-    within = level & (around[:, 2] < best[2] / ALIKE)
-    if is_part.any():
-        # A core inside a ring has an edge of its own, separated by the ring's gap.
-        within &= (around[:, 4] == best[4]) & (around[:, 5] == best[5])
-    inner = around[within]
-    alike = around[is_sized & level & (np.abs(around[:, 2] / best[2] - 1) < 0.05)]
-    others = np.concatenate([alike, inner])[:, :2] - best[:2]
-    spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
-    return (best[0], best[1], best[2], float(inner[:, 2].max(initial=0.0)), spread, top), int(best[4])
+def _once(solid: Solid) -> Solid:
+    """The solid without triangles that are there before with the same side outside, which are a flaw."""
+    objects, count = [], 0
+    size = max(float(np.ptp(solid.shell.corners.reshape(-1, 3), axis=0).max()), 1e-12)
+    for mesh in solid.objects:
+        corners = mesh.corners * (TYPICAL / size)
+        sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        rows = np.round(np.column_stack([corners.sum(axis=1), np.cross(*sides)]), 5)
+        # One number instead of six: sorting takes a fifth of the time.
+        _, first = np.unique(rows @ np.sqrt([2.0, 3, 5, 7, 11, 13]), return_index=True)
+        kept = np.sort(first)
+        count += len(rows) - len(kept)
+        paints = mesh.paints if mesh.paints is None else mesh.paints[kept]
+        objects.append(mesh._replace(corners=mesh.corners[kept], paints=paints))
+    if not count:
+        return solid
+    return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"), solid.volumes)
 
 
-def is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
-    """True if a part, in plan view, is no larger than a dot with this edge may be."""
-    reach = ALIKE * radius
-    return x - part.low[0] < reach > part.high[0] - x and y - part.low[1] < reach > part.high[1] - y
-
-
-def plate_index(surface: Surface) -> int:
-    """Index of the part that is largest in plan view."""
-    return int(np.argmax([(p.high[0] - p.low[0]) * (p.high[1] - p.low[1]) for p in surface.parts]))
-
-
-def differ(color: Color | None, plate: Color | None) -> bool | None:
-    """True if two colors distinguish a dot from the plate; None if either is unknown."""
-    if color is None or plate is None:
+def _recorded(data: bytes) -> Fabrication | None:
+    """Options that a file records; None without any that are understood."""
+    match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
+    try:
+        return Fabrication(**json.loads(match[1])) if match else None
+    except (ValueError, TypeError, InputError):
         return None
-    return bool(abs(LUMA @ (np.array(color) - plate)) >= CONTRAST)
 
 
-def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
-    """Tell which points (m, 2) are inked: not of the plate's color or, without colors, on another part or recessed."""
-    plate = -1 if surface.loose else plate_index(surface)
-    part, z, colors = surface.look(places)
-    if surface.loose:
-        return part >= 0
-    plate_color = surface.parts[plate].color
-    face = np.median(z[part == plate]) if (part == plate).any() else 0.0
-    contrasts = [differ(color, plate_color) for color in colors]
-    is_apart = (part != plate) | (z < face - FLUSH)
-    return np.array([bool(is_apart[k]) if contrasts[k] is None else contrasts[k] for k in range(len(places))])
+def _is_elsewhere(check: Check) -> bool:
+    """Tell whether a solid may be in another unit, or turned or mirrored."""
+    return is_strange(check) or any(finding.kind == "mirrored" for finding in check.findings)
 
 
-def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
-    """Start and end points (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
-    main = -1 if surface.loose else plate_index(surface)
-    parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
-    edges = [edge for part in parts for face in part.faces for edge in face.edges if not edge.is_circle]
-    starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for edge in edges:
-        points = np.array(edge.points)
-        before, after = (points - np.roll(points, k, axis=0) for k in (1, -1))
-        # Collinear points are not corners.
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        length = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
-        corners = points[np.abs(cross) > 1e-6 * length]
-        starts.append(corners)
-        ends.append(np.roll(corners, -1, axis=0))
-    return np.concatenate(starts), np.concatenate(ends)
-
-
-def hole_findings(
-    surface: Surface, holes: tuple[Hole, ...], motion: tuple[Array, Array], tolerance: float
-) -> list[Finding]:
-    """Holes of the plate that are missing, misplaced or of the wrong size; tolerance in mm."""
-    rotation, translation = motion
-    edges = round_edges(surface)
-    findings = []
-    for hole in holes:
-        called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
-        radius = 500 * (hole.sink or hole.diameter)
-        offset = (edges[:, :2] - translation) @ rotation - 1e3 * np.array([hole.x, hole.y])
-        away = np.linalg.norm(offset, axis=-1)
-        there = (away < HOLE) & (np.abs(np.log(np.maximum(edges[:, 2], 1e-12) / radius)) < np.log(ALIKE))
-        if not there.any():
-            findings.append(Finding("hole", f"{called} is missing"))
+def _placed(plain: Check, ways: Iterable[Placement], wanted: WantedSolid, tolerance: float) -> Check:
+    """The check of a solid or, if that leaves less to report, of it without one thing that is wrong as a whole."""
+    best = plain
+    for placement in ways:
+        check = _compared(placement.solid, wanted, tolerance)
+        if check.findings and (not is_strange(plain) or _is_elsewhere(check) or best is not plain):
             continue
-        best = np.flatnonzero(there)[np.argmin((away + np.abs(edges[:, 2] - radius))[there])]
-        if away[best] > tolerance:
-            findings.append(Finding("hole", f"{called} is {short_length(away[best])} off"))
-        if abs(edges[best, 2] - radius) > tolerance:
-            sentence = f"has a diameter of {2 * edges[best, 2]:.6g} mm, not {2 * radius:.6g} mm"
-            findings.append(Finding("hole", f"{called} {sentence}"))
-    return findings
+        right = placement.times == 1.0
+        best = replace(
+            check, largest=check.largest if right else np.nan, worst=check.worst if right else None,
+            scale=(check.scale[0] / placement.times, check.scale[1] / placement.times),
+            findings=(placement.finding, *check.findings),
+        )  # fmt: skip
+        if not check.findings:
+            break
+    return best
 
 
-def flaws_of(surface: Surface) -> tuple[str, ...]:
-    """Defects of the solids themselves."""
-    flaws = []
-    for number, part in enumerate(surface.parts, 1):
-        name = f"the part {part.name}" if part.name else f"part {number}"
-        if not part.closed:
-            flaws.append(f"{name} has open edges: it encloses no volume")
-        elif not part.valid:
-            flaws.append(f"{name} is not a valid solid: it is inside out or intersects itself")
-    return tuple(flaws[:MOST_LISTED])
-
-
-def reading_of(kind: str, views: Sequence[Surface], body: Body) -> Reading:
-    """Reading of a solid in mm, seen from above or, for a body of several plates, from all sides."""
-    pages = tuple(Page(np.zeros((0, 3)), surface=classified(surface, body)) for surface in views)
-    return Reading(kind, pages, PRINTABLE, tagged=True, flaws=flaws_of(views[0]) if views else ())
-
-
-def classified(surface: Surface, body: Body) -> Surface:
-    """Surface that knows whether there is a plate around the body's dots."""
-    return replace(surface, loose=_is_loose(surface, 1e3 * float(body.radii.max(initial=0.0))))
-
-
-def _is_loose(surface: Surface, radius: float) -> bool:
-    """Tell whether there are parts of dots, of at most that radius, and none of them has a plate around it."""
-    boxes = np.array([part.box for part in surface.parts]).reshape(-1, 4)
-    dot_parts = [
-        k
-        for k, part in enumerate(surface.parts)
-        if (part.balls or any(face.edges[0].as_circle for face in part.faces))
-        and max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1]) < 2 * ALIKE * radius
-    ]
-    # A ring lies around its core.
-    around = np.delete(boxes, dot_parts, axis=0)
-    inside = [
-        np.sum((around[:, :2] < boxes[k, :2]).all(axis=1) & (around[:, 2:] > boxes[k, 2:]).all(axis=1))
-        for k in dot_parts
-    ]
-    return bool(dot_parts) and not any(inside)
-
-
-def level_face(
-    z: float, outlines: Sequence[tuple[Array, tuple[float, float, float] | None, bool]], color: Color | None
-) -> LevelFace:
-    """Make a level face of outlines: points (k, 2), the circle on which they lie if known, whether sides are straight.
-
-    Other programs write circles as splines or polygons; how far these are off is kept.
-    """
-    edges = []
-    for points, circle, straight in outlines:
-        about = circle or round_shape(points)
-        rough = out_of_round(points, about, straight) if about and not circle else 0.0
-        edges.append((edge_of(points, about), rough))
-    edges.sort(key=lambda edge: -abs(area(edge[0])))
-    contours, rough_ones = zip(*edges, strict=True)
-    return LevelFace(z, contours, color, rough_ones)
-
-
-def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
-    """Tell whether a plate without dots has a recess that matches the boundary with a little clearance.
-
-    The recess must lie at the boundary's nominal position, since there is nothing to align the plate by.
-    """
-    if len({part.color for part in surface.parts}) > 1:
-        return False
-    top = max((face.z for part in surface.parts for face in part.faces), default=0.0)
-    if isinstance(boundary, Circle):
-        x, y = 1e3 * np.asarray(boundary.center)
-        wanted = Region.disk(x, y, 1e3 * boundary.size)
+def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
+    marker = wanted.body.plates[0].marker.as_designed
+    expected, ids, sizes = wanted_dots(marker, wanted.rims)
+    tol = 1e3 * tolerance
+    dots = dots_of(solid.rims, sizes) if len(sizes) else expected
+    if len(ids) > 2:
+        verdict = judge(expected, ids, dots, tolerance)
     else:
-        wanted = Region.enclosed([1e3 * ring for ring in boundary.outlines()])
-    # Islands around screws are part of the recess, so holes in its floor are ignored.
-    floors = [face.outline for part in surface.parts for face in part.faces if face.z < top - FLUSH]
-    recess = Region.union([floor for floor in floors if floor.meets(wanted)])
-    solid = wanted.filled()
-    return recess.offset(SLACK).covers(solid) and solid.offset(ROOM + SLACK, corners="miter").covers(recess)
+        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), (np.eye(2), np.zeros(2)), np.zeros(0, np.intp))
+    worst = None if verdict.worst is None else ids[verdict.worst]
+    base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, worst, verdict.scale,
+                 findings=verdict.findings)  # fmt: skip
+    if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
+        return base
+    aligned = _aligned(solid, verdict, expected.heights, dots.heights, ids)
+    compared = difference(aligned.shell, wanted.shell, tol + CHORDS)
+    notes = [wanted.note] if wanted.note else []
+    if not ids:
+        notes.append(SHEET)
+    elif wanted.fabrication.process == "print":
+        sizes_by_id = {point.id: 500 * point.feature.diameter for point in marker.control_points}
+        room = float(np.median(expected.radii - [sizes_by_id[name] for name in ids]))
+        notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
+    findings = [*verdict.findings, *_rough(solid, verdict, dots, tol)]
+    contours = [opening.contour for opening in openings(marker)]
+    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
+    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
+    if compared.extra.size:
+        findings += extras(dots, verdict.used, verdict.motion, holes) if len(ids) > 2 else []
+    findings += _Explained(marker, aligned, wanted, compared, findings, tol).findings()
+    return replace(base, findings=tuple(findings), notes=tuple(dict.fromkeys(notes)))
 
 
-def recess_clearance(surface: Surface, dots: DotSet, expected: DotSet) -> float:
-    """Clearance in mm around what goes into recesses, if the apparent dots are recesses; 0 if they are dots.
-
-    Recesses lie below the plate's surface, have its color, and are larger than dots by the same amount. Those for
-    printed dots are never rings; those for inlays may have the light core of a ring in them.
-    """
-    if surface.loose or not len(dots) or not (np.isfinite(dots.radii)).all():
-        return 0.0
-    plate = plate_index(surface)
-    directions = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
-    middles = dots.centers[:, None] + ((dots.radii + dots.inner) / 2 * dots.rings)[:, None, None] * directions
-    part, z, colors = surface.look(middles.reshape(-1, 2))
-    heights = np.repeat(dots.heights if dots.heights is not None else np.zeros(len(dots)), len(directions))
-    if (part != plate).any() or (z > heights - FLUSH).any():
-        return 0.0
-    contrasts = [differ(color, surface.parts[plate].color) for color in colors]
-    # Without colors, pockets without any ring are recesses if the marker has a ring.
-    if True in contrasts or (None in contrasts and not dots.rings.any() and not expected.rings.any()):
-        return 0.0
-    sizes = np.unique(expected.radii)
-    room = dots.radii - sizes[np.argmin(np.abs(dots.radii[:, None] - sizes), axis=1)]
-    return float(np.median(room)) if room.min() > FLUSH and room.max() < ROOM and np.ptp(room) < FLUSH else 0.0
+def _aligned(solid: Solid, verdict: Verdict, wanted: Array | None, seen: Array | None, ids: Sequence[int]) -> Solid:
+    """The solid in the frame of the marker, at the height of its dots if all are off by the same."""
+    assert verdict.motion is not None
+    rise = 0.0
+    if wanted is not None and seen is not None and len(verdict.used):
+        off = seen[verdict.used] - wanted[[list(ids).index(name) for name in verdict.names]]
+        rise = float(np.median(off)) if np.ptp(off) < 0.01 else 0.0
+    rotation, translation = np.eye(3), np.zeros(3)
+    rotation[:2, :2] = verdict.motion[0].T
+    translation[:] = *(-verdict.motion[0].T @ verdict.motion[1]), -rise
+    return solid.mapped(rotation, translation)
 
 
-def recesses(dots: DotSet, room: float, rings: bool) -> DotSet:
-    """Recesses for dots, with room around them; `rings` tells whether rings keep their cores."""
-    inner = np.where(dots.rings, dots.inner - room, 0.0) if rings else np.zeros(len(dots))
-    return DotSet(dots.centers, dots.radii + room, inner, dots.spread, dots.heights, dots.ordered)
+def _as_thick(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> Marker | None:
+    """The marker on a plate as thick as in the file, which `export --thickness` makes; None if it is as usual."""
+    heights = [shell.corners[:, :, 2] for shell in (solid.shell, wanted.shell)]
+    (low, high), (usual_low, usual_high) = ((float(z.min()), float(z.max())) for z in heights)
+    marker = body.plates[0].marker
+    thickness = 1e3 * marker.substrate.thickness + usual_low - low
+    if (
+        body.frame != "marker"
+        or abs(usual_low - low) <= tol
+        or abs(usual_high - high) > tol
+        or not 0.1 < thickness < 1e3
+    ):
+        return None
+    return replace(marker, substrate=replace(marker.substrate, thickness=round(thickness, 6) / 1e3))
+
+
+def _rough(solid: Solid, verdict: Verdict, dots: DotSet, tol: float) -> list[Finding]:
+    """Dots whose rims are polygons that show."""
+    rims, found = solid.rims, []
+    for name, place in zip(verdict.names, dots.centers[verdict.used], strict=True):
+        here = (np.linalg.norm(rims.centers[:, :2] - place, axis=1) < 0.1) & (rims.rough > tol)
+        if here.any():
+            off = short_length(float(rims.rough[here].max()))
+            sentence = f"dot {name} is not round: its sides are up to {off} off its circle"
+            found.append(Finding("diameter", sentence, FINER))
+    return found[:MOST_LISTED]
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What differs, by what of the marker it is about; mm, marker frame."""
+
+    marker: Marker
+    solid: Solid
+    wanted: WantedSolid
+    compared: Difference
+    before: Sequence[Finding]
+    tol: float
+
+    def findings(self) -> list[Finding]:
+        compared = self.compared
+        findings = self._of_plate()
+        if findings:
+            return findings
+        open_extra, open_missing = np.ones(len(compared.extra), bool), np.ones(len(compared.missing), bool)
+        for finding, inside in (*self._dots(), *self._tag()):
+            findings += [finding] if finding is not None else []
+            open_extra &= ~inside(compared.extra)
+            open_missing &= ~inside(compared.missing)
+        if (open_extra.any() or open_missing.any()) and not self.wanted.note.startswith("the dark"):
+            lines, inside = self._lines(compared.extra[open_extra])
+            findings += lines
+            open_extra &= ~inside(compared.extra)
+            open_missing &= ~inside(compared.missing)
+        if any(finding.kind == "extra" for finding in self.before):
+            open_extra[:], open_missing[:] = False, False
+        findings += somewhere("extra", "something that is not the marker's", compared.extra[open_extra], REMOVE)
+        if not findings:
+            findings += somewhere("missing", "something missing of it", compared.missing[open_missing], WHOLE)
+        if not (findings or self.before) and len(compared.twice):
+            findings += somewhere("twice", "something that is there twice", compared.twice, REMOVE)
+        return [*findings, *self._colors([*self.before, *findings]), *self._names()]
+
+    def _share(self, name: str) -> float:
+        """Share of the surface of a part that is missing."""
+        if name not in self.wanted.names:
+            return 0.0
+        index = self.wanted.names.index(name)
+        return float(np.sum(self.compared.missing_owner == index) / max(int(self.compared.seen[index]), 1))
+
+    def _of_plate(self) -> list[Finding]:
+        """The plate as a whole."""
+        if self._share("plate") < MOSTLY:
+            return []
+        tops = [_level(shell.corners) for shell in (self.solid.shell, self.wanted.shell)]
+        large = area_of(self.solid.shell.corners) > MOSTLY * area_of(self.wanted.shell.corners)
+        if large and abs(tops[0] - tops[1]) > self.tol:
+            way = "above" if tops[0] > tops[1] else "below"
+            off = short_length(abs(tops[0] - tops[1]))
+            return [Finding("height", f"the plate's face is {off} {way} the plane of the dots", AGAIN)]
+        return [] if large else [Finding("part", "the plate is missing", WHOLE)]
+
+    def _dots(self) -> list[tuple[Finding | None, Inside]]:
+        explained = list[tuple[Finding | None, Inside]]()
+        for point in self.marker.control_points:
+            center, radius = np.array([1e3 * point.x, 1e3 * point.y]), 500 * point.feature.diameter
+            inside = partial(_in_disk, center, radius + AROUND)
+            extra, missing = (points[inside(points)] for points in (self.compared.extra, self.compared.missing))
+            named = any(re.search(rf"\bdot {point.id}\b", finding.sentence) for finding in self.before)
+            collective = any(finding.sentence.startswith("all dots") for finding in self.before)
+            if not len(extra) + len(missing):
+                continue
+            finding = None
+            if not (named or collective):
+                finding = self._ball(point) or self._dot(point.id, 1e3 * point.z, extra, missing)
+            explained.append((finding, inside))
+        return explained
+
+    def _ball(self, point: ControlPoint) -> Finding | None:
+        """A ball that is elsewhere, by the corners of its surface."""
+        if self.wanted.fabrication.dome != "ball":
+            return None
+        radius, offset = 500 * point.feature.diameter, self.solid.shell.corners.reshape(-1, 3)
+        offset = offset - 1e3 * np.array([point.x, point.y, point.z])
+        offset = offset[np.abs(np.linalg.norm(offset, axis=1) - radius) < 0.1 * radius]
+        rows = np.column_stack([2 * offset, np.ones(len(offset))])
+        x, y, z, _ = np.linalg.lstsq(rows, np.sum(offset**2, axis=1), rcond=None)[0]
+        if not (off := float(np.hypot(np.hypot(x, y), z))) > self.tol:
+            return None
+        sentence = f"dot {point.id} is {short_length(off)} off (x {1e3 * x:+.4g} um, y {1e3 * y:+.4g} um)"
+        return Finding("shifted", sentence, AGAIN)
+
+    def _dot(self, name: int, height: float, extra: Array, missing: Array) -> Finding:
+        part, core = self._share(f"dot-{name}"), self._share(f"dot-{name}-core")
+        above = extra[extra[:, 2] > height + self.tol] if len(extra) else extra
+        if len(above) and not part > MOSTLY:
+            return somewhere("extra", f"something over dot {name}", above, REMOVE)[0]
+        if part > MOSTLY and len(extra) < len(missing) / 4:
+            return Finding("missing", f"dot {name} has no inlay: its pocket is empty", WHOLE)
+        if core > 0.1:
+            what = "is missing" if core > MOSTLY and not len(extra) else "is of another size, or elsewhere"
+            kind = "kind" if what == "is missing" else "diameter"
+            return Finding(kind, f"the core of ring {name} {what}", WHOLE)
+        if len(extra) and len(missing):
+            have, want = height - extra[:, 2].min(), height - missing[:, 2].min()
+            if abs(have - want) > self.tol:
+                return Finding("thickness", f"dot {name} is {have:.2g} mm thick, not {want:.4g} mm", AGAIN)
+        return Finding("thickness", f"dot {name} is not made as it should be", AGAIN)
+
+    def _tag(self) -> list[tuple[Finding | None, Inside]]:
+        """The tag, with its outer corners by those of triangles: a strip of 0.1 mm lies between rays."""
+        tag, compared = self.marker.tag, self.compared
+        if tag is None:
+            return []
+        corners = 1e3 * tag.corners
+        inside = partial(_in_box, corners.min(axis=0) - AROUND, corners.max(axis=0) + AROUND)
+        wanted, square = (_square(shell.corners, inside) for shell in (self.wanted.shell, self.solid.shell))
+        if wanted is None:
+            return []
+        findings = [] if square is None else corners_off(wanted, square, self.tol)
+        is_other = any(inside(points).any() for points in (compared.missing, compared.repainted, compared.extra))
+        far = square is None or np.abs(square - wanted).max() > NEAR_CELL * 1e3 * tag.side / tag.cells
+        if is_other and (far or not findings):
+            findings = [not_there(tag)]
+        return [(finding, inside) for finding in findings]
+
+    def _lines(self, extra: Array) -> tuple[list[Finding], Inside]:
+        """Outline and holes, in a section of the plate and of countersinks in its face; and what these explain."""
+        wanted = plate_lines(self.marker)
+        low, high = (float(np.quantile(self.wanted.shell.corners[:, :, 2], q)) for q in (0.0, 1.0))
+        back = low + 0.45 * min(1e3 * self.marker.substrate.thickness, high - low)
+        seek = seek_among(_section(self.solid.shell.corners, back))
+        rounds = [self._round(line.name, whole) for line in wanted if (whole := line.contour.as_circle)]
+        others = [line for line in wanted if line.contour.as_circle is None]
+        findings = [
+            *(finding for of_line in rounds for finding in of_line),
+            *line_findings(others, seek, self.tol + CHORDS),
+            *self._sinks(),
+            *self._strange_holes(extra),
+        ]
+        places = [line.contour for line in wanted if any(line.name in finding.sentence for finding in findings)]
+        strange = [np.array(match, float) for finding in findings
+                   if (match := re.findall(r"a hole at x (\S+), y (\S+) mm", finding.sentence))]  # fmt: skip
+        pieces = pieces_of(places) if places else None
+
+        def inside(points: Array) -> Mask:
+            near = np.zeros(len(points), bool)
+            if pieces is not None and len(points):
+                near |= np.linalg.norm(seek_among(pieces)(points[:, :2], points[:, :2]) - points[:, :2], axis=1) < NEAR
+            for place in strange:
+                near |= np.linalg.norm(points[:, :2] - place[0], axis=1) < NEAR
+            return near
+
+        return findings, inside
+
+    def _round(self, name: str, whole: tuple[float, float, float]) -> list[Finding]:
+        """A round outline or hole, by its rim in the back or else in the face."""
+        rims, kind = self.solid.rims, "hole" if "hole" in name else "outline"
+        off, ratio = rims.centers[:, :2] - whole[:2], np.abs(np.log(rims.radii / whole[2]))
+        away = np.linalg.norm(off, axis=1)
+        near = np.flatnonzero((away < HOLE) & (ratio < np.log(ALIKE)) & (np.abs(rims.normals[:, 2]) > 0.99))
+        if not len(near):
+            return [Finding(kind, f"{name} is missing")]
+        best = near[np.argmin((away + np.abs(rims.radii - whole[2]) + (rims.normals[:, 2] > 0))[near])]
+        findings = list[Finding]()
+        if away[best] > self.tol:
+            findings.append(Finding(kind, f"{name} is {short_length(away[best])} off"))
+        if abs(rims.radii[best] - whole[2]) > self.tol:
+            sizes = f"{2 * rims.radii[best]:.6g} mm, not {2 * whole[2]:.6g} mm"
+            findings.append(Finding(kind, f"{name} has a diameter of {sizes}"))
+        return findings
+
+    def _sinks(self) -> list[Finding]:
+        findings, rims = [], self.solid.rims
+        for hole in self.marker.substrate.holes:
+            if not hole.sink:
+                continue
+            here = np.hypot(rims.centers[:, 0] - 1e3 * hole.x, rims.centers[:, 1] - 1e3 * hole.y) < 0.1
+            alike = here & (np.abs(np.log(rims.radii / (500 * hole.sink))) < np.log(ALIKE))
+            called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+            if here.any() and not alike.any():
+                findings.append(Finding("hole", f"{called} has no countersink of {1e3 * hole.sink:.6g} mm"))
+            elif alike.any() and (off := np.abs(rims.radii[alike] - 500 * hole.sink)).min() > self.tol:
+                size = 2 * float(rims.radii[alike][np.argmin(off)])
+                findings.append(
+                    Finding("hole", f"{called} has a diameter of {size:.6g} mm, not {1e3 * hole.sink:.6g} mm")
+                )
+        return findings
+
+    def _strange_holes(self, extra: Array) -> list[Finding]:
+        """Rims in the back around which there is something extra."""
+        rims, findings = self.solid.rims, list[Finding]()
+        wanted = np.array([[1e3 * hole.x, 1e3 * hole.y] for hole in self.marker.substrate.holes]).reshape(-1, 2)
+        low = self.solid.shell.corners[:, :, 2].min()
+        for center, radius, normal in zip(rims.centers, rims.radii, rims.normals, strict=True):
+            away = np.abs(np.linalg.norm(extra[:, :2] - center[:2], axis=1) - radius)
+            is_strange = np.linalg.norm(wanted - center[:2], axis=1).min(initial=np.inf) > HOLE
+            if normal[2] < -0.99 and abs(center[2] - low) < 0.1 and np.sum(away < 0.1) > 8 and is_strange:
+                place = f"x {center[0]:.5g}, y {center[1]:.5g} mm"
+                findings.append(Finding("hole", f"a hole at {place} that the marker does not have", AGAIN))
+        return findings[:MOST_LISTED]
+
+    def _colors(self, before: Sequence[Finding]) -> list[Finding]:
+        """Dots that are not darker than the plate, and rings whose middle is."""
+        compared, points = self.compared, self.marker.control_points
+        tools: dict[bool, set[str]] = {True: set(), False: set()}
+        dark = self.solid.shell.dark
+        for index, mesh in enumerate(self.solid.objects):
+            if mesh.tool and dark is not None:
+                tools[bool(np.median(dark[self.solid.shell.owner == index]))].add(mesh.tool)
+        if tools[True] & tools[False]:
+            return [Finding("inverted", "light and dark parts are printed by the same extruder", AGAIN)]
+        if tools[True] and max(tools[False], default="") > max(tools[True]):
+            return [Finding("inverted", "the extruder of the light parts comes after that of the dark ones", AGAIN)]
+        if not len(compared.repainted):
+            return []
+        pale = compared.repainted[compared.was_dark]
+        inked = compared.repainted[~compared.was_dark]
+        disks = [(point.id, np.array([1e3 * point.x, 1e3 * point.y]), 500 * point.feature.diameter) for point in points]
+        wrong = [name for name, center, radius in disks if _in_disk(center, radius + AROUND, pale).sum() > 8]
+        around = np.ones(len(inked), bool)
+        for _, center, radius in disks:
+            around &= ~_in_disk(center, radius + AROUND, inked)
+        if around.sum() > 8 and wrong:
+            sentence = "light and dark are swapped: the dots are lighter than the plate"
+            return [Finding("inverted", sentence, "swap the two materials, or export it again")]
+        if len(wrong) == len(points) > 1:
+            return [Finding("color", "dots and plate have the same color", AGAIN)]
+        findings = [Finding("color", f"dot {name} has the color of the plate", AGAIN) for name in wrong]
+        findings += [
+            Finding("color", f"the middle of dot {name} does not have the color of the plate", AGAIN)
+            for name, center, radius in disks
+            if _in_disk(center, radius + AROUND, inked).sum() > 8 and name not in wrong
+        ]
+        if not findings and not before:
+            findings = somewhere("color", "the other color than it should be", compared.repainted, AGAIN)
+        return findings[:MOST_LISTED]
+
+    def _names(self) -> list[Finding]:
+        """Parts with the name of another one. Other programs number parts, or give all the name of the file."""
+        findings, names = [], [mesh.name for mesh in self.solid.objects]
+        for index, wanted in enumerate(self.wanted.names):
+            votes = self.compared.votes[index]
+            called = names[int(np.argmax(votes))] if votes.sum() else ""
+            if called != wanted and called in self.wanted.names and wanted in names:
+                place = DOT.sub(lambda match: f"{'the middle of ' * bool(match[2])}dot {match[1]}", wanted)
+                findings.append(
+                    Finding("part", f"the part called {called!r} is {place}", "give the parts their own names")
+                )
+        return findings[:MOST_LISTED]
+
+
+def _in_disk(center: Array, radius: float, points: Array) -> Mask:
+    return np.asarray(np.linalg.norm(points[:, :2] - center, axis=1) <= radius)
+
+
+def _in_box(low: Array, high: Array, points: Array) -> Mask:
+    return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
+
+
+def _square(corners: Array, inside: Inside) -> Array | None:
+    """Corners (4, 2), from the top left clockwise, of the box around corners of triangles in the plane of the dots."""
+    points = corners.reshape(-1, 3)
+    points = points[(np.abs(points[:, 2]) < FLUSH) & inside(points)]
+    if not len(points):
+        return None
+    (left, bottom), (right, top) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+
+
+def _level(corners: Array) -> float:
+    """Height of the largest level area that faces up."""
+    sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]
+    flat = (np.ptp(corners[:, :, 2], axis=1) < 1e-3) & (area > 0)
+    heights, index = np.unique(np.round(corners[flat, 0, 2], 3), return_inverse=True)
+    return float(heights[np.argmax(np.bincount(index, area[flat]))]) if flat.any() else 0.0
+
+
+def _section(corners: Array, height: float) -> Array:
+    """Lines (k, 2, 2) in which a plane of equal height cuts triangles (m, 3, 3)."""
+    above = corners[:, :, 2] > height
+    cut = corners[above.any(axis=1) & ~above.all(axis=1)]
+    start, end = cut, np.roll(cut, -1, axis=1)
+    crossed = (start[:, :, 2] > height) != (end[:, :, 2] > height)
+    share = (height - start[:, :, 2]) / np.where(crossed, end[:, :, 2] - start[:, :, 2], 1.0)
+    points = (start + share[:, :, None] * (end - start))[:, :, :2]
+    return points[crossed].reshape(-1, 2, 2)

@@ -15,7 +15,6 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
-from markergen.read.outlines.curves import Arc, Bezier, Curve
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.outlines.svg import parse_svg
 from markergen.verification.picture import PagePicture
@@ -39,8 +38,8 @@ ROUGH = 0.6
 MOST_ROUGH = 10_000
 """Maximum number of such outlines, each of which takes a fraction of a millisecond."""
 
-_ALONG = np.linspace(0, 1, 5)[:-1, None, None]
-"""Parameters of the points sampled on a Bezier curve; computed once, since a sheet has thousands of curves."""
+FINE = 200
+"""Ratio of the size of an outline to the distance of points on it from each other's chords, to tell if it is round."""
 
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 """Elements by which a browser shows something else than a picture of the file."""
@@ -99,7 +98,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 rough += 1
                 if rough > MOST_ROUGH:
                     raise InputError(f"at most {MOST_ROUGH} shapes as wide as high in {name}", "more", "verify the PDF")
-                points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
+                fine = float(sides.max()) / FINE / scale
+                points = np.concatenate([curve.flatten(fine) for curve in piece.curves]) * factor
                 circle = round_shape(points)
             key = (*np.round([*points.min(axis=0), *sides], 3).tolist(), piece.look.style["fill"], len(piece.curves))
             if key in painted and sides.max() > 1:
@@ -121,7 +121,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
-    return Reading("SVG", (page,), tagged=True, twice=tuple(twice[:MOST_LISTED]))
+    return Reading("SVG", (page,), twice=tuple(twice[:MOST_LISTED]))
 
 
 def _check_styles(data: bytes, name: str) -> None:
@@ -146,19 +146,6 @@ def _unpacked(data: bytes, name: str) -> bytes:
         raise InputError(f"a complete SVG in {name}", brief(str(error)), "save it again") from None
     check_size(Content(name, text), "SVG")
     return text
-
-
-def _points(curve: Curve) -> Array:
-    """Sample a curve, densely enough to preserve its shape if it is bent."""
-    if isinstance(curve, Arc):
-        t = np.linspace(curve.start, curve.start + curve.sweep, 33)[:-1, None]
-        return np.asarray(curve.center + curve.u * np.cos(t) + curve.v * np.sin(t))
-    if isinstance(curve, Bezier):
-        points = curve.points[None]
-        while points.shape[1] > 1:
-            points = (1 - _ALONG) * points[:, :-1] + _ALONG * points[:, 1:]
-        return points[:, 0]
-    return curve.sketch()
 
 
 def _joined(corners: list[Array]) -> Array:

@@ -1,4 +1,4 @@
-"""Check the tag of a marker in a file, by the corners of its outlines or by its cells in pixels or solids."""
+"""Check the tag of a marker in a file, by the corners of its outlines or by its cells in pixels."""
 
 # tests: tests/verification/test_check.py tests/verification/test_solids.py
 
@@ -9,8 +9,6 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.model.tag import Tag
 from markergen.verification.reading import Page
-from markergen.verification.solids import is_ink, straight_edges
-from markergen.verification.surface import Surface
 from markergen.verification.words import Finding
 
 Map = Callable[[Array], Array]
@@ -19,8 +17,8 @@ NAMES = ("top left", "top right", "bottom right", "bottom left")
 
 ABSENT = "is not in its place"
 
-SPOT = 0.15
-"""Distance from the middle of a cell of the other sampled points of a solid, as a share of the cell (x and y)."""
+BILEVEL = 0.75
+"""Pixels by which a corner may be off in black and white: two edges by half a pixel each are 0.71."""
 
 NEAR = 0.25
 """Maximum distance at which a corner counts as one of the tag's, as a share of a cell."""
@@ -36,15 +34,15 @@ def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[F
     tolerance : float
         Tolerance in mm.
     """
-    if page.surface is not None:
-        return _in_solid(tag, page.surface, to_page, tolerance)
     measured = page.picture is not None and page.picture.measured
     # A seam between tiles adds corners of its own.
     tiled = page.picture is not None and not page.picture.whole
     errors = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
     if page.picture is None or errors:
         return errors
-    errors = _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
+    # In black and white, an edge along the rows of pixels may be off by half of one.
+    allowed = max(tolerance, BILEVEL * page.picture.grain) if page.picture.bilevel else tolerance
+    errors = _in_pixels(tag, page.picture.sample, to_page, allowed if measured else None)
     if not errors or measured or tiled:
         return errors
     remedy = "show all layers, remove what covers it, and print the whole page"
@@ -57,7 +55,7 @@ def _in_outlines(tag: Tag, corners_seen: Array, to_page: Map, tolerance: float) 
     cell = float(np.linalg.norm(np.diff(to_page(tag.corners[:2]), axis=0))) / tag.cells
     wanted = to_page(np.concatenate(tag.outlines))
     if not len(corners_seen):
-        return [_not_there(tag)]
+        return [not_there(tag)]
     tree = cKDTree(corners_seen)
     strange = tree.query(wanted)[0] > NEAR * cell
     # A corner inside the black square that is not one of the tag's belongs to another tag.
@@ -67,9 +65,9 @@ def _in_outlines(tag: Tag, corners_seen: Array, to_page: Map, tolerance: float) 
     inside = corners_seen[((place > 0) & (place < 1)).all(axis=-1)]
     more = len(inside) > 0 and bool((cKDTree(wanted).query(inside)[0] > NEAR * cell).any())
     if strange.any() or more:
-        return [_not_there(tag)]
+        return [not_there(tag)]
     nearest = corners_seen[tree.query(corners)[1]]
-    return _off(corners, nearest, tolerance)
+    return corners_off(corners, nearest, tolerance)
 
 
 def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) -> list[Finding]:
@@ -85,48 +83,11 @@ def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) ->
     ink = np.pad(tag.ink, 1)
     dark = seen < level
     if np.ptp(seen) < 32 or not (np.array_equal(dark, ink) or np.array_equal(~dark, ink)):
-        return [_not_there(tag)]
+        return [not_there(tag)]
     if tolerance is None:
         return []
     corners = to_page(tag.corners)
-    return _off(corners, _edges(corners, sample, cells), tolerance)
-
-
-def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> list[Finding]:
-    """Check the cells, which are parts or engraved, and the four straight edges, since tools may round corners."""
-    cells = tag.cells
-    grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
-    x, y = np.meshgrid(grid, -grid)
-    middles = tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center
-    spots = tag.side / cells * SPOT * np.array([[0, 0], [1, 1], [-1, 1], [-1, -1], [1, -1]])
-    ink = is_ink(surface, to_page((middles[:, None] + spots).reshape(-1, 2))).reshape(*x.shape, len(spots))
-    if not (ink == np.pad(tag.ink, 1)[..., None]).all():
-        return [_not_there(tag)]
-    corners = to_page(tag.corners)
-    cell = float(np.linalg.norm(corners[1] - corners[0])) / cells
-    # Inlays have the nominal size and their pockets are larger; engraved tags have no inlays.
-    for edges in (straight_edges(surface, plate=False), straight_edges(surface, plate=True)):
-        sides = [_side(corners[k], corners[(k + 1) % 4], *edges, NEAR * cell) for k in range(4)]
-        lines = [side for side in sides if side is not None]
-        if len(lines) == 4:
-            return _off(corners, _crossings(lines), tolerance)
-    return [_not_there(tag)]
-
-
-def _side(start: Array, end: Array, starts: Array, ends: Array, reach: float) -> tuple[Array, Array] | None:
-    """Point and direction of the straight edge nearest to a side, at least half as long."""
-    length = float(np.linalg.norm(end - start))
-    along = (end - start) / length
-    outward = np.array([along[1], -along[0]])
-    off = np.stack([(points - start) @ outward for points in (starts, ends)])
-    place = np.stack([(points - start) @ along for points in (starts, ends)])
-    low, high = place.min(axis=0), place.max(axis=0)
-    there = (np.abs(off) < reach).all(axis=0) & (low > -reach) & (high < length + reach) & (high - low > length / 2)
-    if not there.any():
-        return None
-    best = np.flatnonzero(there)[np.argmin(np.abs(off).max(axis=0)[there])]
-    direction = (ends[best] - starts[best]) / np.linalg.norm(ends[best] - starts[best])
-    return starts[best], direction
+    return corners_off(corners, _edges(corners, sample, cells), tolerance)
 
 
 def _crossings(lines: list[tuple[Array, Array]]) -> Array:
@@ -161,7 +122,8 @@ def _edges(corners: Array, sample: Map, cells: int) -> Array:
     return _crossings(lines)
 
 
-def _off(wanted: Array, corners: Array, tolerance: float) -> list[Finding]:
+def corners_off(wanted: Array, corners: Array, tolerance: float) -> list[Finding]:
+    """Findings about corners (4, 2) of a tag in mm that are elsewhere."""
     off = np.linalg.norm(corners - wanted, axis=-1)
     return [
         Finding("tag", f"the {NAMES[k]} corner of the tag is {1e3 * off[k]:.4g} um off")
@@ -169,5 +131,6 @@ def _off(wanted: Array, corners: Array, tolerance: float) -> list[Finding]:
     ]
 
 
-def _not_there(tag: Tag) -> Finding:
+def not_there(tag: Tag) -> Finding:
+    """Finding about a tag of which another or nothing is in its place."""
     return Finding("tag", f"the tag {tag} {ABSENT}")

@@ -59,6 +59,8 @@ class Finding:
         return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
 
 
+REMOVE = "remove what is not the marker's, or export it again"
+
 NO_PLATE = Finding("no dots", "no marker of the rig is in it", "export it again, or verify it against its own rig")
 
 
@@ -104,3 +106,12 @@ def listed_ids(ids: Sequence[int]) -> str:
 def short_length(value: float) -> str:
     """Return a length in mm or, if short, in um."""
     return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"
+
+
+def somewhere(kind: str, what: str, points: Array, remedy: str) -> list[Finding]:
+    """Return a finding about what is at points (k, 3) in mm; none without any."""
+    if not len(points):
+        return []
+    spans = zip("xyz", points.min(axis=0).tolist(), points.max(axis=0).tolist(), strict=True)
+    place = ", ".join(f"{axis} {round(low, 2) + 0.0:.4g} to {round(high, 2) + 0.0:.4g}" for axis, low, high in spans)
+    return [Finding(kind, f"there is {what}: {place} mm", remedy)]

@@ -4,9 +4,10 @@ Walls of prisms and bodies of revolution get the fewest chords that keep to the 
 are triangulated as polygons. The points of all parts lie on a common grid.
 """
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from math import acos, atan, atan2, ceil, cos, hypot, log2, pi, sin
 
@@ -19,10 +20,11 @@ from markergen.errors import OutputError
 from markergen.exporters import ExportOptions
 from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
 from markergen.geometry.region import Region
+from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved
-from markergen.workshop.assembly import MadeBody
+from markergen.workshop.assembly import MadeBody, designed, made_of
 from markergen.workshop.formats.solids import designed_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
@@ -365,6 +367,7 @@ class Meshed:
     parts: tuple[MeshedPart, ...]
     made: MadeBody
     notes: tuple[str, ...]
+    record: str = ""
 
 
 def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
@@ -380,7 +383,7 @@ def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) 
     work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
     closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
     parts = _meshes(work.made, tolerance)
-    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness))
+    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness), work.record)
 
 
 # Several formats of one marker share its meshes.
@@ -390,8 +393,21 @@ def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
     return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
 
 
-def stl_of(corners: Array, name: str, unit: str) -> bytes:
-    """Write triangles (m, 3, 3) as one binary STL whose header has their name and unit."""
+def parts_to_mesh(
+    body: Marker | Rig, fabrication: Fabrication
+) -> tuple[Sequence[Part | BodyPart], Callable[[float], tuple[Mesh, ...]]]:
+    """Parts of a body as designed, and a function that meshes them within a tolerance in mm."""
+    parts = made_of(designed(body), fabrication).parts
+    return parts, partial(_meshes_of_parts, parts)
+
+
+@lru_cache(maxsize=2)
+def _meshes_of_parts(parts: tuple[Part | BodyPart, ...], tolerance: float) -> tuple[Mesh, ...]:
+    return meshes_of(parts, tolerance)
+
+
+def stl_of(corners: Array, name: str, unit: str, record: str = "") -> bytes:
+    """Write triangles (m, 3, 3) as one binary STL whose header has their name, unit and record, if it has room."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
     facets = np.zeros(len(corners), FACET)
@@ -399,5 +415,9 @@ def stl_of(corners: Array, name: str, unit: str) -> bytes:
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
     # A text STL begins with "solid", so a binary one must not.
-    header = f"{name}, markergen {markergen.__version__}, {unit}".encode("ascii").ljust(80)
-    return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
+    # How fine it is, it shows.
+    shorter = re.sub(r',?"tolerance":[^,}]*', "", record)
+    headers = [f"{name}, {unit} {text}" for text in (record, shorter) if text]
+    headers += [f"{name}, markergen {markergen.__version__}, {unit}", f"{name}, {unit}"][bool(record) :]
+    header = next(text for text in headers if len(text) <= 80)
+    return header.encode("ascii").ljust(80) + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()

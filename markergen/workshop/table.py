@@ -1,6 +1,8 @@
 """Outlines to cut, solids, meshes, and the drawing that goes with them; loads no writers."""
 # tests: tests/contracts/test_exporters.py
 
+from dataclasses import replace
+
 from markergen.exporters import EXPORTERS, Exporter
 
 _FORMATS = "markergen.workshop.formats"
@@ -26,7 +28,12 @@ EXPORTERS.register(".step", ".stp")(
 EXPORTERS.register(".brep")(_solid("solids:export_brep", "the same for Open CASCADE", kernel=True))
 EXPORTERS.register(".stl")(_solid("meshes:export_stl", "mesh in mm, all in one, and one more for each material"))
 EXPORTERS.register(".3mf")(_solid("meshes:export_3mf", "mesh with materials, for slicers"))
-EXPORTERS.register(".glb")(_solid("meshes:export_glb", "mesh with materials, in m, to look at"))
+EXPORTERS.register(".glb")(
+    replace(
+        _solid("meshes:export_glb", "mesh with materials, in m, to look at"),
+        parts="markergen.workshop.mesh:parts_to_mesh",
+    )
+)
 EXPORTERS.register(".sdf")(_solid("simulators:export_sdf", "model for Gazebo, with its meshes"))
 EXPORTERS.register(".mjcf.xml")(_solid("simulators:export_mjcf", "model for MuJoCo, with its meshes"))
 EXPORTERS.register(".urdf")(_solid("simulators:export_urdf", "model for ROS and other simulators, with its meshes"))

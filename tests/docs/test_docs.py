@@ -8,6 +8,7 @@ import pytest
 import typer
 
 from docs.blocks import pages
+from docs.damage import page_of_damage
 from docs.generate import page_of_templates, reference, rig_file_schema, schema, spec_file_schema
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
@@ -24,6 +25,7 @@ def test_generated_documents_are_up_to_date():
     assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == published
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
     assert (ROOT / "docs" / "templates.md").read_text() == page_of_templates()
+    assert (ROOT / "docs" / "damage.md").read_text() == page_of_damage()
 
 
 def test_every_key_of_marker_json_is_explained():

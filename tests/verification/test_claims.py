@@ -312,6 +312,21 @@ def test_pixels_pass_by_what_they_show(marker, files, tmp_path):
     check = check_of(marker, tmp_path, ".png", grey(in_black_and_white, 150)(files[".png"]))
     assert check.passed, check.findings
     page = pypdfium2.PdfDocument(files[".pdf"])[0]
+    stretched = page.render(scale=150 / 72).to_pil().convert("L")
+    stretched.save(out := BytesIO(), "PNG", dpi=(150, 150))
+    check = check_of(marker, tmp_path, ".png", out.getvalue())
+    assert check.passed, check.findings
+    assert any("stretched by 0.1 %" in note for note in check.notes)
+    stretched.convert("1", dither=0).save(out := BytesIO(), "PNG", dpi=(150, 150))
+    check = check_of(marker, tmp_path, ".png", out.getvalue())
+    assert check.passed, check.findings
+    # As much along both sides and on no usual paper, it is a scale.
+    stretched.crop((0, 0, stretched.width - 20, stretched.height)).save(out := BytesIO(), "PNG", dpi=(150, 150))
+    assert "scaled" in kinds(check_of(marker, tmp_path, ".png", out.getvalue()))
+
+
+def test_a_page_of_pixels_in_a_pdf_passes(marker, files, tmp_path):
+    page = pypdfium2.PdfDocument(files[".pdf"])[0]
     out = BytesIO()
     page.render(scale=150 / 72).to_pil().convert("L").save(out, "PDF", resolution=150)
     check = check_of(marker, tmp_path, ".pdf", out.getvalue())

@@ -15,6 +15,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
+from markergen.verification.reading import Settings
 from markergen.workshop.formats.solids import solids_of, write_step
 from markergen.workshop.processes import parts_of
 
@@ -146,11 +147,11 @@ DAMAGES = {
     ),
     "an inlay missing": Damage("missing", sentence("no inlay", 3), parts=one("dot-3", lambda _: None)),
     "a dot flattened": Damage(
-        "thickness", "dot 3 is 0.3 mm thick, the others 0.6 mm", MESHES, parts=one("dot-3", by(np.diag([1, 1, 0.5])))
+        "thickness", "dot 3 is 0.3 mm thick, not 0.6 mm", MESHES, parts=one("dot-3", by(np.diag([1, 1, 0.5])))
     ),
     "a ball flattened": Damage(
-        "height",
-        "dot 3 is a ball flattened to 50 %",
+        "thickness",
+        "dot 3 is 1 mm thick, not 2 mm",
         MESHES,
         parts=one("dot-3", by(np.diag([1, 1, 0.5]))),
         process=SPHERES,
@@ -182,7 +183,9 @@ DAMAGES = {
         marker=plate(holes=(replace(HOLES[0], diameter=0.0036), HOLES[1])),
     ),
     "no countersink": Damage(
-        "hole", "the hole M3 at x 16, y -24 mm is missing", marker=plate(holes=(HOLES[0], replace(HOLES[1], sink=0.0)))
+        "hole",
+        "the hole M3 at x 16, y -24 mm has no countersink of 6.5 mm",
+        marker=plate(holes=(HOLES[0], replace(HOLES[1], sink=0.0))),
     ),
     "another hole": Damage(
         "hole",
@@ -266,7 +269,8 @@ def written(path, some):
 def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     damage = DAMAGES[name]
     path = tmp_path / f"a{suffix}"
-    check = verify(marker, written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix))))
+    damaged = written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix)))
+    check = verify(marker, damaged, Settings(fabrication=damage.process))
     said = [str(finding) for finding in check.findings if finding.kind == damage.kind]
     assert any(damage.said in each for each in said), check.findings
 

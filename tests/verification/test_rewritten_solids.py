@@ -13,7 +13,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.verification.solids import DARK, LIGHT
+from markergen.verification.reading import Settings
+from markergen.verification.wanted_solids import DARK, LIGHT
 
 HOLES = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
 PROCESSES = {
@@ -113,7 +114,7 @@ TABLE = [case if case in QUICK else pytest.param(*case, marks=pytest.mark.long) 
 def test_what_was_rewritten_passes(marker, files, tmp_path, name, made):
     rewrite, suffix = REWRITINGS[name]
     rewrite(files(made, SOURCE[name.split()[0]]), tmp_path / f"b{suffix}")
-    check = verify(marker, tmp_path / f"b{suffix}")
+    check = verify(marker, tmp_path / f"b{suffix}", Settings(fabrication=PROCESSES[made]))
     assert check.passed, check.findings
     assert check.dots == 5
     assert check.largest < 1e-6

@@ -19,16 +19,14 @@ from markergen import guard
 from markergen.errors import InputError, MissingLibraryError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
-from markergen.geometry.contour import area
 from markergen.model.fabrication import Fabrication
-from markergen.read.meshes import MeshObject
-from markergen.verification import step, verify
+from markergen.verification import solid_files, verify
 from markergen.verification.check import verify_all
-from markergen.verification.mesh import surface_of
-from markergen.verification.step import read_brep, read_step
-from markergen.verification.surface import Ball, LevelFace, SolidPart, Surface, edge_of
+from markergen.verification.rims import rims_of
+from markergen.verification.solid_files import open_edges
 from markergen.workshop.formats.meshes import VOLUMES
 from markergen.workshop.processes import parts_of
+from tests.support.cad_parts import cad_parts
 
 SMALL = Fabrication(engrave=False, tolerance=1e-5)
 
@@ -49,18 +47,20 @@ def data(marker, tmp_path_factory):
 
 def test_names_colors_and_volumes_of_a_step(marker, data):
     parts = parts_of(marker, SMALL).parts
-    found = read_step(data[".step"])
+    found = cad_parts(data[".step"])
     assert [part.name for part in found] == [part.name for part in parts]
     for part, wanted in zip(found, parts, strict=True):
-        assert part.valid
-        assert part.closed
+        assert not part.flawed
         # What the writer's fifteen digits leave of closed forms.
         assert part.volume == pytest.approx(wanted.volume, rel=1e-9)
         assert part.color == pytest.approx((1, 1, 1) if wanted.material == "light" else (0.05, 0.05, 0.05), abs=1e-6)
     ring = found[[part.name for part in found].index("dot-0")]
     place = 1e3 * marker.xyz[0]
-    np.testing.assert_allclose(sorted(ring.circles), [(*place, 3), (*place, 6)], atol=1e-9)
-    bare = read_brep(data[".brep"])
+    rims = rims_of(ring.corners)
+    top = np.flatnonzero(rims.normals[:, 2] > 0.5)
+    np.testing.assert_allclose(rims.centers[top], [place, place], atol=1e-7)
+    np.testing.assert_allclose(np.sort(rims.radii[top]), [3, 6], atol=1e-7)
+    bare = cad_parts(data[".brep"], "BREP")
     assert [part.volume for part in bare] == pytest.approx([part.volume for part in found], rel=1e-9)
     assert {(part.name, part.color) for part in bare} == {("", None)}
 
@@ -213,7 +213,7 @@ def other_parser(monkeypatch, tmp_path):
 
     def use(name, code):
         (tmp_path / f"{name}.py").write_text(code)
-        monkeypatch.setattr(step, "PARSER", tmp_path / f"{name}.py")
+        monkeypatch.setattr(solid_files, "PARSER", tmp_path / f"{name}.py")
 
     yield use
     guard.end_children()
@@ -245,49 +245,22 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_parser):
 def test_the_parser_says_what_is_missing():
     code = "import sys; sys.modules['OCP'] = None; from markergen.guard import run_parser; run_parser(*sys.argv[1:])"
     run = subprocess.run(
-        [sys.executable, "-c", code, step.PARSER, str(8 << 30)], input=b"", capture_output=True, check=True
+        [sys.executable, "-c", code, solid_files.PARSER, str(8 << 30)], input=b"", capture_output=True, check=True
     )
     # Without arrays.
     assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 16
     assert "OCP" in json.loads(run.stdout[8:-8])["missing"]
 
 
-def test_what_is_seen_from_above():
-    square = edge_of(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
-    hole = edge_of(np.array([[2.0, 1], [1, 2], [2, 3], [3, 2]]), (2.0, 2.0, 1.0))
-    low, high = (0.0, 0.0, -1.0), (4.0, 4.0, 1.0)
-    plate = SolidPart(
-        "plate", (1, 1, 1), 10.0, True, True, low, high, (LevelFace(0.0, (square, hole)), LevelFace(-1.0, (square,)))
-    )
-    ball = SolidPart("ball", (0, 0, 0), 1.0, True, True, low, high, (), (Ball(1.0, 1.0, 0.0, 1.0, 0.2, 1.0),))
-    places = np.array([[0.5, 3.5], [2.0, 2.0], [1.5, 1.0], [1.1, 1.0], [9.0, 9.0]])
-    part, z, colors = Surface((plate, ball)).look(places)
-    assert part.tolist() == [0, 0, 1, 0, -1]
-    np.testing.assert_allclose(z, [0, -1, np.sqrt(0.75), 0, -np.inf])
-    assert colors == [(1, 1, 1), (1, 1, 1), (0, 0, 0), (1, 1, 1), None]
-    assert area(square) == 16
-    assert area(hole) == pytest.approx(np.pi)
-    twice = Surface((plate, ball)).scaled(2.0)
-    assert twice.look(2 * places)[0].tolist() == part.tolist()
-    assert [part.volume for part in twice.parts] == [80, 8]
+def test_rims_of_boxes_and_cylinders_that_touch():
+    from trimesh.creation import annulus, box, cylinder
 
-
-def test_shells_of_a_mesh_are_told_apart_where_they_touch():
-    from trimesh.creation import box
-
-    boxes = [box((2, 2, 1)), box((2, 2, 1)).apply_translation((2, 0, 0)), box((2, 2, 1)).apply_translation((0, 0, 1))]
-    corners = np.concatenate([np.asarray(each.triangles, dtype=float) for each in boxes])
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        turn = rng.random() * 2 * np.pi
-        matrix = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-        some = rng.permutation(corners @ matrix.T)
-        # The same corner is the same number in every triangle.
-        surface = surface_of([MeshObject(np.round(some, 6))], "boxes")
-        assert sorted(part.volume for part in surface.parts) == pytest.approx([4, 4, 4], rel=1e-5)
-        assert all(part.closed and part.valid for part in surface.parts)
-        assert sorted(len(part.faces) for part in surface.parts) == [1, 1, 1]
-    inside_out = surface_of([MeshObject(corners[:12, ::-1])], "box")
-    assert [(part.closed, part.valid) for part in inside_out.parts] == [(True, False)]
-    opened = surface_of([MeshObject(corners[1:12])], "box")
-    assert not opened.parts[0].closed
+    disk = cylinder(2.0, 1.0, sections=100).apply_translation((0, 0, 0.5))
+    ring = annulus(2.0, 3.0, 1.0, sections=100).apply_translation((0, 0, 0.5))
+    corners = np.concatenate([np.asarray(part.triangles, float) for part in (box((9, 9, 1)), disk, ring)])
+    rims = rims_of(np.round(corners, 6))
+    assert set(np.round(rims.radii, 3)) == {2.0, 3.0}
+    np.testing.assert_allclose(np.linalg.norm(rims.centers[:, :2], axis=1), 0, atol=1e-6)
+    assert set(np.round(rims.centers[:, 2], 3)) == {0.0, 1.0}
+    assert not open_edges(corners)
+    assert open_edges(corners[1:])

@@ -10,9 +10,9 @@ from markergen.errors import InputError, MissingLibraryError
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.solid.primitives import COLORS
-from markergen.verification.step import read_step
 from markergen.workshop.assembly import made_of
 from tests.golden.record import INPUTS
+from tests.support.cad_parts import cad_parts
 from tests.support.rigs import cube, wall
 
 MARKER = Marker.load(INPUTS / "tagged.json")
@@ -40,7 +40,7 @@ def test_parts_keep_names_colors_and_volumes_in_an_assembly_and_its_step(body, t
     loaded = (mg.Rig if body.frame == "rig" else Marker).load(plated)
     parts = made_of(loaded, Fabrication(engrave=False)).parts
     assembly.export(str(tmp_path / "saved.step"))
-    check(assembly, parts, read_step((tmp_path / "saved.step").read_bytes()))
+    check(assembly, parts, cad_parts((tmp_path / "saved.step").read_bytes()))
 
 
 @pytest.mark.long
@@ -74,7 +74,7 @@ def test_it_is_built_on(tmp_path):
     foot = cadquery.Workplane().box(20, 20, 10).translate((0, 0, -10))
     stand = cadquery.Assembly(name="stand").add(MARKER.to_cadquery(engrave=False), name="marker").add(foot, name="foot")
     stand.export(str(tmp_path / "stand.step"))
-    assert {"foot", "plate"} <= {part.name for part in read_step((tmp_path / "stand.step").read_bytes())}
+    assert {"foot", "plate"} <= {part.name for part in cad_parts((tmp_path / "stand.step").read_bytes())}
 
 
 def test_what_cannot_be_made_is_refused_in_one_line():

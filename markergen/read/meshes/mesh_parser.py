@@ -1,4 +1,4 @@
-"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.mesh`."""
+"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `verification.solid_files`."""
 
 # tests: tests/verification/test_solid_readers.py
 

@@ -1,44 +1,29 @@
-"""Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.step`.
+"""Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.solid_files`.
 
 Open CASCADE reads the files; their document is traversed here, since `cadquery.Assembly.importStep` refuses files of
-other programs: a single part without an assembly, or an assembly with two parts of the same name. numpy is not
-imported, as it would take 80 MB of the memory that the child may use.
+other programs: a single part without an assembly, or an assembly with two parts of the same name.
 """
 
 # tests: tests/verification/test_solid_readers.py
 
 import importlib
-from math import ceil, pi, sqrt
 from typing import Any
 
+import numpy as np
+
 from markergen.guard import as_file
-
-LEVEL = 1e-9
-"""Maximum of 1 - |nz| for a level face: 0.003 degrees."""
-
-SAME = 1e-6
-"""Maximum difference in mm between arcs of one circle."""
-
-STEPS = 16
-"""Minimum number of points on a curved edge; a closed one has four times as many."""
-
-MOST_STEPS = 1024
-"""Maximum number of points on an arc."""
-
-SAGITTA = 1e-3
-"""Maximum distance in mm of an arc from the lines between its points, as far as that number allows."""
 
 MOST_FACES = 200_000
 """Maximum number of faces of all solids; a plate with an engraved back has thousands."""
 
-CHORD, TURN = 5e-4, 0.8
-"""Distance as a share of a part's size, and angle in rad between neighbors, of the triangles that show where there is
-something."""
+CHORD, TURN = 3e-5, 0.2
+"""Maximum distance of triangles from a solid, as a share of the diagonal of all, and angle in rad between neighbors.
 
-SMALLEST_SIDE, MOST_SIDES = 0.02, 60
-"""Minimum share of the largest level area, for a side to look at, and maximum number of pairs of opposite sides."""
+Of that diagonal, since a part in a wrong unit would have millions of triangles within an absolute distance.
+"""
 
 Json = dict[str, Any]
+Reply = tuple[Json, dict[str, Any]]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]
 """Name, color, shape and face colors of a solid."""
 
@@ -48,125 +33,93 @@ def prepare() -> None:
     importlib.import_module("OCP.STEPCAFControl")
 
 
-def step(data: bytes) -> Json:
+def step(data: bytes) -> Reply:
     """Read the parts of a STEP file in mm, placed as its assemblies have them."""
-    return _whole(as_file(data, ".step", _step))
+    return _reply(as_file(data, ".step", _step))
 
 
-def brep(data: bytes) -> Json:
+def brep(data: bytes) -> Reply:
     """Read the parts of an Open CASCADE BREP file."""
-    return _whole(as_file(data, ".brep", _brep))
+    return _reply(as_file(data, ".brep", _brep))
 
 
-def _whole(parts: list[Part]) -> Json:
-    """Parts, and the corners of rough triangles of all of them."""
-    described = [_described(*part) for part in parts]
-    return {"parts": described, "triangles": [value for _, _, shape, _ in parts for value in _triangles(shape)]}
+def _reply(parts: list[Part]) -> Reply:
+    """Parts as the parser of meshes gives them, with their volumes, and what is wrong with each."""
+    chord = CHORD * _diagonal([shape for _, _, shape, _ in parts])
+    objects: list[Json] = []
+    arrays, flaws = {}, []
+    for number, (name, color, shape, painted) in enumerate(parts):
+        palette = [list(paint) for paint in dict.fromkeys(tuple(paint) for _, paint in painted if paint)]
+        corners, faces = _triangles(shape, chord)
+        paints = [next((palette.index(list(paint)) for painted_face, paint in painted
+                        if paint and painted_face.IsSame(face)), -1) for face in faces]  # fmt: skip
+        arrays[f"corners{number}"] = np.concatenate([np.zeros((0, 3, 3)), *corners])
+        if palette:
+            arrays[f"paints{number}"] = np.repeat(paints, [len(of_face) for of_face in corners]).astype(int)
+        flaws += [f"{f'the part {name}' if name else f'part {number + 1}'} {flaw}" for flaw in _flaws(shape)]
+        objects.append({"name": name, "color": color, "palette": palette, "tool": "", "volume": _volume(shape)})
+    return {"objects": objects, "flaws": flaws}, arrays
 
 
-def _triangles(shape: Any) -> list[float]:
-    """Coordinates of the corners of triangles within `CHORD` of a shape."""
+def _diagonal(shapes: list[Any]) -> float:
     from OCP.Bnd import Bnd_Box
-    from OCP.BRep import BRep_Tool
     from OCP.BRepBndLib import BRepBndLib
+
+    box = Bnd_Box()
+    for shape in shapes:
+        BRepBndLib.Add_s(shape, box)
+    return 0.0 if box.IsVoid() else float(box.SquareExtent() ** 0.5)
+
+
+def _volume(shape: Any) -> float:
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+
+    mass = GProp_GProps()
+    BRepGProp.VolumeProperties_s(shape, mass)
+    return float(mass.Mass())
+
+
+def _flaws(shape: Any) -> list[str]:
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.TopAbs import TopAbs_SHELL, TopAbs_SOLID
+
+    shells = _within(shape, TopAbs_SHELL)
+    if not shells or not all(BRep_Tool.IsClosed_s(shell) for shell in shells):
+        return ["has open edges: it encloses no volume"]
+    if shape.ShapeType() == TopAbs_SOLID and BRepCheck_Analyzer(shape).IsValid():
+        return []
+    return ["is not a valid solid: it is inside out or intersects itself"]
+
+
+def _triangles(shape: Any, chord: float) -> tuple[list[Any], list[Any]]:
+    """Triangles (m, 3, 3) of each face of a shape within a distance in mm, and the faces."""
+    from OCP.BRep import BRep_Tool
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.TopAbs import TopAbs_FACE
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS
 
-    box = Bnd_Box()
-    BRepBndLib.Add_s(shape, box)
-    if box.IsVoid():
-        return []
-    # An absolute chord makes millions of triangles of a part in a wrong unit.
-    BRepMesh_IncrementalMesh(shape, max(CHORD * box.SquareExtent() ** 0.5, SAGITTA), False, TURN, False)
-    values: list[float] = []
+    if not chord > 0:
+        return [], []
+    BRepMesh_IncrementalMesh(shape, chord, False, TURN, False)
+    corners, faces = [], []
     for face in _within(shape, TopAbs_FACE):
         place = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(TopoDS.Face_s(face), place)
         if mesh is None:
             continue
         move = place.Transformation()
-        points = [mesh.Node(k + 1).Transformed(move) for k in range(mesh.NbNodes())]
-        places = [(point.X(), point.Y(), point.Z()) for point in points]
-        for k in range(mesh.NbTriangles()):
-            for corner in mesh.Triangle(k + 1).Get():
-                values += places[corner - 1]
-    return values
-
-
-def step_turned(data: bytes) -> Json:
-    """Read a STEP file with its largest level area turned up, and with it turned down."""
-    return _turned(as_file(data, ".step", _step))
-
-
-def brep_turned(data: bytes) -> Json:
-    """Read a BREP file as `step_turned` does a STEP file."""
-    return _turned(as_file(data, ".brep", _brep))
-
-
-def step_sides(data: bytes) -> Json:
-    """Read a STEP file with each of its larger level areas turned up, and with each turned down."""
-    return _turned(as_file(data, ".step", _step), SMALLEST_SIDE)
-
-
-def brep_sides(data: bytes) -> Json:
-    """Read a BREP file as `step_sides` does a STEP file."""
-    return _turned(as_file(data, ".brep", _brep), SMALLEST_SIDE)
-
-
-def _turned(parts: list[Part], smallest: float = 0.0) -> Json:
-    """Views with the largest level area up and down, or with all whose share of it is at least `smallest`."""
-    from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Quaternion, gp_Trsf, gp_Vec
-    from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopLoc import TopLoc_Location
-
-    areas: dict[tuple[float, float, float], float] = {}
-    ways: dict[tuple[float, float, float], tuple[float, float, float]] = {}
-    for _, _, shape, _ in parts:
-        for face in _within(shape, TopAbs_FACE):
-            if (plane := _plane(face)) is not None:
-                # Opposite normals together, since a plate's back is larger than its face.
-                way, area = plane
-                way = way if max(way, key=abs) > 0 else (-way[0], -way[1], -way[2])
-                key = (round(way[0], 6), round(way[1], 6), round(way[2], 6))
-                areas[key], ways[key] = areas.get(key, 0.0) + area, way
-    order = sorted(areas, key=lambda normal: -areas[normal])
-    sides = [normal for normal in order if areas[normal] >= smallest * areas[order[0]]][: MOST_SIDES if smallest else 1]
-    views = []
-    for x, y, z in (tuple(sign * value for value in ways[side]) for side in sides for sign in (1.0, -1.0)):
-        if z > 1 - LEVEL and not smallest:
-            continue
-        move = gp_Trsf()
-        if z < LEVEL - 1:
-            move.SetRotation(gp_Ax1(gp_Pnt(), gp_Dir(1, 0, 0)), pi)
-        else:
-            move.SetRotation(gp_Quaternion(gp_Vec(x, y, z), gp_Vec(0, 0, 1)))
-        place = TopLoc_Location(move)
-        matrix = [[move.Value(row, column) for column in (1, 2, 3)] for row in (1, 2, 3)]
-        turned = [
-            (name, color, shape.Moved(place), [(face.Moved(place), paint) for face, paint in painted])
-            for name, color, shape, painted in parts
-        ]
-        views.append({"turn": matrix, "parts": [_described(*part) for part in turned]})
-    return {"views": views}
-
-
-def _plane(face: Any) -> tuple[tuple[float, float, float], float] | None:
-    """Normal and area of a plane face; None for others."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GeomAbs import GeomAbs_Plane
-    from OCP.GProp import GProp_GProps
-    from OCP.TopoDS import TopoDS
-
-    surface = BRepAdaptor_Surface(TopoDS.Face_s(face), False)
-    if surface.GetType() != GeomAbs_Plane:
-        return None
-    mass = GProp_GProps()
-    BRepGProp.SurfaceProperties_s(face, mass)
-    way = surface.Plane().Axis().Direction()
-    return (way.X(), way.Y(), way.Z()), mass.Mass()
+        rows = [[move.Value(row, column) for column in (1, 2, 3, 4)] for row in (1, 2, 3)]
+        points = np.array([mesh.Node(k + 1).Coord() for k in range(mesh.NbNodes())])
+        # Rounded, so that faces that share an edge share its points.
+        points = np.round(points @ np.array(rows)[:, :3].T + np.array(rows)[:, 3], 8)
+        triangles = np.array([mesh.Triangle(k + 1).Get() for k in range(mesh.NbTriangles())]) - 1
+        is_flipped = (face.Orientation() == TopAbs_REVERSED) != (np.linalg.det(np.array(rows)[:, :3]) < 0)
+        corners.append(points[triangles[:, ::-1] if is_flipped else triangles])
+        faces.append(face)
+    return corners, faces
 
 
 def _step(path: str) -> list[Part]:
@@ -277,141 +230,3 @@ def _within(shape: Any, kind: Any) -> list[Any]:
         shapes.append(explorer.Current())
         explorer.Next()
     return shapes
-
-
-def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]) -> Json:
-    from OCP.Bnd import Bnd_Box
-    from OCP.BRep import BRep_Tool
-    from OCP.BRepBndLib import BRepBndLib
-    from OCP.BRepCheck import BRepCheck_Analyzer
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-    from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL, TopAbs_SOLID
-    from OCP.TopoDS import TopoDS
-
-    mass, box = GProp_GProps(), Bnd_Box()
-    BRepGProp.VolumeProperties_s(shape, mass)
-    BRepBndLib.Add_s(shape, box)
-    shells = _within(shape, TopAbs_SHELL)
-    corners = [0.0] * 6 if box.IsVoid() else list(box.Get())
-    faces: list[Json] = []
-    backs: list[Json] = []
-    balls: list[Json] = []
-    for face in (TopoDS.Face_s(shape_face) for shape_face in _within(shape, TopAbs_FACE)):
-        paint = next((paint for painted_face, paint in painted if paint and painted_face.IsSame(face)), None)
-        level = _level(face)
-        if level:
-            (faces if level.pop("up") else backs).append({**level, "color": paint})
-        ball = _ball(face)
-        if ball:
-            balls.append({**ball, "color": paint})
-    return {
-        "name": name,
-        "color": color,
-        "volume": mass.Mass(),
-        "valid": shape.ShapeType() == TopAbs_SOLID and BRepCheck_Analyzer(shape).IsValid(),
-        "closed": bool(shells) and all(BRep_Tool.IsClosed_s(shell) for shell in shells),
-        "low": corners[:3],
-        "high": corners[3:],
-        "faces": faces,
-        "backs": backs,
-        "balls": balls,
-    }
-
-
-def _level(face: Any) -> Json | None:
-    """Height and loops of a level face, and whether it faces up; None for other faces."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_Plane
-    from OCP.TopAbs import TopAbs_REVERSED, TopAbs_WIRE
-
-    surface = BRepAdaptor_Surface(face, False)
-    if surface.GetType() != GeomAbs_Plane:
-        return None
-    plane = surface.Plane()
-    up = plane.Axis().Direction().Z() * (1.0 if plane.Direct() else -1.0)
-    if abs(up) < 1 - LEVEL:
-        return None
-    loops = [loop for wire in _within(face, TopAbs_WIRE) if (loop := _loop(wire, face))["points"]]
-    faces_up = (up > 0) != (face.Orientation() == TopAbs_REVERSED)
-    return {"z": plane.Location().Z(), "loops": loops, "up": faces_up} if loops else None
-
-
-def _loop(wire: Any, face: Any) -> Json:
-    """Points along a wire, the circle if the entire wire lies on one, and whether it has straight sides."""
-    from OCP.BRepAdaptor import BRepAdaptor_Curve
-    from OCP.BRepTools import BRepTools_WireExplorer
-    from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Line
-    from OCP.TopAbs import TopAbs_REVERSED
-    from OCP.TopoDS import TopoDS
-
-    points: list[tuple[float, float]] = []
-    circles: list[tuple[float, float, float]] = []
-    turned, bent, straight = 0.0, True, False
-    explorer = BRepTools_WireExplorer(TopoDS.Wire_s(wire), face)
-    while explorer.More():
-        curve = BRepAdaptor_Curve(explorer.Current())
-        first, last = curve.FirstParameter(), curve.LastParameter()
-        if explorer.Orientation() == TopAbs_REVERSED:
-            first, last = last, first
-        if curve.GetType() == GeomAbs_Circle:
-            center = curve.Circle().Location()
-            circles.append((center.X(), center.Y(), curve.Circle().Radius()))
-            turned += abs(last - first)
-        else:
-            bent = False
-        straight = straight or curve.GetType() == GeomAbs_Line
-        steps = 1 if curve.GetType() == GeomAbs_Line else 4 * STEPS if curve.IsClosed() else STEPS
-        if curve.GetType() == GeomAbs_Circle and not curve.IsClosed():
-            # The lines of a drawn hole are compared with the drawing's.
-            step = sqrt(8 * SAGITTA / curve.Circle().Radius())
-            steps = min(max(steps, ceil(abs(last - first) / step)), MOST_STEPS)
-        for k in range(steps):
-            point = curve.Value(first + (last - first) * k / steps)
-            points.append((point.X(), point.Y()))
-        explorer.Next()
-    same = all(max(abs(a - b) for a, b in zip(arc, circles[0], strict=True)) < SAME for arc in circles)
-    whole = bent and same and abs(turned - 2 * pi) < 1e-6
-    return {"points": points, "circle": circles[0] if whole else None, "straight": straight}
-
-
-def _ball(face: Any) -> Json | None:
-    """Center, radius, and plan-view radii of hole and rim, of a spherical face that bulges up."""
-    from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-    from OCP.BRepTools import BRepTools
-    from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Sphere
-    from OCP.TopAbs import TopAbs_EDGE, TopAbs_REVERSED
-    from OCP.TopoDS import TopoDS
-
-    surface = BRepAdaptor_Surface(face, False)
-    if surface.GetType() != GeomAbs_Sphere:
-        return None
-    sphere = surface.Sphere()
-    # Material outside of the sphere makes it a dent.
-    if (face.Orientation() == TopAbs_REVERSED) == sphere.Direct():
-        return None
-    center, radius = sphere.Location(), sphere.Radius()
-    heights = []
-    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-    for i in range(5):
-        for j in range(9):
-            point = surface.Value(u0 + (u1 - u0) * i / 4, v0 + (v1 - v0) * j / 8)
-            heights.append(point.Z() - center.Z())
-    top, bottom = max(heights), min(heights)
-    for edge in _within(face, TopAbs_EDGE):
-        curve = BRepAdaptor_Curve(TopoDS.Edge_s(edge))
-        if curve.GetType() == GeomAbs_Circle and abs(curve.Circle().Axis().Direction().Z()) > 1 - LEVEL:
-            height = curve.Circle().Location().Z() - center.Z()
-            # Bounds have only a few digits; edges are exact.
-            top = height if abs(height - top) < 1e-6 * radius else top
-            bottom = height if abs(height - bottom) < 1e-6 * radius else bottom
-    # A ball may consist of two faces that meet at its equator.
-    if top <= 1e-6 * radius:
-        return None
-
-    def around(height: float) -> float:
-        return max(radius**2 - height**2, 0.0) ** 0.5
-
-    hole = around(top) if top < radius * (1 - 1e-9) else 0.0
-    place = {"x": center.X(), "y": center.Y(), "z": center.Z(), "radius": radius}
-    return {**place, "hole": hole, "rim": around(max(bottom, 0.0))}

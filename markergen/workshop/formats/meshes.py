@@ -21,6 +21,7 @@ from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, OTHER
+from markergen.workshop.formats.solids import EXPORTED
 from markergen.workshop.mesh import MATERIALS, Mesh, MeshedPart, kept_apart, meshed, stl_of
 
 MODEL = "3D/3dmodel.model"
@@ -65,18 +66,19 @@ def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
     notes = [f"STL has no unit: it is in millimeters, in the {made.subject.frame} frame.", *made.notes]
     if len(by_material) > 1:
         beside = {
-            f"{options.stem}-{material}.stl": write_stl(meshes, made.name) for material, meshes in by_material.items()
+            f"{options.stem}-{material}.stl": write_stl(meshes, made.name, made.record)
+            for material, meshes in by_material.items()
         }
         notes.append(f"Beside it, one file for each material to print together: {', '.join(beside)}.")
     if any(part.mesh.marked.any() for part in made.parts):
         notes.append("STL has no colors: what is engraved is as light as the plate in it.")
-    return Output(write_stl(made.parts, made.name), tuple(notes), beside)
+    return Output(write_stl(made.parts, made.name, made.record), tuple(notes), beside)
 
 
-def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
+def write_stl(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
     """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
     meshes = kept_apart([part.mesh for part in parts])
-    return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm")
+    return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm", record)
 
 
 def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -88,18 +90,20 @@ def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
     """
     made = meshed(bodies, options, ".3mf")
     if len({part.material for part in made.parts}) == 1:
-        return Output(write_3mf(made.parts, made.name), made.notes)
+        return Output(write_3mf(made.parts, made.name, made.record), made.notes)
     beside = f"{options.stem}-parts.3mf"
     use = (
         "The file is for PrusaSlicer, which prints light parts with extruder 1 and dark ones with extruder 2. "
         f"Open {beside} beside it in Cura, OrcaSlicer and Bambu Studio."
     )
     return Output(
-        write_3mf(made.parts, made.name), (use, *made.notes), {beside: write_3mf_of_parts(made.parts, made.name)}
+        write_3mf(made.parts, made.name, made.record),
+        (use, *made.notes),
+        {beside: write_3mf_of_parts(made.parts, made.name, made.record)},
     )
 
 
-def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
+def write_3mf(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
     """Write parts as a 3MF package with one object `name` of one mesh; mm, marker frame; lies on the bed.
 
     Each triangle has its material. The parts follow one another and share no points, and PrusaSlicer reads their names
@@ -125,10 +129,10 @@ def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
     item = f'<item objectid="2" transform="{_lift(meshes)}"/>'
     # Without a version PrusaSlicer moves only the first of the parts by the item's transform.
     version = '<metadata name="slic3rpe:Version3mf">1</metadata>\n'
-    return _3mf_package(name, _3mf_model(name, whole, item, version), {VOLUMES: ranges})
+    return _3mf_package(name, _3mf_model(name, whole, item, version), record, {VOLUMES: ranges})
 
 
-def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
+def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
     """Write parts as a 3MF package whose only build item is an object `name` made of them; mm, marker frame.
 
     Cura reads the numbers of their extruders, from 0, in metadata of its own.
@@ -153,13 +157,13 @@ def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
     objects.append(
         f'<object id="{whole}" type="model" name={quoteattr(name)}><components>{components}</components></object>\n'
     )
-    return _3mf_package(name, _3mf_model(name, "".join(objects), f'<item objectid="{whole}"/>'))
+    return _3mf_package(name, _3mf_model(name, "".join(objects), f'<item objectid="{whole}"/>'), record)
 
 
-def _3mf_package(name: str, model: str, others: Mapping[str, str] = MappingProxyType({})) -> bytes:
+def _3mf_package(name: str, model: str, record: str, others: Mapping[str, str] = MappingProxyType({})) -> bytes:
     package = BytesIO()
     with zipfile.ZipFile(package, "w") as archive:
-        archive.comment = name.encode("ascii")
+        archive.comment = f"{name} {EXPORTED} {record}".encode("ascii") if record else name.encode("ascii")
         for path, text in {"[Content_Types].xml": TYPES, "_rels/.rels": RELATIONS, MODEL: model, **others}.items():
             entry = zipfile.ZipInfo(path, EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
@@ -224,10 +228,10 @@ def _hex(color: tuple[float, float, float]) -> str:
 def export_glb(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as GLB in meters, y up."""
     made = meshed(bodies, options, ".glb")
-    return Output(write_glb(made.parts, made.name), made.notes)
+    return Output(write_glb(made.parts, made.name, made.record), made.notes)
 
 
-def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
+def write_glb(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
     """Write parts as the children of a node named `name`, each with its own mesh; m."""
     binary = bytearray()
     views: list[dict[str, Any]] = []
@@ -264,7 +268,11 @@ def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
                 )
         meshes.append({"name": part.name, "primitives": primitives})
     document = {
-        "asset": {"version": "2.0", "generator": f"markergen {markergen.__version__}"},
+        "asset": {
+            "version": "2.0",
+            "generator": f"markergen {markergen.__version__}",
+            **({"extras": {EXPORTED: json.loads(record)}} if record else {}),
+        },
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [

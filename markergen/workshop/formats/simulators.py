@@ -9,7 +9,7 @@ versions of RViz rotate it to z up, yourdfpy, Gazebo and older versions of RViz 
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from hashlib import sha256
 from typing import Self
 from xml.sax.saxutils import escape, quoteattr
@@ -188,12 +188,7 @@ class Simulated:
 
 def _record(body: Body, fabrication: Fabrication) -> str:
     """Comment with the options that are not the defaults; empty for none."""
-    usual, entries = Fabrication(), ("material", "general_tolerance", "datum", "hole")
-    asked = {
-        field.name: getattr(fabrication, field.name)
-        for field in fields(fabrication)
-        if field.name not in entries and getattr(fabrication, field.name) != getattr(usual, field.name)
-    }
+    asked = fabrication.shape_options
     plates = [plate.marker.substrate for plate in body.plates]
     if plates[0] != Substrate() and all(plate == plates[0] for plate in plates):
         asked["substrate"] = plates[0].as_dict()

@@ -7,6 +7,7 @@ take two more. `normalize` removes from STEP what varies from run to run.
 """
 # tests: tests/workshop/formats/test_solids.py tests/workshop/test_kernel.py
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -387,6 +388,12 @@ def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0
     return wire.Wire()
 
 
+HIDDEN = ("depth", "gap", "tool", "draft", "foot")
+"""Options that a solid does not show by itself."""
+
+EXPORTED = "markergen export"
+"""Before the options of an export that a file records."""
+
 MADE = (".step", ".brep", ".stl", ".3mf")
 """Suffixes of solids that are made, in which plates must not overlap; others are looked at."""
 
@@ -401,6 +408,8 @@ class Designed:
         Sentences for the user.
     beside : mapping
         Files that accompany the solid, by name.
+    record : str
+        Options that are not the defaults, as JSON; empty for none.
     """
 
     name: str
@@ -408,6 +417,7 @@ class Designed:
     made: MadeBody
     notes: tuple[str, ...]
     beside: Mapping[str, bytes]
+    record: str = ""
 
     @property
     def part_names(self) -> tuple[str, ...]:
@@ -428,13 +438,16 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     if suffix in MADE:
         check_no_overlap(made)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
-    return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options))
+    asked = options.fabrication.shape_options
+    # A process and what it leaves out show; verify finds those by itself.
+    record = json.dumps(asked, separators=(",", ":")) if set(asked) & set(HIDDEN) else ""
+    return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options), record)
 
 
 def export_step(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
     work = designed_of(bodies, options, ".step")
-    return Output(write_step(solids_of(work.made.parts), work.name), work.notes, work.beside)
+    return Output(write_step(solids_of(work.made.parts), work.name, work.record), work.notes, work.beside)
 
 
 def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -489,7 +502,7 @@ STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
 STYLE_ROOT = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
 
 
-def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
+def write_step(solids: Sequence[NamedSolid], name: str, record: str = "") -> bytes:
     """Write solids as one assembly named `name`; units mm, every part a separate solid with its name and color.
 
     Open CASCADE puts the time into the header, numbers assembly links over the life of the process, and writes colors
@@ -526,7 +539,7 @@ def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
         writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
         if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
             raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
-        return normalize(path.read_text(encoding="ascii"), name).encode("ascii")
+        return normalize(path.read_text(encoding="ascii"), name, record).encode("ascii")
 
 
 def _document(solids: Sequence[NamedSolid], name: str) -> Any:
@@ -609,16 +622,18 @@ def write_brep(solids: Sequence[NamedSolid]) -> bytes:
     return stream.getvalue()
 
 
-def normalize(text: str, name: str) -> str:
+def normalize(text: str, name: str, record: str = "") -> str:
     """STEP text with a fixed header, assembly links numbered from 1, and colors in the order of the colored shapes.
 
     Colors are reordered by renumbering: entities before the first style keep their number, and the styles follow,
     each root with its references, sorted by the number of the solid.
     """
     head, data = text.split("DATA;\n", 1)
+    exported = f"{EXPORTED} {record}" if record else ""
+    by = f"'markergen {markergen.__version__}','Open CASCADE','{exported}'"
     header = re.sub(
         r"FILE_NAME\(.*?\);",
-        f"FILE_NAME('{name}.step','',('markergen'),(''),'markergen {markergen.__version__}','Open CASCADE','');",
+        lambda _: f"FILE_NAME('{name}.step','',('markergen'),(''),{by});",
         head,
         flags=re.DOTALL,
     )

@@ -1,0 +1,193 @@
+"""Round rims of a solid: circles on which its surface has an edge, whatever it is divided into."""
+
+# tests: tests/verification/test_solid_readers.py
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markergen.arrays import Array, Indices, Mask
+from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
+
+SHARP = (1 + np.cos(np.radians(20.0)) ** 2) / 2
+"""Mean squared cosine between normals at an edge; the sides of a circle are up to 5.6 degrees apart."""
+
+LEAST = 8
+"""Minimum number of corners of a circle."""
+
+ROUND = 0.02
+"""Maximum distance of corners from a circle, as a share of its radius."""
+
+FLUSH = 1e-3
+"""Maximum difference of height in mm of the rims of one dot."""
+
+FACING = 0.1
+"""Minimum share of the normals at a rim that point to one side: half of them at an edge, none where faces touch."""
+
+WIDEST_GAP = 1.2
+"""Maximum angle in rad without a corner on a circle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rims:
+    """Circles in mm.
+
+    Attributes
+    ----------
+    centers, normals : arrays (k, 3)
+        The normal points out of the level face at the rim.
+    radii : array (k,)
+    rough : array (k,)
+        Maximum distance of the sides of the polygon from the circle.
+    shell : array (k,) of int
+        Body that has the rim, as triangles with common corners are one.
+    reach : array (k,)
+        Largest side of that body.
+    """
+
+    centers: Array
+    normals: Array
+    radii: Array
+    rough: Array
+    shell: Indices
+    reach: Array
+
+    def mapped(self, matrix: Array, translation: Array) -> "Rims":
+        """Map by a similarity."""
+        factor = abs(float(np.linalg.det(matrix))) ** (1 / 3)
+        return Rims(
+            self.centers @ matrix.T + translation, self.normals @ matrix.T / factor, factor * self.radii,
+            factor * self.rough, self.shell, factor * self.reach,
+        )  # fmt: skip
+
+    def take(self, chosen: Mask) -> "Rims":
+        """Select some."""
+        return Rims(*(values[chosen] for values in vars(self).values()))
+
+
+def rims_of(corners: Array) -> Rims:
+    """Circles on the surface of triangles (m, 3, 3)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    places, triangles = welded(corners)
+    first, second, third = (places[triangles[:, k]] for k in range(3))
+    normals = np.cross(second - first, third - first)
+    length = np.linalg.norm(normals, axis=1)
+    proper = length > 1e-12
+    triangles, normals = triangles[proper], normals[proper] / length[proper, None]
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    count = len(places)
+    _, edge, size = np.unique(
+        np.minimum(start, end) * count + np.maximum(start, end), return_inverse=True, return_counts=True
+    )
+    sums = np.stack([np.bincount(edge, np.repeat(axis, 3)) for axis in normals.T], axis=1)
+    # The squared norm of the sum of n n', so that two walls that touch are one.
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    squares = [np.bincount(edge, np.repeat(normals[:, i] * normals[:, j], 3)) ** 2 * (1 + (i != j)) for i, j in pairs]
+    is_sharp = (np.sum(squares, axis=0) < SHARP * size**2) | (size == 1)
+    sides = np.flatnonzero(is_sharp[edge])
+
+    def pieces(first: Indices, second: Indices) -> Indices:
+        links = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(count, count))
+        return np.asarray(connected_components(links, directed=False)[1])
+
+    shells, loops = pieces(start, end), pieces(start[sides], end[sides])
+    order = np.argsort(loops[start[sides]], kind="stable")
+    cuts = np.flatnonzero(np.diff(loops[start[sides]][order])) + 1
+    rows = []
+    reach = np.zeros(int(shells.max(initial=0)) + 1)
+    for axis in places.T:
+        low, high = np.full(len(reach), np.inf), np.full(len(reach), -np.inf)
+        np.minimum.at(low, shells, axis)
+        np.maximum.at(high, shells, axis)
+        reach = np.maximum(reach, high - low)
+    for group in np.split(order, cuts):
+        if len(group) < LEAST:
+            continue
+        loop = sides[group]
+        circle = _circle(places[np.unique(start[loop])])
+        if circle is not None:
+            center, normal, radius = circle
+            # Normals of the wall cancel around the rim; where two bodies touch, those of both faces may.
+            outward = float(normal @ sums[edge[loop]].sum(axis=0)) / float(size[edge[loop]].sum())
+            ways = [np.sign(outward)] if abs(outward) > FACING else [1.0, -1.0]
+            middles = (places[start[loop]] + places[end[loop]]) / 2
+            rough = np.abs(np.linalg.norm(middles - center, axis=1) - radius).max()
+            shell = shells[start[loop[0]]]
+            rows += [(*center, *(way * normal), radius, rough, shell, reach[shell]) for way in ways]
+    table = np.array(rows, dtype=float).reshape(-1, 10)
+    return Rims(table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], table[:, 8].astype(int), table[:, 9])
+
+
+def joined(several: Sequence[Rims]) -> Rims:
+    """Rims of several bodies together."""
+    columns = {name: np.concatenate([getattr(rims, name) for rims in several]) for name in vars(several[0])}
+    before = np.cumsum([0, *(rims.shell.max(initial=0) + 1 for rims in several[:-1])])
+    columns["shell"] += np.repeat(before, [len(rims.radii) for rims in several])
+    return Rims(**columns)
+
+
+def welded(corners: Array) -> tuple[Array, Indices]:
+    """Different points (n, 3) of triangles (m, 3, 3), and these as indices (m, 3).
+
+    Points are distinguished by a hash of 64 bits, in a fifth of the time that sorting them takes.
+    """
+    # Adding 0.0 makes -0.0 and 0.0 the same coordinate.
+    points = np.ascontiguousarray(corners.reshape(-1, 3) + 0.0)
+    bits = points.view(np.uint64) >> np.uint64(20) ^ points.view(np.uint64) << np.uint64(44)
+    key = bits @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    return points[first], index.reshape(-1, 3)
+
+
+def _circle(points: Array) -> tuple[Array, Array, float] | None:
+    """Center, unit normal and radius of the circle through points (k, 3); None if they are on none."""
+    middle = points.mean(axis=0)
+    offset = points - middle
+    _, sizes, axes = np.linalg.svd(offset, full_matrices=False)
+    if len(points) < LEAST or not sizes[1] > 0.5 * sizes[0] or sizes[2] > 1e-3 * sizes[1]:
+        return None
+    x, y = flat = axes[:2] @ offset.T
+    solved, *_ = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(len(x))]), x * x + y * y, rcond=None)
+    square = float(solved[2] + solved[:2] @ solved[:2])
+    radius = square**0.5 if square > 0 else 0.0
+    away = np.linalg.norm(flat.T - solved[:2], axis=1)
+    if not radius > 0 or np.abs(away - radius).max() > ROUND * radius:
+        return None
+    angles = np.sort(np.arctan2(*(flat.T - solved[:2]).T[::-1]))
+    if np.diff(angles, append=angles[0] + 2 * np.pi).max() > WIDEST_GAP:
+        return None
+    return middle + solved[:2] @ axes[:2], axes[2], radius
+
+
+def dots_of(rims: Rims, sizes: Array) -> DotSet:
+    """Dots of rims of about the radii (k,) in mm: those of bodies of their size, or the highest ones."""
+    # Balls have theirs below.
+    level_rims = rims.take(np.abs(rims.normals[:, 2]) > 1 - 1e-5)
+    sized = np.abs(np.log(np.maximum(level_rims.radii[:, None], 1e-12) / sizes)).min(axis=1, initial=np.inf) < np.log(
+        ALIKE
+    )
+    free, rows = sized.copy(), []
+    for index in np.flatnonzero(sized):
+        if not free[index]:
+            continue
+        apart = np.linalg.norm(level_rims.centers[:, :2] - level_rims.centers[index, :2], axis=1)
+        around = apart <= np.maximum(CONCENTRIC * np.minimum(level_rims.radii, level_rims.radii[index]), FLUSH)
+        free &= ~(around & sized)
+        own = around & sized & (level_rims.reach < 2 * ALIKE * level_rims.radii)
+        chosen = own if own.any() else around & sized
+        top = level_rims.centers[chosen, 2].max()
+        candidates = np.flatnonzero(chosen & (level_rims.centers[:, 2] > top - FLUSH))
+        misfit = np.abs(np.log(level_rims.radii[candidates][:, None] / sizes)).min(axis=1)
+        best = candidates[np.argmin(misfit)]
+        level = (
+            around
+            & (np.abs(level_rims.centers[:, 2] - top) < FLUSH)
+            & (level_rims.radii < level_rims.radii[best] / ALIKE)
+        )
+        level &= (level_rims.shell == level_rims.shell[best]) if own.any() else level
+        rows.append((*level_rims.centers[best], level_rims.radii[best], level_rims.radii[level].max(initial=0.0)))
+    table = np.array(rows, dtype=float).reshape(-1, 5)
+    return DotSet(table[:, :2], table[:, 3], table[:, 4], np.zeros(len(table)), table[:, 2], ordered=False)
