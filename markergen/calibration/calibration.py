@@ -660,8 +660,8 @@ def _result(
         relation = relate(body, adjustment, moment, knowledge.print_sigma, tuple(choices))
         left_open = knowledge.errors.left(designs[first], adjustment.network, first)
         relation = replace(relation, scale_sigma=left_open)
-        # Photographs of one moment tell of the cameras, too.
-        source = relation.together if len(choices) > 1 else adjustment
+        # Photographs of one moment tell of the cameras, too, unless they were not taken at once.
+        source = relation.together if len(choices) > 1 and not relation.warnings else adjustment
     cameras = _cameras(source, choices)
     counts = sightings.views.seen.sum(axis=0)
     lost = np.setdiff1d(np.arange(len(names_of)), chosen)
@@ -688,7 +688,7 @@ def _result(
     markers = tuple(designs)
     if knowledge.free:
         # With one pose for all markers of a photograph, the dots are known better.
-        together = adjustment if relation is None else relation.together
+        together = source if relation is None or relation.rig is None else relation.together
         dots = together.places, together.covariance
         photos = len(sightings.photos)
         # A rig grows as a whole, of which its markers' dots cannot tell.
