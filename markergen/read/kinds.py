@@ -18,6 +18,7 @@ from markergen.read.formats import recognized, refuse_unreadable, split
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
 from markergen.read.poses import POSE_FORMATS
 from markergen.read.poses.rows import RowsFile
+from markergen.registry import Registry
 
 KINDS = ("marker", "rig", "spec", "camera", "poses", "outline", "points")
 GEOJSON = ("Feature", "FeatureCollection", "GeometryCollection", "Polygon", "MultiPolygon", "LineString")
@@ -45,8 +46,9 @@ def kinds_of(path: Path) -> list[str]:
     document = Document(name, data)
     if is_toml and _SPEC.search(data):
         return ["spec"]
-    kinds = ["camera"] * _is_camera(document)
-    if _has_list(content) if is_json else _has_poses(name, data) and not _is_layout(data):
+    kinds = ["camera"] * _has(CAMERA_FORMATS, document)
+    rows = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
+    if _has_list(content) if is_json else _has(POSE_FORMATS, rows, True) and not _is_layout(data):
         kinds.append("poses")
     if kinds:
         return kinds
@@ -66,27 +68,20 @@ def _is_drawing(name: str, data: bytes) -> bool:
     # All XML may be SVG to its reader.
     if data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<":
         return re.search(rb"<(\w+:)?svg\b", data[:20_000]) is not None
-    return recognized(OUTLINE_FORMATS, OutlineFile(name, data)) is not None
+    return _has(OUTLINE_FORMATS, OutlineFile(name, data))
 
 
-def _is_camera(document: Document) -> bool:
+def _has(formats: Registry[Any], file: object, damaged: bool = False) -> bool:
+    """Whether a file has one of the formats; `damaged` if one says that it is."""
     try:
-        return recognized(CAMERA_FORMATS, document) is not None
+        return recognized(formats, file) is not None
     except InputError:
-        return False
+        return damaged
 
 
 def _has_list(content: Any) -> bool:
     rows = [content.get(key) for key in ("poses", "frames")] if isinstance(content, Mapping) else [content]
     return any(isinstance(row, list) and all(isinstance(pose, dict) for pose in row) for row in rows)
-
-
-def _has_poses(name: str, data: bytes) -> bool:
-    try:
-        file = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
-        return recognized(POSE_FORMATS, file) is not None
-    except InputError:
-        return True
 
 
 def _is_layout(data: bytes) -> bool:
