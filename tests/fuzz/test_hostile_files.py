@@ -111,7 +111,7 @@ def test_a_name_that_is_too_long_is_no_path():
         (f'<rect width="9" height="9" class="{"a " * 500_000}"/>', "at most 1000 characters of class names"),
         (f"<style>{'.a{fill:none}' * 30_000}</style>{PLATE}", "at most 300 kB of style sheets"),
         (f'<rect width="9" height="9" transform="{"scale(1)" * 100_000}"/>', "at most 300 kB"),
-        (f'<path d="{"M0 0zzzzzzzzzz" * 20_000}"/>', "at most 10000 lines and curves"),
+        (f'<path d="{"M0 0h1zzzzzzzzz" * 20_000}"/>', "at most 10000 lines and curves"),
         (f'<path d="M0 0{"l1 1" * 70_000}z"/>', "at most 10000 lines and curves"),
     ],
     ids=["nested", "clips", "classes", "styles", "transforms", "closes", "lines"],
