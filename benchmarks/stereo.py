@@ -65,15 +65,15 @@ def one_set(rng: np.random.Generator, photos: int, known: str) -> tuple[Array, A
     _, rotations, translations = in_gauge(whole, true, *pose_product(away, first))
     _, rotation, translation = in_gauge(whole, true, *first)
     there = pose_product((rotations, translations), inverse_pose((rotation, translation)))
-    found = relation.cameras[0][1], relation.cameras[1][1]
+    estimate = relation.cameras[0][1], relation.cameras[1][1]
     apart = [adjust_robustly(network, part).adjustment.views for network, part in zip(networks, parts, strict=True)]
-    each = pose_product(
+    paired = pose_product(
         (apart[1].rotation, apart[1].translation), inverse_pose((apart[0].rotation, apart[0].translation))
     )
-    median = each[0][0] @ exponential(np.median(logarithm(each[0][:1].swapaxes(-1, -2) @ each[0]), axis=0))
+    median = paired[0][0] @ exponential(np.median(logarithm(paired[0][:1].swapaxes(-1, -2) @ paired[0]), axis=0))
     errors = [
         np.concatenate([logarithm(pose[0] @ there[0][0].T), pose[1] - there[1].mean(axis=0)])
-        for pose in (found, (median, np.median(each[1], axis=0)))
+        for pose in (estimate, (median, np.median(paired[1], axis=0)))
     ]
     return errors[0], relation.camera_covariance[6:, 6:], errors[1]
 

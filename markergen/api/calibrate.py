@@ -147,7 +147,7 @@ def calibrate(
     knowledge = {
         name: replace(known, camera=taken, covariance=spread) for name, (_, (taken, spread)) in cameras.items()
     }
-    moved = sum(each.camera is None or each.covariance is not None for each in knowledge.values())
+    moved = sum(prior.camera is None or prior.covariance is not None for prior in knowledge.values())
     if not moved and not known.free and not has_relation and named is None:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
     Calibration.check_targets(targets, len(bodies), known.free or has_relation, moved)

@@ -438,7 +438,7 @@ def calibrate_bodies(
     """Measure printed markers, and cameras that are unknown, by photographs of them; also what is held together.
 
     Bodies are markers, or a rig alone; photographs are those of `photos.find_dots`. For several cameras, photographs
-    and what is known are mappings by their names; which are of one moment is said in `photos.joined`.
+    and what is known are mappings by their names; `photos.joined` decides which are of one moment.
 
     Raises
     ------
@@ -455,8 +455,8 @@ def calibrate_bodies(
     options: dict[str, Any] = {"progress": progress, "workers": workers}
     parts, wholes = list[PhotographedDots](), list[Network]()
     for name, by_camera in given.items():
-        found = find_dots(designs, taken[name], by_camera.camera, camera_covariance=by_camera.covariance, **options)
-        sightings, camera = found
+        prior, spread = by_camera.camera, by_camera.covariance
+        sightings, camera = find_dots(designs, taken[name], prior, camera_covariance=spread, **options)
         if not len(sightings.views):
             reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
             raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)

@@ -154,9 +154,9 @@ def relate(
     looser = together.variance_factor / adjustment.variance_factor
     several = np.bincount(np.unique(np.stack([moment, plate * len(names) + views.camera]), axis=1)[0]) > 1
     looseness = float(np.sqrt(looser)) if adjustment.degrees_of_freedom > 0 else 1.0
-    found = Relation(None, np.zeros(0), np.zeros(0), looseness, int(several.sum()), together, tuple(names))
+    relation = Relation(None, np.zeros(0), np.zeros(0), looseness, int(several.sum()), together, tuple(names))
     if body is None:
-        return found
+        return relation
     size = len(body.plates)
     measured = together.joints.rotation[:size], together.joints.translation[:size]
     (rotations, translations), spread = _as_designed(body, measured, together.rigid_covariance[: 6 * size, : 6 * size])
@@ -168,7 +168,7 @@ def relate(
         spread,
     )
     turned = np.rad2deg(angle_between(rotations, designed[0]))
-    return replace(found, rig=rig, turned_deg=turned, moved=np.linalg.norm(translations - designed[1], axis=-1))
+    return replace(relation, rig=rig, turned_deg=turned, moved=np.linalg.norm(translations - designed[1], axis=-1))
 
 
 def _sigmas(covariance: Array) -> tuple[Array, Array]:

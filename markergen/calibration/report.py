@@ -368,18 +368,18 @@ def _photos_section(quantities: Quantities) -> Section:
     residual = calibration.adjustment.residual
     section = Section(quantities.sentences["photos"][:1])
     taken, rejected = quantities.taken, quantities.rejected
-    for k, found in enumerate(calibration.cameras):
+    for k, calibrated in enumerate(calibration.cameras):
         rows = (views.camera == k)[:, None]
         if not (taken & rows).any():
             continue
         part, lost = taken & rows, rejected & rows
-        factor = residual_factor(residual[part], found.camera.width)
+        factor = residual_factor(residual[part], calibrated.camera.width)
         crossed = (views.pixels[lost], residual[lost])
         section.plots.append(
             plot(
-                partial(draw_residual_vectors, views.pixels[part], residual[part], crossed, factor, found.camera),
+                partial(draw_residual_vectors, views.pixels[part], residual[part], crossed, factor, calibrated.camera),
                 f"residuals{k or ''}",
-                f"Residuals of {int(part.sum())} dots over the image{of_camera(found.name)}, "
+                f"Residuals of {int(part.sum())} dots over the image{of_camera(calibrated.name)}, "
                 f"{number(_rms(np.linalg.norm(residual[part], axis=1)))} px RMS.",
                 f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
                 "lens that the model does not follow, or a marker that bends.",
@@ -432,7 +432,7 @@ def _photos_section(quantities: Quantities) -> Section:
 def _coverage_section(quantities: Quantities) -> Section:
     """Where in the image, from which sides, and with which turns the marker was seen."""
     section, adjustment = Section(), quantities.calibration.adjustment
-    for k, found in enumerate(quantities.calibration.cameras):
+    for k, calibrated in enumerate(quantities.calibration.cameras):
         of_one = adjustment.of_camera(k)
         covered, views = coverage_of(of_one), of_one.views
         pixels = [seen[weights > 0] for seen, weights in zip(views.pixels, of_one.weights, strict=True)]
@@ -443,9 +443,9 @@ def _coverage_section(quantities: Quantities) -> Section:
         ]
         section.plots += [
             plot(
-                partial(draw_image_coverage, pixels, found.camera),
+                partial(draw_image_coverage, pixels, calibrated.camera),
                 f"coverage{k or ''}",
-                f"Outlines of the dots of {len(pixels)} views{of_camera(found.name)} over the image; "
+                f"Outlines of the dots of {len(pixels)} views{of_camera(calibrated.name)} over the image; "
                 f"{100 * covered.image:.0f} % of its cells have a dot.",
                 "Where in the image the dots were, each photograph as the outline of its dots. A camera is known only "
                 "where dots were.",
@@ -454,7 +454,7 @@ def _coverage_section(quantities: Quantities) -> Section:
             plot(
                 partial(draw_directions, views.rotation, covered.tilt_deg),
                 f"directions{k or ''}",
-                f"Sides and tilts from which {len(pixels)} views were taken{of_camera(found.name)}: tilts of "
+                f"Sides and tilts from which {len(pixels)} views were taken{of_camera(calibrated.name)}: tilts of "
                 f"{covered.tilt_deg.min():.0f} to {covered.tilt_deg.max():.0f} deg, to {len(covered.sides)} of 8 "
                 "sides.",
                 "From which side each photograph was taken, seen from the front of the marker: the middle is frontal, "
@@ -532,8 +532,8 @@ def _camera_section(quantities: Quantities) -> Section | None:
     calibration, halves = quantities.calibration, quantities.calibration.halves
     section = Section([*quantities.sentences["camera"]])
     shape = _image_size(quantities)
-    for k, found in enumerate(calibration.cameras):
-        camera, covariance = found.camera, found.covariance
+    for k, calibrated in enumerate(calibration.cameras):
+        camera, covariance = calibrated.camera, calibrated.covariance
         if covariance is None:
             continue
         sigma, center = np.sqrt(np.diag(covariance)), projection_uncertainty(camera, covariance)
@@ -542,7 +542,7 @@ def _camera_section(quantities: Quantities) -> Section | None:
             plot(
                 partial(draw_uncertainty, center, camera),
                 f"uncertainty{k or ''}",
-                f"Standard deviation of the projection{of_camera(found.name)} over the image, {low} to {high} px.",
+                f"Standard deviation of the projection{of_camera(calibrated.name)} over the image, {low} to {high} px.",
                 "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
                 shape,
             )
@@ -562,12 +562,12 @@ def _camera_section(quantities: Quantities) -> Section | None:
                 )
             )
             section.sentences.append(
-                f"The cameras of the two halves differ by {difference_px}{of_camera(found.name)}; all parameters have "
-                f"a chi2 of {halves.camera_chi2:.2f} per degree of freedom, where 1 is expected."
+                f"The cameras of the two halves differ by {difference_px}{of_camera(calibrated.name)}; all parameters "
+                f"have a chi2 of {halves.camera_chi2:.2f} per degree of freedom, where 1 is expected."
             )
         section.tables.append(
             Table(
-                f"Camera {found.name}".rstrip(),
+                f"Camera {calibrated.name}".rstrip(),
                 ["parameter", "value", "sigma"],
                 [
                     [name, f"{value:.7g}", number(float(deviation)) if deviation else "held"]
@@ -576,8 +576,8 @@ def _camera_section(quantities: Quantities) -> Section | None:
                 f"{camera.width} x {camera.height} px, {camera.distortion.model} lens; f and c in px.",
             )
         )
-        if isinstance(found.choice, CameraChoice):
-            section.tables.append(_trials(found.choice))
+        if isinstance(calibrated.choice, CameraChoice):
+            section.tables.append(_trials(calibrated.choice))
     return section if section.tables else None
 
 

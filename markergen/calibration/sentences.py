@@ -40,9 +40,9 @@ def sentences_of(calibration: "Calibration") -> dict[str, list[str]]:
         "relation": [] if relation is None else list(relation.sentences),
         "judged": judged(calibration),
         "camera": [
-            f"Camera{f' {found.name}' * bool(found.name)}: {found.camera}. {far_points(found.camera, found.covariance)}"
-            for found in calibration.cameras
-            if found.covariance is not None
+            f"Camera{f' {entry.name}' * bool(entry.name)}: {entry.camera}. {far_points(entry.camera, entry.covariance)}"
+            for entry in calibration.cameras
+            if entry.covariance is not None
         ],
         "next": [] if following is None else [following.sentence],
     }
