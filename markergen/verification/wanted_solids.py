@@ -45,8 +45,8 @@ CUT = 0.02
 MOST_MADE = 5
 """Number of solids that are made with options that a file may have been exported with: those nearest in volume."""
 
-MOST_TRIED = 2
-"""Number of solids with other volumes and areas with which a file is compared."""
+MOST_TRIED = 1
+"""Number of solids of the nearest volume and area with which a file is compared, beside the one asked for."""
 
 RIM = 2.5
 """Maximum ratio of the radius of a dot to that of its rim, of a ball on a neck."""
