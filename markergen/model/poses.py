@@ -353,6 +353,13 @@ def raised(points: Array, height: float) -> Array:
     return np.concatenate([np.column_stack([points, np.full(len(points), z)]) for z in (0.0, height)])
 
 
+def left_out(count: int, dropped: int) -> str:
+    """Say how many poses do not see the whole marker, where most of them do not, and what helps; else empty."""
+    remedy = "use a smaller marker, poses farther away, or a camera with a wider view"
+    missed = f"{dropped} of {count + dropped} poses do not see the whole marker and are left out: {remedy}"
+    return missed if dropped > count else ""
+
+
 def visibility(points: Array, rotation: Array, translation: Array, camera: Camera) -> Codes:
     """Return codes (P,) of `REASONS`, or `SEEN` if all points (m, 2 or 3) are in front of the camera and on the sensor.
 

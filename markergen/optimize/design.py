@@ -24,7 +24,7 @@ from markergen.model.occlusion import eyes_of
 from markergen.model.openings import check_holes, near_holes
 from markergen.model.planned_error import KEY, PlannedError, planned_error_of
 from markergen.model.pose_sources.cone import poses_in_words
-from markergen.model.poses import PoseDistribution
+from markergen.model.poses import PoseDistribution, left_out
 from markergen.model.rig import Rig
 from markergen.model.sight import Coverage, coverage
 from markergen.model.spec import Spec
@@ -522,8 +522,8 @@ class Design(Result):
             )
         if self.setting.poses.doubt:
             warnings.append(self.setting.poses.doubt)
-        elif self.setting.poses.dropped > len(self.setting.poses):
-            warnings.append("most poses do not see the whole marker and are left out")
+        elif missed := left_out(len(self.setting.poses), self.setting.poses.dropped):
+            warnings.append(missed)
         if self.dots.warning:
             warnings.append(self.dots.warning)
         warnings += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]

@@ -15,7 +15,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
 from markergen.model.planned_error import amount, degrees, planned_error_of
-from markergen.model.poses import PoseDistribution
+from markergen.model.poses import PoseDistribution, left_out
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, reference
@@ -251,10 +251,11 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     cells = cells_of(poses)
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
-    hardest |= {"rotation_deg": rms(rotation[mask]), "translation_mm": rms(translation[mask])}
+    hardest |= {"rotation": degrees(rms(rotation[mask])), "translation_mm": rms(translation[mask])}
     turned, moved = rms(rotation), rms(translation)
     words = {"rotation": degrees(turned), "translation": f"{amount(moved)} mm"}
-    return {"rotation_deg": turned, "translation_mm": moved, **words, "hardest": hardest}
+    seen = {"poses": len(poses), "dropped": poses.dropped, "missed": left_out(len(poses), poses.dropped)}
+    return {"rotation_deg": turned, "translation_mm": moved, **words, **seen, "hardest": hardest}
 
 
 def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from markergen.model.planned_error import PlannedError, amount
+from markergen.model.poses import left_out
 from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
 from markergen.presentation.tables import number, percent
 from markergen.units import format_length
@@ -50,7 +51,11 @@ _UNITS = ("px", "grey", "deg")
 
 def plan_sentences(results: Mapping[str, Any]) -> list[str]:
     """State what to plan with, first, then how it was computed, and what the views of the same run show."""
-    return _rig_plan(results) if "rig" in results else marker_plan(results["headline"])
+    if "rig" in results:
+        return _rig_plan(results)
+    missed = left_out(results["poses"]["count"], results["poses"]["dropped"])
+    verdict, *more = marker_plan(results["headline"])
+    return [f"{verdict} {missed}." if missed else verdict, *more]
 
 
 def detail_sentences(results: Mapping[str, Any]) -> list[str]:

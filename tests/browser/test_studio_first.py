@@ -99,3 +99,15 @@ def test_on_a_phone_options_come_first_and_fingers_meet_them(address, opened):
         first, marker = (page.locator(name).bounding_box() for name in ("#first", "#marker"))
         assert first["y"] + first["height"] < min(800, marker["y"])
         assert page.evaluate(TARGETS) == []
+
+
+def test_a_marker_that_is_opened_is_named_and_a_distance_that_is_none_refused(studio, tmp_path, pentagon):
+    pentagon.save(tmp_path / "mine.json")
+    studio.give(tmp_path / "mine.json")
+    studio.until("() => document.getElementById('said').textContent.startsWith('mine.json: ')")
+    before = studio.state()
+    assert before["radius"].endswith("mm")
+    studio.page.fill("#first-far", "-1")
+    studio.page.keyboard.press("Tab")
+    assert "found -1" in studio.said()
+    assert studio.state() == before

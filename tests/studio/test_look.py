@@ -74,6 +74,19 @@ def test_faults_are_said_and_do_not_stop_the_numbers() -> None:
     assert inside["line"].endswith(sentence("near region"))
 
 
+def test_poses_that_do_not_see_the_whole_marker_are_counted_at_once():
+    near = {
+        "boundary": "rect:180mmx260mm",
+        "n": 4,
+        "dot": "20mm",
+        "poses": "cone:distance=0.3..0.5m,tilt=0..60,count=100",
+    }
+    expected = look(near)["expected"]
+    assert expected["poses"] + expected["dropped"] == 100
+    assert expected["missed"].startswith(f"{expected['dropped']} of 100 poses")
+    assert not look({**near, "poses": "cone:distance=1..1.5m,tilt=0..60,count=10"})["expected"]["missed"]
+
+
 def test_a_relief_a_tag_and_keep_outs_are_drawn() -> None:
     relief = look({"points": "0mm,50mm,10mm; -50mm,0mm,0mm; 0mm,-50mm,5mm; 50mm,0mm,0mm", "relief": "10mm"})
     assert [dot["z"] for dot in relief["dots"]] == [0.01, 0, 0.005, 0]

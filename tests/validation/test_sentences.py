@@ -56,3 +56,13 @@ def test_few_views_are_no_measurement(count, advice):
     lines = sentences.agreement({"hardest": place, "all": place, "lost": 0})
     assert lines
     assert all(line.endswith(advice) for line in lines)
+
+
+def test_poses_that_are_left_out_are_counted_where_they_are_most(monkeypatch):
+    monkeypatch.setattr(sentences, "marker_plan", lambda claim: ["Plan.", *claim])
+    results = {"headline": ["More."], "poses": {"count": 60, "dropped": 340}}
+    plan, more = sentences.plan_sentences(results)
+    assert plan.startswith("Plan. 340 of 400 poses")
+    assert more == "More."
+    results["poses"]["dropped"] = 60
+    assert sentences.plan_sentences(results) == ["Plan.", "More."]

@@ -117,7 +117,7 @@ class LabelSafety:
         if self.least < SAME_PX:
             return f"labels are ambiguous: with {rival} the marker looks the same ({seen})"
         return (
-            f"labels are safe while dots move by less than {self.least:.2g} px RMS; "
+            f"labels are safe while dots move by less than {_px(self.least)} px RMS; "
             f"then they fit as well with {rival} ({seen})"
         )
 
@@ -127,7 +127,7 @@ class LabelSafety:
         if np.isinf(self.least) or self.px.max() <= self.least + SAME_PX:
             return (self.sentence,)
         safest = int(self.px.argmax())
-        never = "never taken for another" if np.isinf(self.px[safest]) else f"safe to {self.px[safest]:.2g} px"
+        never = "never taken for another" if np.isinf(self.px[safest]) else f"safe to {_px(self.px[safest])} px"
         return self.sentence, f"the least safe dot is {self.ids[self.worst]}, the safest is {self.ids[safest]}, {never}"
 
     def in_words(self, dot: int) -> str:
@@ -180,6 +180,15 @@ class LabelSafety:
                 for i in range(len(self.px))
             ],
         }
+
+
+def _px(safety: float) -> str:
+    """Two digits, without an exponent.
+
+    >>> _px(0.571), _px(163.4)
+    ('0.57', '160')
+    """
+    return f"{float(f'{safety:.2g}'):g}"
 
 
 def label_safety(marker: Marker, setting: Setting) -> LabelSafety:

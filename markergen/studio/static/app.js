@@ -387,9 +387,8 @@ async function searching(path, request, onstep) {
     if (last?.error) throw new Refused(last.error);
     return last;
   } catch (error) {
-    if (error.name === "AbortError") said("Stopped; nothing has changed.");
-    else if (error instanceof Refused || error instanceof Gone) told(error);
-    else lost();
+    if (error instanceof Refused || error instanceof Gone) told(error);
+    else if (error.name !== "AbortError") lost();
     return null;
   } finally {
     search = null;
@@ -405,6 +404,7 @@ async function optimize() {
   const count = others.n || others.target ? {} : { n: look?.dots.length || 5 };
   const end = await searching("optimize", { options: { ...others, ...count } }, (line) => line.dots && drawing.ghost(line.dots));
   if (!end) return;
+  said("Found; its errors come next.");
   if (end.options) {
     if (!others.dot) sized = end.options.dot;
     if (await become({ ...end.options, drawing_center: options.drawing_center })) said(end.certificate ? `Done: ${end.certificate.sentence}.` : "Done.");
@@ -492,7 +492,11 @@ function listen() {
     else return;
     event.preventDefault();
   });
-  by("optimize").addEventListener("click", () => (search ? search.abort() : optimize()));
+  by("optimize").addEventListener("click", () => {
+    if (!search) return optimize();
+    search.abort();
+    said("Stopped; nothing has changed.");
+  });
   by("back").addEventListener("click", () => become(options.shape ? flat : options, Boolean(options.shape)));
   by("open").addEventListener("click", () => by("files").click());
   by("files").addEventListener("change", async () => {
@@ -512,6 +516,7 @@ function listen() {
     value === "file" ? by("files").click() : anew({ camera: value || undefined, camera_covariance: undefined });
   });
   by("first-far").addEventListener("change", ({ target: { valueAsNumber: far } }) => {
+    if (far <= 0) return said(`expected a distance above 0 m, found ${far}; write 1.5, for example`, true);
     anew({ poses: far > 0 ? `cone:distance=${Number((NEAREST * far).toPrecision(4))}..${far}m,tilt=0..${TILT}` : undefined });
   });
   by("theme").addEventListener("change", () => {

@@ -5,14 +5,23 @@ import { by, digits, make, mm, sentence, table, worded } from "./dom.js";
 const MOST = 5;
 const SOURCES = { image: "image", print: "print", calibration: "calibration" };
 
+/* Whole percents that add up to 100: the largest takes what the others leave. */
+function percents(shares) {
+  const whole = shares.map((share) => Math.round(100 * share)), largest = whole.indexOf(Math.max(...whole));
+  whole[largest] += 100 - whole.reduce((sum, each) => sum + each, 0);
+  return whole;
+}
+
 /* What follows a dot that is dragged. */
 export function now(look) {
   const { expected, objective, poses } = look, hardest = expected.hardest;
+  const over = expected.dropped ? `${expected.poses} of ${expected.poses + expected.dropped} poses, which see the whole marker` : "all poses";
   by("expect").replaceChildren(
     make("p", { class: "big" },
-      make("span", { id: "degrees" }, expected.rotation, make("small", {}, "rotation to plan with, RMS of all poses")),
-      make("span", { id: "millimeters" }, expected.translation, make("small", {}, "position to plan with, RMS of all poses"))),
-    make("div", { class: "note", id: "plan" }, make("p", {}, `Hardest: ${digits(hardest.rotation_deg)} deg at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to "))));
+      make("span", { id: "degrees" }, expected.rotation, make("small", {}, `rotation to plan with, RMS of ${over}`)),
+      make("span", { id: "millimeters" }, expected.translation, make("small", {}, `position to plan with, RMS of ${over}`))),
+    ...(expected.missed ? [make("p", {}, sentence(expected.missed))] : []),
+    make("div", { class: "note", id: "plan" }, make("p", {}, `Hardest: ${hardest.rotation} at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to "))));
   by("brief").textContent = `${expected.rotation}, ${expected.translation}`;
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
@@ -20,7 +29,7 @@ export function now(look) {
   const bar = make("div", { class: "shares", "aria-hidden": "true" }, shares.map(() => make("i")));
   shares.forEach((share, index) => { bar.children[index].style.width = `${100 * share}%`; });
   by("limits").replaceChildren(bar,
-    make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${digits(100 * shares[index], 2)} %`))),
+    make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${percents(shares)[index]} %`))),
     ...look.limits.map((line) => make("p", {}, worded(line))));
   const value = (number) => (number === null ? "does not fit" : `${digits(number, 4)} ${objective.unit}`);
   const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
@@ -40,7 +49,7 @@ export function problems(found) {
 
 /* What takes longer; null while it is not known. */
 export function later(more) {
-  const wait = () => [make("p", { class: "note" }, "Waits until nothing changes; then it takes some seconds …")];
+  const wait = () => [make("p", { class: "note" }, "Computing; this takes seconds, or minutes for many dots and large images …")];
   if (!more) {
     for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(...wait());
     by("patterns")?.replaceChildren();

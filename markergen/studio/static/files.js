@@ -3,7 +3,7 @@
 import { Refused, ask, by, make } from "./dom.js";
 import { photographs } from "./photos.js";
 
-const KINDS = { camera: "a camera", poses: "poses of the camera", points: "places of dots", rig: "a rig" };
+const KINDS = { camera: "a camera", poses: "poses of the camera", points: "places of dots", rig: "a rig", options: "a marker, opened with all its options" };
 const DRAWING = /\.(svg|dxf|geojson|kicad_pcb)$/i;
 
 /* files(page, units) returns take(files). The page has options(), become(state), which is a promise of whether the server
@@ -86,7 +86,7 @@ export function files(page, units) {
     const kind = Object.keys(opened).find((name) => answer[name]);
     const taken = await opened[kind](answer);
     const title = answer.title === file.name ? KINDS[kind] : answer.title;
-    return taken && (answer.note || kind !== "options") && page.said(`${file.name}: ${answer.note || title || kind}`);
+    return taken && (answer.note || answer.marker || kind !== "options") && page.said(`${file.name}: ${answer.note || title || kind}`);
   }
 
   /* Take files one after the other; photographs are searched for the marker that there is then. */
