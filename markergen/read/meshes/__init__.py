@@ -45,7 +45,3 @@ class MeshObject(NamedTuple):
     paints: NDArray[np.int64] | None = None
     palette: Sequence[Color] = ()
     tool: str = ""
-
-    def mapped(self, matrix: NDArray[np.floating]) -> "MeshObject":
-        """Map linearly by a matrix (3, 3) of positive determinant."""
-        return self._replace(corners=self.corners @ matrix.T)
