@@ -10,7 +10,7 @@ from docs.blocks import ROOT, blocks, pages, run
 
 LEFT_OUT = {
     "README.md": 1,  # the installation
-    "calibrate.md": 1,  # a live camera
+    "calibrate.md": 2,  # a live camera, two cameras
     "comparison.md": 2,  # takes minutes
     "detect.md": 1,
     "handeye.md": 1,  # a live camera
