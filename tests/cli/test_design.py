@@ -181,7 +181,7 @@ def test_what_was_minimized_is_printed(here, capsys):
     """The table has each criterion with its own aggregate: that of the spec is told beside it."""
     assert main(quick("--n", "6", "--aggregate", "max", "--survive", "1", "--trace", "way.csv", "--details")) == 0
     value = float(list(csv.DictReader((here / "way.csv").read_text().splitlines()))[-1]["objective"])
-    assert f"loss of 1 dot of {value:.4g} m, seed 0" in capsys.readouterr().out
+    assert f"loss of 1 dot, {value:.4g} m, seed 0" in capsys.readouterr().out
 
 
 def test_poses_that_mostly_miss_the_marker_are_told(here, capsys):
