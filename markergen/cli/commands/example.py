@@ -22,8 +22,8 @@ def example(
     from markergen.api.example import copied_example, examples, summary_of
 
     if name is None:
-        for known, path in sorted(examples().items(), key=lambda item: item[1].suffix):
-            console.report(f"{known:24} {path.suffix[1:] or 'package':8}{summary_of(path)}")
+        for entry, path in sorted(examples().items(), key=lambda item: item[1].suffix):
+            console.report(f"{entry:24} {path.suffix[1:] or 'package':8}{summary_of(path)}")
         return
     for file in copied_example(name, folder).written:
         console.report(str(file))
