@@ -35,7 +35,7 @@ SIGMA = np.array([2.0, 2.0, 2.0, 2.0, 0.01, 0.02, 1e-3, 1e-3, 1e-3])
 """Standard deviations of a camera that is known with its covariance."""
 
 
-def one_set(rng: np.random.Generator, photos: int, known: str) -> tuple[Array, Array, Array]:
+def one_set(rng: np.random.Generator, photos: int, knowledge: str) -> tuple[Array, Array, Array]:
     """Error (6,) of the second camera's pose to the first, its covariance, and the error without joint adjustment."""
     design = layout(12)
     true = printed(design, rng)
@@ -45,10 +45,10 @@ def one_set(rng: np.random.Generator, photos: int, known: str) -> tuple[Array, A
     for camera, poses in ((CAMERA, first), (SECOND, pose_product(away, first))):
         made = photographed(design, true, *poses, rng, camera=camera)
         network = made.network()
-        if known == "covariance":
+        if knowledge == "covariance":
             lens, freedom = wrong_camera(rng, SIGMA[: len(camera.parameter_names)], camera)
             network = made.network(freedom, lens)
-        elif known == "unknown":
+        elif knowledge == "unknown":
             network = made.unknown_camera()
         parts.append(made.views)
         networks.append(network)
@@ -91,16 +91,16 @@ def main() -> None:
     parser.add_argument("--photos", type=int, default=12)
     arguments = parser.parse_args()
     print(f"{'cameras':>12} {'deg':>8} {'mm':>8} {'NEES':>6} {'covered':>8} {'apart, deg':>11} {'apart, mm':>10}")
-    for known in CAMERAS:
-        results = [one_set(np.random.default_rng(seed), arguments.photos, known) for seed in range(arguments.sets)]
+    for knowledge in CAMERAS:
+        results = [one_set(np.random.default_rng(seed), arguments.photos, knowledge) for seed in range(arguments.sets)]
         errors, apart = (np.array([result[k] for result in results]) for k in (0, 2))
         sizes = [np.sqrt((error.reshape(-1, 2, 3) ** 2).sum(axis=2).mean(axis=0)) for error in (errors, apart)]
         squares = [nees(*scaled(error, spread), 6) for error, spread, _ in results]
         within = np.abs(errors) < 1.96 * np.sqrt([np.diag(spread) for _, spread, _ in results])
-        (turn, move), (turn_apart, move_apart) = ((np.rad2deg(size[0]), 1e3 * size[1]) for size in sizes)
+        (angle, distance), (angle_apart, distance_apart) = ((np.rad2deg(size[0]), 1e3 * size[1]) for size in sizes)
         print(
-            f"{known:>12} {turn:8.4f} {move:8.4f} {np.mean(squares):6.2f} {within.mean():8.3f} {turn_apart:11.4f} "
-            f"{move_apart:10.4f}"
+            f"{knowledge:>12} {angle:8.4f} {distance:8.4f} {np.mean(squares):6.2f} {within.mean():8.3f} "
+            f"{angle_apart:11.4f} {distance_apart:10.4f}"
         )
 
 

@@ -198,12 +198,6 @@ class Calibration(SavableResult):
 
         return verdict(self)[1]
 
-    def closing(self, shown: bool = False) -> str:
-        """See `sentences.closing_sentence`."""
-        from markergen.calibration.sentences import closing_sentence
-
-        return closing_sentence(self, shown)
-
     @staticmethod
     def check_targets(targets: Targets, markers: int, measured: bool, cameras: int) -> None:
         """Refuse files for what the calibration does not find.
@@ -445,16 +439,15 @@ def calibrate_bodies(
     InputError
         If no photograph can be used, or they do not determine what is asked for.
     """
-    given = knowledge if isinstance(knowledge, Mapping) else {"": knowledge}
-    taken = photos if isinstance(knowledge, Mapping) else {"": photos}
-    known = next(iter(given.values()))
+    by_name, taken = (knowledge, photos) if isinstance(knowledge, Mapping) else ({"": knowledge}, {"": photos})
+    first = next(iter(by_name.values()))
     # A print that was calibrated before is measured anew.
     markers = [plate.marker for body in bodies for plate in body.plates]
     designs = [by_rulers(marker) if marker.joint_covariance else marker for marker in markers]
-    ruled = known.errors.ruler_lengths(designs, known.lengths)
+    ruled = first.errors.ruler_lengths(designs, first.lengths)
     options: dict[str, Any] = {"progress": progress, "workers": workers}
     parts, wholes = list[PhotographedDots](), list[Network]()
-    for name, by_camera in given.items():
+    for name, by_camera in by_name.items():
         prior, spread = by_camera.camera, by_camera.covariance
         sightings, camera = find_dots(designs, taken[name], prior, camera_covariance=spread, **options)
         if not len(sightings.views):
@@ -468,35 +461,34 @@ def calibrate_bodies(
             )
         whole = network_of(designs, by_camera, camera, () if by_camera.camera else BASE)
         parts.append(sightings)
-        wholes.append(replace(whole, lengths=(*known.lengths, *ruled)))
+        wholes.append(replace(whole, lengths=(*first.lengths, *ruled)))
     report = progress or (lambda *_: None)
     report("adjusting", 0, 1)
     whole, sightings = wholes[0], parts[0]
     try:
-        is_unknown = [by_camera.camera is None for by_camera in given.values()]
+        is_unknown = [by_camera.camera is None for by_camera in by_name.values()]
         fits = [_adjusted(*part) for part in zip(wholes, parts, is_unknown, strict=True)]
-        cleaned, noisy, _ = fits[0]
-        if len(given) > 1:
-            sightings, noisy = joined(parts, tuple(given)), joined([fit[1] for fit in fits], tuple(given))
-            whole, cleaned = _together(whole, noisy, [fit[0] for fit in fits])
+        cleaned, sightings, _ = fits[0]
+        if len(by_name) > 1:
+            sightings = joined([fit[1] for fit in fits], tuple(by_name))
+            whole, cleaned = _together(whole, sightings, [fit[0] for fit in fits])
         is_noisy = any(fit[1] is not part for fit, part in zip(fits, parts, strict=True))
-        sightings = noisy
         _ = cleaned.adjustment.unscaled
-        off = known.errors.contradictions(designs, cleaned.adjustment, known.print_sigma)
+        off = first.errors.contradictions(designs, cleaned.adjustment, first.print_sigma)
         if any(off):
-            known = replace(known, errors=known.errors.widened(designs, off))
-            cleaned = _with_lengths(cleaned, (*known.lengths, *known.errors.ruler_lengths(designs, known.lengths)))
+            first = replace(first, errors=first.errors.widened(designs, off))
+            cleaned = _with_lengths(cleaned, (*first.lengths, *first.errors.ruler_lengths(designs, first.lengths)))
         if cleaned.adjustment.degrees_of_freedom > 0:
-            cleaned = _held_loosely(cleaned, known.print_sigma, is_noisy)
+            cleaned = _held_loosely(cleaned, first.print_sigma, is_noisy)
     except np.linalg.LinAlgError:
         error = refusal(explain(whole, sightings.views, _names(designs)))
         assert error is not None
         raise error from None
     report("adjusting", 1, 1)
     report("judging", 0, 1)
-    choices = dict(zip(given, zip(is_unknown, [fit[2] for fit in fits], strict=True), strict=True))
+    choices = dict(zip(by_name, zip(is_unknown, [fit[2] for fit in fits], strict=True), strict=True))
     body = _with_markers(bodies[0], designs) if len(bodies[0].plates) > 1 else None
-    result = _result(designs, known, sightings, np.flatnonzero(cleaned.dots), cleaned, choices, body, off)
+    result = _result(designs, first, sightings, np.flatnonzero(cleaned.dots), cleaned, choices, body, off)
     report("judging", 1, 1)
     return result
 
@@ -656,10 +648,9 @@ def _result(
         raise error
     relation, source, first = None, adjustment, int(adjustment.network.marker[0])
     if body is not None or len(choices) > 1:
-        moment = sightings.moment[cleaned.used]
-        relation = relate(body, adjustment, moment, knowledge.print_sigma, tuple(choices))
-        left_open = knowledge.errors.left(designs[first], adjustment.network, first)
-        relation = replace(relation, scale_sigma=left_open)
+        moment, names = sightings.moment[cleaned.used], [sightings.photos[k] for k in photo]
+        relation = relate(body, adjustment, moment, knowledge.print_sigma, tuple(choices), names)
+        relation = replace(relation, scale_sigma=knowledge.errors.left(designs[first], adjustment.network, first))
         # Photographs of one moment tell of the cameras, too, unless they were not taken at once.
         source = relation.together if len(choices) > 1 and not relation.warnings else adjustment
     cameras = _cameras(source, choices)

@@ -73,9 +73,9 @@ def _dots(results: Sequence[Any]) -> dict[tuple[int, int], Array]:
     """Pixels of dots by the numbers of the marker and the dot."""
     return {
         (number, int(identity)): pixel
-        for number, found in enumerate(results)
-        if found.ok
-        for identity, pixel in zip(found.ids, found.pixels, strict=True)
+        for number, finding in enumerate(results)
+        if finding.ok
+        for identity, pixel in zip(finding.ids, finding.pixels, strict=True)
     }
 
 

@@ -187,7 +187,8 @@ def find_dots(
     size, odd = _one_size(every, names, camera)
     fitting = [k for k in range(len(every)) if k not in odd]
     sources = [every[k] for k in fitting]
-    chosen = sources if is_given else _some(sources)
+    scouts = np.linspace(0, len(sources) - 1, min(SCOUTS, len(sources))).astype(int)
+    chosen = sources if is_given else [sources[k] for k in scouts]
     results, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers, notes)
     if camera is None:
         seen = _labeled(markers, results, {})
@@ -287,11 +288,6 @@ def _one_size(
 
 def _px(size: tuple[int, int] | None) -> str:
     return "" if size is None else f"{size[0]}x{size[1]} px"
-
-
-def _some(sources: Sequence[Any]) -> list[Any]:
-    """Return at most `SCOUTS` photographs, spread evenly."""
-    return [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, min(SCOUTS, len(sources))).astype(int))]
 
 
 def _searched(

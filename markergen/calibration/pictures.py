@@ -90,9 +90,9 @@ def contradicted_diameters(
     most = np.argsort(-views.seen.sum(axis=1), kind="stable")
     sentences = list[str]()
     for number, marker in enumerate(markers):
-        shown = [view for view in most if views.seen[view, owner == number].any()][:ALL]
+        largest = [view for view in most if views.seen[view, owner == number].any()][:ALL]
         ratios = np.array(
-            [_widths(views, view, points, radii, camera, grey(int(photo[view])), marker) for view in shown]
+            [_widths(views, view, points, radii, camera, grey(int(photo[view])), marker) for view in largest]
         )
         if len(ratios) < ALL or not np.isfinite(ratios).any(axis=1).all():
             continue

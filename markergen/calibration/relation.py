@@ -27,6 +27,10 @@ LOOSE = 3.0
 """Ratio of residuals with one pose for all that is held together to those with one for each from which on it counts as
 moving."""
 
+STRAY, STRAY_DEG, LEAST_PAIRS = 20.0, 3.0, 5
+"""Angle beyond which a pair of photographs was not taken at once: times the median of the pairs' angles to the middle
+one, and at least; and the fewest pairs. Right ones were up to 5 medians (0.06 deg) off, wrong ones 17 deg or more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Relation:
@@ -81,16 +85,16 @@ class Relation:
         (rotation, translation), sigmas = self.cameras, zip(*_sigmas(self.camera_covariance), strict=True)
         turned = np.rad2deg(angle_between(rotation, np.eye(3)))
         rows = zip(self.names, turned.tolist(), translation, sigmas, strict=True)
-        return [(name, turn, away, *map(float, sigma)) for name, turn, away, sigma in rows][1:]
+        return [(name, angle, away, *map(float, sigma)) for name, angle, away, sigma in rows][1:]
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What was found."""
         listed = []
-        for name, turn, away, *sigma in self.camera_rows():
+        for name, angle, away, *sigma in self.camera_rows():
             place = " ".join(f"{1e3 * number:.2f}" for number in away)
             listed.append(
-                f"T_{name}_{self.names[0]}: turned by {turn:.4g} deg, moved by ({place}) mm, known to "
+                f"T_{name}_{self.names[0]}: turned by {angle:.4g} deg, moved by ({place}) mm, known to "
                 f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} moments."
             )
         if self.rig is not None:
@@ -116,38 +120,44 @@ class Relation:
 
 
 def relate(
-    body: Body | None, adjustment: Adjustment, moment: Indices, print_sigma: float, names: Sequence[str] = ("",)
+    body: Body | None,
+    adjustment: Adjustment,
+    moment: Indices,
+    print_sigma: float,
+    names: Sequence[str] = ("",),
+    photos: Sequence[str] = (),
 ) -> Relation:
     """Find the relation of a body's plates, of cameras, or of both.
 
     The adjustment is of the dots of all markers, each in its own frame, with a pose for each marker in each photograph;
-    `moment` (v,) is the photograph of each of its views, one for all cameras that took it at once. The standard
+    `moment` (v,) is the photograph of each of its views, one for all cameras that took it at once; `photos` (v,) names
+    the photographs, of which pairs that are none are refused. The standard
     deviation of a printed dot about its design is weak knowledge, which keeps markers of few dots flat. The body of the
     result has the markers as designed, at their measured poses.
 
     Raises
     ------
     InputError
-        If photographs do not connect all markers of the body, or all cameras.
+        If photographs do not connect all markers of the body, or all cameras, or are of other moments than others.
     """
     views, marker = adjustment.views, adjustment.network.marker[np.argmax(adjustment.weights > 0, axis=1)]
     seen = views.rotation, views.translation
-    plates, plate, shown = (np.eye(3)[None], np.zeros((1, 3))), np.zeros(len(marker), dtype=np.intp), moment
+    plates, plate, placed = (np.eye(3)[None], np.zeros((1, 3))), np.zeros(len(marker), dtype=np.intp), moment
     network = adjustment.network
     if body is None:
         # Markers that are no rig's move by themselves.
-        shown = moment * len(names) * (marker.max() + 1) + marker
+        placed = moment * len(names) * (marker.max() + 1) + marker
     else:
         designed, plate = _poses_of(body), marker
         first = designed[0][0], designed[1][0]
         plates = _linked(seen, moment * len(names) + views.camera, marker, first, [p.name for p in body.plates])
         network = replace(network, loose=(print_sigma, print_sigma))
     same = np.unique(np.stack([moment, marker]), axis=1, return_inverse=True)[1].ravel()
-    turned_back = _linked(inverse_pose(seen), same, views.camera, (np.eye(3), np.zeros(3)), names, "cameras")
+    turned_back = _linked(inverse_pose(seen), same, views.camera, (np.eye(3), np.zeros(3)), names, photos)
     poses = [np.concatenate(pair) for pair in zip(plates, inverse_pose(turned_back), strict=True)]
     held = np.isin(np.arange(len(poses[0])), [0, len(plates[0])])
-    shown = np.unique(shown, return_inverse=True)[1]
-    rigid = RigidPoses(poses[0], poses[1], shown, plate, len(plates[0]) + views.camera, held)
+    placed = np.unique(placed, return_inverse=True)[1]
+    rigid = RigidPoses(poses[0], poses[1], placed, plate, len(plates[0]) + views.camera, held)
     network = replace(network, cameras=adjustment.cameras, joints=rigid)
     together = adjust(network, views, adjustment.weights, adjustment.places)
     assert together.joints is not None
@@ -186,38 +196,45 @@ def _poses_of(body: Body) -> Pose:
 
 
 def _linked(
-    seen: Pose, group: Indices, part: Indices, first: Pose, names: Sequence[str], kinds: str = "markers of the rig"
+    seen: Pose, group: Indices, part: Indices, first: Pose, names: Sequence[str], photos: Sequence[str] | None = None
 ) -> Pose:
     """Return poses (k, 3, 3) and (k, 3) of parts, from one to the next by the views (v) of a group that show both.
 
-    Of the relations that several groups give, the one nearest to the others is taken.
+    Of the relations that several groups give, the one nearest to the others is taken. With the names of the views'
+    photographs the parts are cameras, and without them markers of a rig.
     """
     reached = {0: first}
     views_of_groups = [np.flatnonzero(group == number).tolist() for number in np.unique(group)]
     while len(reached) < len(names):
-        candidates = defaultdict[int, list[Pose]](list)
+        candidates = defaultdict[int, list[tuple[Pose, int, int]]](list)
         for one, other in (pair for together in views_of_groups for pair in permutations(together, 2)):
             neighbor = int(part[other])
             if int(part[one]) in reached and neighbor not in reached:
                 (start, end) = ((seen[0][k], seen[1][k]) for k in (one, other))
-                candidates[neighbor].append(
-                    pose_product(reached[int(part[one])], pose_product(inverse_pose(start), end))
-                )
+                pose = pose_product(reached[int(part[one])], pose_product(inverse_pose(start), end))
+                candidates[neighbor].append((pose, one, other))
         if not candidates:
-            left = [name for k, name in enumerate(names) if k not in reached]
-            raise InputError(
-                f"photographs that connect all {kinds}, each with another one",
-                f"none that shows {', '.join(left[:5])} beside one of the others"
-                if kinds != "cameras"
-                else f"no moment at which {', '.join(left[:5])} and another one show the same marker",
-                "photograph its edges, or leave the marker out of the rig"
-                if kinds != "cameras"
-                else "photographs of one moment have one name in the folders of all cameras",
+            left = ", ".join([name for k, name in enumerate(names) if k not in reached][:5])
+            parts, lacking, advice = (
+                ("markers of the rig", f"that shows {left} beside one of the others", "leave the marker out of the rig")
+                if photos is None
+                else ("cameras", f"of a moment at which {left} and another one show the same marker", "name them alike")
             )
-        for neighbor, poses in candidates.items():
-            rotations = np.array([rotation for rotation, _ in poses])
-            apart = angle_between(rotations[:, None], rotations[None])
-            reached[neighbor] = poses[int(np.median(apart, axis=1).argmin())]
+            wanted = f"photographs that connect all {parts}, each with another one"
+            raise InputError(wanted, f"none {lacking}", f"take such photographs, or {advice}")
+        for neighbor, linked in candidates.items():
+            rotations = np.array([pose[0] for pose, *_ in linked])
+            apart = np.rad2deg(angle_between(rotations[:, None], rotations[None]))
+            middle = int(np.median(apart, axis=1).argmin())
+            reached[neighbor] = linked[middle][0]
+            limit = max(STRAY_DEG, STRAY * float(np.median(apart[middle])))
+            strays = [linked[k][1:] for k in np.flatnonzero(apart[middle] > limit)]
+            if photos and strays and len(linked) >= LEAST_PAIRS:
+                raise InputError(
+                    "photographs of one name that were taken at once",
+                    "others: " + ", ".join(f"{photos[one]} and {photos[other]}" for one, other in strays[:5]),
+                    f"correct their names: the cameras of the other {len(linked) - len(strays)} pairs agree",
+                )
     poses = [reached[k] for k in range(len(names))]
     return np.array([rotation for rotation, _ in poses]), np.array([translation for _, translation in poses])
 

@@ -278,8 +278,8 @@ def _relation_section(quantities: Quantities) -> Section | None:
                 "Poses of the cameras",
                 ["camera", "turned, deg", "x, mm", "y, mm", "z, mm", "sigma, deg", "sigma, mm"],
                 [
-                    [name, *map(number, (turn, *(1e3 * away), by_turn, 1e3 * by_shift))]
-                    for name, turn, away, by_turn, by_shift in relation.camera_rows()
+                    [name, *map(number, (angle, *(1e3 * away), by_turn, 1e3 * by_shift))]
+                    for name, angle, away, by_turn, by_shift in relation.camera_rows()
                 ],
                 f"T_camera_{relation.names[0]}, with what is unknown of the print's scale; JSON has the covariance.",
             )

@@ -124,10 +124,10 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
     return f"Use the measured marker: expect {expect}; {confirmed}.", True
 
 
-def closing_sentence(calibration: "Calibration", shown: bool = False) -> str:
+def closing_sentence(calibration: "Calibration", printed: bool) -> str:
     """Return what is to be said of the files that were written: that they are not to be used, or that there are none.
 
-    Empty if there is nothing to say; `shown` results may do without files.
+    Empty if there is nothing to say; `printed` results may do without files.
     """
     if not calibration.to_use:
         files = (
@@ -136,7 +136,7 @@ def closing_sentence(calibration: "Calibration", shown: bool = False) -> str:
             else "the result is"
         )
         return f"{files} not to be used yet: see the first line"
-    return "" if calibration.written or shown else "nothing was written: add -o measured.json"
+    return "" if calibration.written or printed else "nothing was written: add -o measured.json"
 
 
 def errors(error: ExpectedError) -> str:

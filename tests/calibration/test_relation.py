@@ -228,3 +228,23 @@ def test_cameras_that_never_see_a_marker_at_once_are_named():
     network = replace(network, freedom=CameraFreedom.joined([CameraFreedom.held(CAMERA)] * 2))
     with pytest.raises(InputError, match=r"connect all cameras.*right"):
         relate(None, adjust(network, views), np.arange(8), 1e-4, ("left", "right"))
+
+
+@pytest.mark.parametrize("order", [[0, 2, 1, 3, 4, 5], [0, 1, 2, 3, 4, 5]], ids=["exchanged", "right"])
+def test_photographs_that_are_paired_wrongly_are_named(order):
+    rng, design = np.random.default_rng(9), stereo.layout(12)
+    poses = stereo.hand_held(6, rng, design)
+    made = [stereo.photographed(design, design, *poses, rng) for _ in range(2)]
+    views = made[0].views.joined(replace(made[1].views.take(np.array(order)), camera=np.ones(6, dtype=int)))
+    network = replace(made[0].network(), cameras=(CAMERA, CAMERA))
+    network = replace(network, freedom=CameraFreedom.joined([CameraFreedom.held(CAMERA)] * 2))
+    names = [f"{side}/{k}.png" for side in ("left", "right") for k in range(6)]
+    adjustment, moment = adjust(network, views), np.tile(np.arange(6), 2)
+    if order == sorted(order):
+        assert not relate(None, adjustment, moment, 1e-4, ("left", "right"), names).warnings
+        return
+    with pytest.raises(InputError, match=r"others: left/1.png and right/1.png, left/2.png and right/2.png; .* 4 pairs"):
+        relate(None, adjustment, moment, 1e-4, ("left", "right"), names)
+    # Two pairs against two others are no evidence.
+    few = np.isin(moment, [1, 2, 3, 4])
+    relate(None, adjust(network, views.take(few)), moment[few], 1e-4, ("left", "right"), list(np.array(names)[few]))

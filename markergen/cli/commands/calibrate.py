@@ -63,6 +63,7 @@ def calibrate(
       markergen calibrate marker.json left/ right/ --camera left=left.yaml --camera right=right.yaml --json rig.json
     """
     from markergen.api.calibrate import calibrate as measure
+    from markergen.calibration.sentences import closing_sentence
 
     with console.progress_bar() as progress:
         result = measure(
@@ -70,7 +71,7 @@ def calibrate(
             progress=progress, tell=console.note, **options,
         )  # fmt: skip
     console.print_result(result, json)
-    if closing := result.closing(console.is_stdout(json)):
+    if closing := closing_sentence(result, console.is_stdout(json)):
         (console.note if result.to_use else console.complain)(closing)
     if not result.to_use:
         raise typer.Exit(console.FAILED)
