@@ -15,6 +15,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+import sys
 from collections import defaultdict
 from dataclasses import replace
 
@@ -164,11 +165,11 @@ def main() -> None:
         for column, part in one_set(layout, name, px, options.photos, rng).items():
             for row in (name, f"{px:.0f} px", "all"):
                 totals[row][column].append(part)
-        if (k + 1) % 25 == 0 or k + 1 == options.sets:
-            print(f"{k + 1} sets{'':9s}" + "".join(f"{column:>17s}" for column in COLUMNS))
-            for row, columns in totals.items():
-                sums = [np.sum(columns[column], axis=0) for column in COLUMNS]
-                print(f"{row:16s}" + "".join(f"{total / max(count, 1):17.3f}" for total, count in sums), flush=True)
+        print(f"{k + 1} of {options.sets} sets", end="\r", file=sys.stderr, flush=True)
+    print(" " * 16 + "".join(f"{column:>17s}" for column in COLUMNS))
+    for row, columns in totals.items():
+        sums = [np.sum(columns[column], axis=0) for column in COLUMNS]
+        print(f"{row:16s}" + "".join(f"{total / max(count, 1):17.3f}" for total, count in sums))
 
 
 if __name__ == "__main__":

@@ -41,6 +41,12 @@ GIVEN: Sequence[Given] = tuple(
         (CALIBRATE, DEFAULT, ["expected error by less than # %, at forty"]),
         (CALIBRATE, EXAMPLE, ["by 20 to # degrees"]),
         (CALIBRATE, MEANING, ["within # sigmas (#)"]),
+        (
+            CALIBRATE,
+            SETTING,
+            ["Photographs of # dots of # to # px behind lenses, # a set", "benchmarks.lens_claims --sets #`, # a row"],
+        ),
+        (CALIBRATE, MEANING, ["# % of rows are within # (centers), # (dots) and # (camera) of #."]),
         (HANDEYE, EXAMPLE, ["by 20 to # degrees"]),
         (
             HANDEYE,

@@ -77,6 +77,7 @@ RANGES = Command("python -m benchmarks.ranges", 240)
 CALIBRATED = Command("python -m benchmarks.calibration", 900)
 HAND_EYE = Command("python -m benchmarks.handeye", 200)
 STEREO = Command("python -m benchmarks.stereo", 60)
+LENSES = Command("python -m benchmarks.lens_claims --sets 1000", 7200)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
@@ -539,6 +540,10 @@ MEASURED: Sequence[Entry] = (
             [(STEREO, f"{camera} # # # # # #")],
         )
         for camera, row in (("exact", "exact"), ("covariance", "with their covariance"), ("unknown", "unknown"))
+    ),
+    *(
+        Number(CALIBRATE, f"| {lens} | # | # | # |", LENSES.line, [(LENSES, f"{lens} # @ @ # # @")])
+        for lens in ("none", "radtan, weak", "radtan, strong", "rational", "equidistant", "all")
     ),
     *(
         _hand_eye(camera, *setting)
