@@ -96,7 +96,7 @@ class Poses:
     placing: "Placing | None" = None
 
     @classmethod
-    def load(cls, source: Any) -> "Poses":
+    def load(cls, source: Any, **reading: Any) -> "Poses":
         """Make poses from all that the option ``poses`` takes.
 
         Parameters
@@ -105,13 +105,15 @@ class Poses:
             A text such as ``cone:tilt=0..60``; a file; matrices (k, 4, 4) of T_camera_marker; k pairs of rotation
             vector and translation in m, as ``zip(rvecs, tvecs)`` of OpenCV; a table with the columns of a file; or a
             function that makes one of these from a `numpy.random.Generator`, which is always seeded the same.
+        **reading : str or path
+            What is known of a file: poses_frame, poses_axes, poses_unit or camera_in_body, as of `markergen.design`.
 
         Raises
         ------
         InputError
             If it is none of these, or a pose is invalid.
         """
-        return door("read.poses.poses_from")(source)
+        return door("read.poses.poses_from")(source, **reading)
 
     def __len__(self) -> int:
         return len(self.rotation)

@@ -37,6 +37,30 @@ def test_one_matrix_is_one_pose():
     assert len(mg.Poses.load(MATRICES[0])) == 1
 
 
+def test_a_file_is_read_as_stated(tmp_path):
+    path = tmp_path / "motion.csv"
+    rows = np.hstack([np.arange(3)[:, None], 1e3 * PLACES, Rotation.from_rotvec(VECTORS).as_quat()])
+    np.savetxt(path, rows, delimiter=",", header="t,tx,ty,tz,qx,qy,qz,qw", comments="")
+    with pytest.raises(mg.InputError, match="--poses-frame"):
+        mg.Poses.load(path)
+    poses = mg.Poses.load(path, poses_frame="marker-in-camera", poses_unit="mm")
+    assert np.allclose(poses.rotation, MATRICES[:, :3, :3])
+    assert np.allclose(poses.translation, PLACES)
+
+
+def test_only_a_file_is_read_as_stated():
+    with pytest.raises(mg.InputError, match="a file of poses"):
+        mg.Poses.load("cone:tilt=0..60", poses_unit="mm")
+    with pytest.raises(TypeError, match="not unit"):
+        mg.Poses.load("cone:tilt=0..60", unit="mm")
+
+
+def test_arrays_of_numpy_are_loaded_by_the_caller(tmp_path):
+    np.save(tmp_path / "poses.npy", MATRICES)
+    with pytest.raises(mg.InputError, match=r"numpy\.load"):
+        mg.Poses.load(tmp_path / "poses.npy")
+
+
 def test_a_function_draws_the_same_every_time():
     def drawn(generator):
         moved = MATRICES.copy()

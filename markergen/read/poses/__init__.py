@@ -39,14 +39,18 @@ POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markerge
 """Formats by name."""
 
 
-def poses_from(source: Any) -> PoseDistribution:
+def poses_from(source: Any, **reading: Any) -> PoseDistribution:
     """Make poses from a text (``paper``, ``cone:tilt=40..70``; see `named_poses`), a file (see `read_poses`) or values.
 
     A distribution is returned unchanged, and a path object is always a file. In a text, a file with the name of a
-    preset needs its folder: ``./paper``. Values are those of `Poses.load`.
+    preset needs its folder: ``./paper``. Values are those of `Poses.load`. `reading` is what is known of the poses of a
+    file, by the options `READING`.
 
-    Raises InputError if it is none of these, or as the readers raise.
+    Raises InputError if it is none of these, or as the readers raise; TypeError for another option.
     """
+    if unknown := set(reading).difference(READING):
+        raise TypeError(f"poses take {', '.join(READING)}, not {', '.join(sorted(unknown))}")
+    source = poses_as_stated(source, reading)
     if isinstance(source, PoseDistribution):
         return source
     if isinstance(source, PathLike):
@@ -83,7 +87,7 @@ def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
     return numbers_of(translation, rotation, lambda index: f"poses[{index}]")
 
 
-def poses_as_stated(poses: object, options: Mapping[str, Any]) -> object:
+def poses_as_stated(poses: Any, options: Mapping[str, Any]) -> Any:
     """Return poses read as the options `READING` say; unchanged if none of them is given.
 
     Raises InputError if one is given and the poses are not those of a file, or as `read_poses` does.
