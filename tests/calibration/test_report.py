@@ -203,12 +203,12 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
 def test_files_that_are_not_to_be_used_are_told_last(both):
     cross = both.cross_validation
     doubtful = replace(both, cross_validation=replace(cross, gain=replace(cross.gain, low=0.9)))
-    assert closing_sentence(doubtful) == sentence("unusable result")
+    assert closing_sentence(doubtful, printed=False) == sentence("unusable result")
     files = Written(Path("measured.json")), Written(Path("camera.yaml"))
-    said = closing_sentence(replace(doubtful, written=files))
-    assert said == sentence("unusable files", "measured.json, camera.yaml")
-    assert closing_sentence(both) == sentence("nothing written")
-    assert closing_sentence(both, shown=True) == closing_sentence(replace(both, written=files)) == ""
+    closing = closing_sentence(replace(doubtful, written=files), printed=False)
+    assert closing == sentence("unusable files", "measured.json, camera.yaml")
+    assert closing_sentence(both, printed=False) == sentence("nothing written")
+    assert closing_sentence(both, printed=True) == closing_sentence(replace(both, written=files), printed=False) == ""
 
 
 def test_only_the_print_differs_before_and_after(both, nominal):
