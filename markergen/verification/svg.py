@@ -16,9 +16,10 @@ from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
-from markergen.read.outlines.svg import parse_svg
+from markergen.read.outlines.svg import is_filled, parse_svg
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import READERS, Page, Reading, Settings, circles_of, round_shape
+from markergen.verification.svg_styles import plain
 from markergen.verification.words import MOST_LISTED
 
 PATIENCE = 10
@@ -46,18 +47,6 @@ _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 _AT_ENDS = re.compile(rb"\bmarker(?:-start|-mid|-end)?\s*[=:]\s*[\"']?\s*url\b")
 """Shapes at the ends of lines, which browsers draw and the reader does not."""
 
-_STYLE = re.compile(rb"<(?:\w+:)?style\b[^>]*>(.*?)</(?:\w+:)?style>", re.DOTALL)
-_STYLES = re.compile(rb"\{([^{}]*)\}")
-_ATTRIBUTE = re.compile(rb"\sstyle\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-_RULE = re.compile(rb"@(?!charset|namespace|font-face)|\b(?:var|calc|env|attr)\(")
-_ALIKE = (
-    b"fill stroke opacity display visibility font text letter word line color stop clip mask filter flood lighting "
-    b"marker overflow paint-order shape image mix-blend isolation enable-background background solid direction "
-    b"writing-mode baseline dominant-baseline alignment unicode white-space vector-effect inline-size pointer-events "
-    b"cursor block-progression -inkscape -moz -webkit src tab-size unset"
-)
-"""Beginnings of the properties that change no place and no size, or that the reader has."""
-
 
 @READERS.register(".svg", ".svgz")
 def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
@@ -69,11 +58,10 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         raise InputError(f"an SVG that stays as it is in {name}", "animation or a script", "save it without them")
     if _AT_ENDS.search(data):
         raise InputError(f"an SVG without shapes at the ends of its lines in {name}", "marker", "convert them to paths")
-    _check_styles(data, name)
-    file = OutlineFile(name, data, PATIENCE)
+    file = plain(OutlineFile(name, data, PATIENCE))
     wanted = f"an SVG that browsers draw, within {KINDS['SVG'].seconds:g} s, in {name}"
     with np.errstate(all="ignore"):
-        grey = in_child(PARSER, "render", Content(name, data), "SVG", wanted).arrays["picture"]
+        grey = in_child(PARSER, "render", Content(name, file.data), "SVG", wanted).arrays["picture"]
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
         if drawing.scale is None:
             raise InputError(f"a width and height with units in {name}", "none", "save it with its size in mm")
@@ -84,7 +72,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         twice = list[str]()
         for piece in drawing.pieces:
             assert piece.look is not None
-            if piece.look.style["fill"] == "none":
+            filled = is_filled(piece.look.style)
+            if not filled:
                 points = np.concatenate([curve.flatten(OFF / scale) for curve in piece.curves]) * factor
                 ends = np.concatenate([points[1:], points[:1]])
                 pieces = np.stack([points, ends], axis=1)
@@ -106,7 +95,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 x, y = points.min(axis=0) + sides / 2
                 twice.append(f"the {brief(piece.name)} around x {x:.4g}, y {-y:.4g} mm of the page is there twice")
             painted.add(key)
-            if circle and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
+            if circle and (filled or not any(cut[-1:])):
                 circles.append(circle)
             elif len(points) >= 3:
                 corners.append(points)
@@ -122,20 +111,6 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
     return Reading("SVG", (page,), twice=tuple(twice[:MOST_LISTED]))
-
-
-def _check_styles(data: bytes, name: str) -> None:
-    """Refuse styles by which a browser shows something else than a picture of the file."""
-    sheets = _STYLE.findall(data)
-    rules = [rule for sheet in sheets for rule in _STYLES.findall(re.sub(rb"/\*.*?\*/", b"", sheet, flags=re.DOTALL))]
-    rules += [first or second for first, second in _ATTRIBUTE.findall(data)]
-    known = tuple(_ALIKE.split())
-    names = {part.partition(b":")[0].strip().lower() for rule in rules for part in rule.split(b";") if b":" in part}
-    strange = sorted(key for key in names if not key.startswith(known) and key != b"transform")
-    strange += [match[0] for text in (*sheets, *rules) if (match := _RULE.search(text))]
-    if strange:
-        problem = brief(strange[0].decode("utf-8", "replace"))
-        raise InputError(f"styles that all programs draw alike in {name}", problem, "save it as a plain SVG")
 
 
 def _unpacked(data: bytes, name: str) -> bytes:

@@ -374,11 +374,15 @@ def style_of(element: Element, inherited: Style, sheet: Sheet) -> Style:
     return {**_OWN, **passed, **{key: value for key, value in declared.items() if value != "inherit"}}
 
 
+def is_filled(style: Style) -> bool:
+    """Tell whether the inside of a shape is painted."""
+    return style["fill"] not in _CLEAR and not _zero(style["fill-opacity"])
+
+
 def is_painted(style: Style) -> bool:
     """Tell whether a shape is painted, regardless of the groups around it."""
-    filled = style["fill"] not in _CLEAR and not _zero(style["fill-opacity"])
     stroked = style["stroke"] not in _CLEAR and not _zero(style["stroke-opacity"]) and not _zero(style["stroke-width"])
-    return style["visibility"] == "visible" and (filled or stroked)
+    return style["visibility"] == "visible" and (is_filled(style) or stroked)
 
 
 def gone(style: Style) -> bool:
