@@ -37,6 +37,7 @@ TAG_STATES = (*(name.removeprefix("tag ") for name in words("TAG_READ", "TAG_UNC
 _PLAIN = [
     "member", "state", "cut", "tag_state", "tag_family", "tag_place", "rival", "tag", "turns", "misplaced", "count",
     "missing", "evidence", "margin", "sigma", "dots", "blobs", "pixels", "dropped", "plane",
+    "bend",
 ]  # fmt: skip
 """Fields of the core's `Finding` that are single numbers."""
 _NUMBERS, _PLACES = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
@@ -98,6 +99,9 @@ class Finding(NamedTuple):
         The core's own form of the pose, for the next frame.
     verdict : Verdict or None
         Whether image, camera and body agree.
+    bend : float
+        Without a camera, RMS by which the dots miss the homography because the lens bends it, px; 0 if that does not
+        show, or there are fewer than 16 dots.
     tracked : bool
         True if only the surroundings of where it was were looked at.
     """
@@ -121,6 +125,7 @@ class Finding(NamedTuple):
     camera_covariance: "Array | None" = None
     second: "Second | None" = None
     homography: "Array | None" = None
+    bend: float = 0.0
     chi2: float = 0.0
     degrees_of_freedom: int = 0
     scale: float = 0.0
@@ -337,6 +342,7 @@ class Detector:
             guess=ids[:count],
             dropped=np.sort(ids[count:]),
             homography=row["H"].reshape(3, 3) if plain["plane"] else None,
+            bend=plain["bend"],
             placed=row["pose"].copy() if ok else None,
         )
         if not estimate["count"]:

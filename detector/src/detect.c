@@ -671,8 +671,8 @@ static int next_finding(Frame *frame)
     return status ? status : 1;
 }
 
-int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
-                    Findings *findings)
+static int64_t label_blobs(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                           double until, Findings *findings)
 {
     Frame frame = {model, camera, calibrated, image, options, findings, NULL, {0}, {0}, {0}, NULL};
     int64_t status = 0, most = 0;
@@ -683,7 +683,7 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
     if (!frame.quests || !frame.which || scene_of(&frame.scene, camera, calibrated, findings->blobs, findings->blob_count) ||
         work_for(&frame.work, most))
         status = NO_MEMORY;
-    frame.budget = (Budget){options->steps, late, options->deadline > 0 ? now() + options->deadline : 0};
+    frame.budget = (Budget){options->steps, late, until};
     for (int64_t l = 0; l < model->layout_count && !status; l++) {
         Quest *quest = frame.quests + l;
         status = pool_for(&quest->pool, model->layouts[l].count);
@@ -726,6 +726,78 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
     work_free(&frame.work);
     free(frame.quests);
     free(frame.which);
+    return status;
+}
+
+static const Finding *likeliest(const Findings *findings)
+{
+    const Finding *best = NULL;
+    for (int64_t i = 0; i < findings->count; i++)
+        if (findings->findings[i].dots && (!best || findings->findings[i].evidence > best->evidence))
+            best = findings->findings + i;
+    return best;
+}
+
+/* Labels the blobs of findings anew through another lens, and replaces these if the likeliest one has more evidence: 1, else 0, or
+   NO_MEMORY. */
+static int64_t label_through(const Model *model, const Camera *bent, const Image *image, const Options *options, double until,
+                             Findings *findings)
+{
+    Findings again = {0};
+    again.blobs = malloc((size_t)(findings->blob_count + 1) * sizeof *again.blobs);
+    if (!again.blobs)
+        return NO_MEMORY;
+    again.blob_count = findings->blob_count;
+    memcpy(again.blobs, findings->blobs, (size_t)again.blob_count * sizeof *again.blobs);
+    undo_lens(bent, again.blobs, NULL, again.blob_count);
+    const int64_t status = label_blobs(model, bent, 0, image, options, until, &again);
+    const Finding *before = likeliest(findings), *after = likeliest(&again);
+    const int better = !status && after && (!before || after->evidence > before->evidence);
+    Findings dropped = better ? *findings : again;
+    if (better)
+        *findings = again;
+    findings_free(&dropped);
+    return status ? status : better;
+}
+
+/* Without a camera, labels through the lens that explains best how dots miss a homography, until that finds no more. */
+static int64_t free_lens(const Model *model, const Camera *camera, const Image *image, const Options *options, double until,
+                         Findings *findings)
+{
+    enum { ROUNDS = 3 }; /* through a lens with k1 -0.45, two find the whole of a grid of which half is found at first */
+    int64_t status = 1;
+    for (int round = 0; round < ROUNDS && status > 0; round++) {
+        const Finding *best = likeliest(findings);
+        Camera bent;
+        status = best && straighten(model->layouts + model->members[best->member].layout, findings->blobs, best, camera, &bent);
+        if (status)
+            status = label_through(model, &bent, image, options, until, findings);
+    }
+    return status < 0 ? status : 0;
+}
+
+int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
+                    Findings *findings)
+{
+    /* Strengths of equidistant lenses: k1 about -0.5 and -1.6. */
+    static const double STRONG[] = {1.2, 2.2};
+    const double until = options->deadline > 0 ? now() + options->deadline : 0;
+    int64_t status = label_blobs(model, camera, calibrated, image, options, until, findings);
+    if (!calibrated && !status)
+        status = free_lens(model, camera, image, options, until, findings);
+    for (int k = 0; k < 2 && !calibrated && !status; k++) {
+        const Finding *best = likeliest(findings);
+        double evidence = 0; /* of labelings that might be accidents, too: without any, other lenses cost time for nothing */
+        for (int64_t i = 0; i < findings->count; i++)
+            evidence = fmax(evidence, findings->findings[i].evidence);
+        if (best ? best->missing * 5 < best->count : evidence <= 0)
+            break;
+        Camera bent;
+        bend_camera(camera, EQUIDISTANT, STRONG[k], &bent);
+        status = label_through(model, &bent, image, options, until, findings);
+        if (status > 0)
+            status = free_lens(model, camera, image, options, until, findings);
+    }
     return status;
 }
 

@@ -351,6 +351,7 @@ typedef struct {
     double *pixels;          /* (count, 2) images of the dots' own centers, px */
     double H[9];             /* if `plane`, from (x, y) of a flat body, m, to px of an image without lens distortion */
     int32_t plane;
+    double bend;             /* without a camera: RMS by which dots miss H because a lens bends it, px; 0 if too little to tell */
     Estimate estimate;       /* with a camera */
     Verdict verdict;         /* with a camera */
 } Finding;
@@ -377,9 +378,18 @@ void findings_free(Findings *findings);
 /* The image of a dot's own center, px, which the ellipse's center in its blob is not: 1, or 0 beyond the lens's reach. */
 int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel);
 
-/* Without a camera: images of flat dots' own centers (m, 2), px, and the homography H from (x, y) of `xyz`, m, to px, by DLT,
-   scaled to H[8] = 1. Returns 0 if no four dots have no three on a line: then H is not written; or NO_MEMORY. */
-int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H);
+/* Without a calibrated camera: images of flat dots' own centers (m, 2), px, through the lens by which blobs are `known`, and the
+   homography H from (x, y) of `xyz`, m, to these, by DLT, scaled to H[8] = 1. Returns 0 if no four dots have no three on a line:
+   then H is not written; or NO_MEMORY. */
+int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, const Camera *camera, double *corrected,
+                    double *H);
+
+/* A camera with another lens in place of its own: Brown and Conrady's with k1 = strength, or an equidistant one with its focal
+   length divided by strength. */
+void bend_camera(const Camera *camera, int lens, double strength, Camera *bent);
+/* RMS, px, by which a finding's flat dots miss a homography if a lens explains it, with the camera that has this lens; 0 if they are
+   too few, or miss it by as little as without. */
+double straighten(const Layout *layout, const Blob *blobs, const Finding *finding, const Camera *camera, Camera *bent);
 
 /* Fills in `dropped` and what follows it in a finding with labels; without a pose that sees its dots from the front it is UNFIT.
    Returns 0 or NO_MEMORY. */

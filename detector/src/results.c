@@ -66,7 +66,8 @@ static void solve_homography(const double *from, const double *to, int64_t m, do
         H[p] = (p < 6 ? h[p] / out + d[p / 3] * h[6 + p % 3] : h[p]) / h[8];
 }
 
-int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, double *corrected, double *H)
+int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, const Camera *camera, double *corrected,
+                    double *H)
 {
     enum { ROUNDS = 2 }; /* offsets of up to a pixel are known to 3e-3 px after one, and to 4e-5 px after two */
     double *points = malloc((size_t)(2 * m + 1) * sizeof *points);
@@ -74,7 +75,7 @@ int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, in
         return NO_MEMORY;
     for (int64_t i = 0; i < m; i++) {
         memcpy(points + 2 * i, dots[matches[i].dot].xyz, 2 * sizeof *points);
-        memcpy(corrected + 2 * i, blobs[matches[i].blob].center, 2 * sizeof *corrected);
+        memcpy(corrected + 2 * i, blobs[matches[i].blob].at, 2 * sizeof *corrected);
     }
     const int good = in_general_position(points, m);
     if (good)
@@ -88,13 +89,94 @@ int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, in
             const double last = p[2] * p[2] - r * r * (H[6] * H[6] + H[7] * H[7]);
             for (int a = 0; a < 2; a++) {
                 const double center = (p[a] * p[2] - r * r * (H[3 * a] * H[6] + H[3 * a + 1] * H[7])) / last;
-                corrected[2 * i + a] = blobs[matches[i].blob].center[a] - (center - p[a] / p[2]);
+                corrected[2 * i + a] = blobs[matches[i].blob].at[a] - (center - p[a] / p[2]);
             }
         }
         solve_homography(points, corrected, m, H);
     }
+    for (int64_t i = 0; i < m; i++) {
+        double pixel[2];
+        lens_pixel(camera, corrected + 2 * i, pixel, NULL);
+        memcpy(corrected + 2 * i, isfinite(pixel[0]) ? pixel : blobs[matches[i].blob].center, sizeof pixel);
+    }
+    if (good)
+        solve_homography(points, corrected, m, H);
     free(points);
     return good;
+}
+
+void bend_camera(const Camera *camera, int lens, double strength, Camera *bent)
+{
+    const int brown = lens == BROWN_CONRADY;
+    *bent = *camera;
+    bent->lens = lens;
+    bent->count = 1;
+    bent->c[0] = brown ? strength : 0;
+    bent->fx /= brown ? 1 : strength;
+    bent->fy /= brown ? 1 : strength;
+    bent->reach = brown && strength < 0 ? sqrt(-1 / (3 * strength)) : 1e6;
+}
+
+/* Mean square, px^2, by which a finding's flat dots miss a homography through a lens; INFINITY where it has no ray. `points` (m, 4). */
+static double misfit_through(const Dot *dots, const Blob *blobs, const Finding *finding, const Camera *camera, double *points)
+{
+    const int64_t m = finding->count;
+    double H[9], p[3], pixel[2], square = 0, *rays = points + 2 * m;
+    for (int64_t i = 0; i < m; i++) {
+        const double *center = blobs[finding->blobs[i]].center;
+        memcpy(points + 2 * i, dots[finding->dots[i]].xyz, 2 * sizeof *points);
+        if (!lens_ray(camera, center[0], center[1], rays + 2 * i))
+            return INFINITY;
+    }
+    solve_homography(points, rays, m, H);
+    for (int64_t i = 0; i < m; i++) {
+        rotated(H, (double[3]){points[2 * i], points[2 * i + 1], 1}, p);
+        lens_pixel(camera, (double[2]){p[0] / p[2], p[1] / p[2]}, pixel, NULL);
+        for (int a = 0; a < 2; a++)
+            square += pow(pixel[a] - blobs[finding->blobs[i]].center[a], 2) / (double)m;
+    }
+    return square < INFINITY ? square : INFINITY;
+}
+
+/* Lenses, their strengths that are looked for, and steps of golden section, which leave 2e-4 of these. */
+static const struct {
+    int lens;
+    double weakest, strongest;
+} BENDS[] = {{BROWN_CONRADY, -1.5, 1.5}, {EQUIDISTANT, 0.2, 3}};
+enum { LENSES = sizeof BENDS / sizeof *BENDS, SECTIONS = 18 };
+/* Dots that tell a lens from a homography, mean square at which it matters, and its share that the lens must leave less than. */
+enum { WHOLE = 16 };
+static const double BENT_PX2 = 0.1, STRAIGHTENED = 0.5;
+
+double straighten(const Layout *layout, const Blob *blobs, const Finding *finding, const Camera *camera, Camera *bent)
+{
+    static const double GOLDEN = 0.6180339887498949;
+    double plain = 0, least = INFINITY;
+    Camera tried;
+    double *memory = finding->count < WHOLE || !layout->flat ? NULL : malloc((size_t)(4 * finding->count) * sizeof *memory);
+    if (memory)
+        plain = misfit_through(layout->dots, blobs, finding, camera, memory);
+    for (int k = 0; k < LENSES && plain > BENT_PX2; k++) {
+        double ends[2] = {BENDS[k].weakest, BENDS[k].strongest}, inner[2] = {ends[1], ends[0]}, square[2];
+        for (int step = -2; step < SECTIONS; step++) {
+            const int a = step < 0 ? -1 - step : square[0] < square[1]; /* the end that is left out */
+            if (step >= 0) {
+                ends[a] = inner[a];
+                inner[a] = inner[1 - a];
+                square[a] = square[1 - a];
+            }
+            inner[1 - a] = ends[a] + GOLDEN * (ends[1 - a] - ends[a]);
+            bend_camera(camera, BENDS[k].lens, inner[1 - a], &tried);
+            square[1 - a] = misfit_through(layout->dots, blobs, finding, &tried, memory);
+        }
+        for (int a = 0; a < 2; a++)
+            if (square[a] < least) {
+                least = square[a];
+                bend_camera(camera, BENDS[k].lens, inner[a], bent);
+            }
+    }
+    free(memory);
+    return least < STRAIGHTENED * plain ? sqrt(plain) : 0;
 }
 
 /* ---- with a camera ---- */
@@ -171,8 +253,11 @@ int complete_finding(const Layout *layout, const Camera *camera, int calibrated,
         status = judge(dots, blobs, matches, camera, errors, layout->plates, layout->plate_count, &finding->estimate,
                        &finding->verdict);
     } else if (kept > 0) {
-        status = correct_centers(dots, blobs, matches, kept, finding->pixels, finding->H);
+        Camera plain = *camera, bent;
+        plain.lens = PINHOLE;
+        status = correct_centers(dots, blobs, matches, kept, camera, finding->pixels, finding->H);
         finding->plane = status > 0;
+        finding->bend = straighten(layout, blobs, finding, &plain, &bent);
     }
     free(matches);
     return kept < 0 || status < 0 ? NO_MEMORY : 0;

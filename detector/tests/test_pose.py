@@ -220,16 +220,19 @@ def plane_homography(pose):
 
 
 @pytest.mark.parametrize("on_a_line", [0, 8])
-def test_homography_without_a_camera(rng, on_a_line):
-    dots, pose, corrected, found = plate(rng, 9), facing_pose(rng), np.zeros((9, 2)), np.zeros((3, 3))
+@pytest.mark.parametrize("lens", [(), RADTAN])
+def test_homography_without_a_camera(rng, on_a_line, lens):
+    dots, pose, struct = plate(rng, 9), facing_pose(rng), camera(lens)
+    corrected, found = np.zeros((9, 2)), np.zeros((3, 3))
     drawn = outlines(dots, pose_of(*pose))
-    blobs = blobs_of(camera(), drawn["center"] * FOCAL + CENTER, 0.05)
+    blobs = blobs_of(struct, pixels_of(struct, drawn["center"]), 0.05)
+    blobs["at"] = drawn["center"]
     dots["xyz"][:on_a_line, 1] = dots["xyz"][:on_a_line, 0]
-    arrays = dots, blobs, matched(9)
-    arguments = *map(pointer, arrays), 9, pointer(corrected), pointer(found)
-    assert library().correct_centers(*arguments) == (0 if on_a_line else 1)
-    assert_allclose(found, np.zeros((3, 3)) if on_a_line else plane_homography(pose), rtol=1e-4)
-    assert_allclose(corrected, drawn["center" if on_a_line else "point"] * FOCAL + CENTER, atol=1e-4)
+    arrays = *map(pointer, (dots, blobs, matched(9))), 9, ctypes.byref(struct), pointer(corrected), pointer(found)
+    assert library().correct_centers(*arrays) == (0 if on_a_line else 1)
+    if on_a_line or not lens:
+        assert_allclose(found, np.zeros((3, 3)) if on_a_line else plane_homography(pose), rtol=1e-4)
+    assert_allclose(corrected, pixels_of(struct, drawn["center" if on_a_line else "point"]), atol=1e-4)
 
 
 def test_centers_of_dots_go_through_the_lens(rng):

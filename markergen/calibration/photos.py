@@ -450,15 +450,14 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera
     # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
     spread = views.covariance + _printed(views, camera)
     try:
-        cleaned = adjust_robustly(network, replace(views, covariance=spread))
-        sigma = np.sqrt(np.diag(cleaned.adjustment.camera_covariance))
+        adjusted = adjust_robustly(network, replace(views, covariance=spread)).adjustment
+        sigma = np.sqrt(np.diag(adjusted.camera_covariance)) if adjusted.degrees_of_freedom > 0 else [np.inf]
     except np.linalg.LinAlgError:
         return camera, np.inf
-    better, count = cleaned.adjustment.camera, sum(len(dots.index) for dots in seen)
+    better, count = adjusted.camera, sum(len(dots.index) for dots in seen)
     # Better a rough camera than one that the views hardly determine.
     if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5:
-        lost = count - float(cleaned.adjustment.weights.sum())
-        return better, (cleaned.adjustment.chi2 + OUTLIER * lost) / count
+        return better, (adjusted.chi2 + OUTLIER * (count - float(adjusted.weights.sum()))) / count
     return camera, np.inf
 
 

@@ -312,6 +312,7 @@ class Found:
             "covariance_px2": self.pixel_covariance.tolist(),
             "ellipse_centers": self.ellipse_centers.tolist(),
             "homography": None if self.homography is None else self.homography.tolist(),
+            "lens_bend_px": self.finding.bend,
             "pose": pose and _pose_as_dict(pose),
             "tag": None
             if self.tag is None or tag is None
@@ -333,7 +334,8 @@ class Found:
         if len(self.turns):
             line += f", or turned by {_degrees(self.turns)}"
         if pose is None:
-            return f"{line}, homography only"
+            bent = f", {self.finding.bend:.1f} px off since the lens bends it" if self.finding.bend else ""
+            return f"{line}, homography only{bent}"
         toward = -pose.rotation.T @ pose.translation
         distance = float(np.linalg.norm(toward))
         line += f", {distance:.4f} m away"

@@ -14,9 +14,10 @@ import pytest
 
 from markergen.detect import Detector, detect, detector
 from markergen.errors import InputError
-from markergen.maths.rotation import angle_between
+from markergen.maths.rotation import angle_between, exponential
 from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.marker import Marker
 from markergen.model.poses import paper, paper_roll
 from markergen.model.tag import parse_tag
 from markergen.render import Optics, render_view
@@ -239,6 +240,30 @@ def test_without_a_camera(pentagon, frame):
     assert found.homography.shape == (3, 3)
     # Frames of any size.
     assert not Detector(pentagon)(frame[:100, :100])[0].ok
+
+
+@pytest.mark.parametrize(
+    ("focal", "lens"),
+    [
+        (500.0, Distortion()),
+        (500.0, Distortion("radtan", (-0.45, 0.0, 0.0, 0.0))),
+        (350.0, Distortion("equidistant", (0.02, -0.01, 0.0, 0.0))),
+    ],
+)
+def test_a_whole_grid_is_found_through_a_strong_lens_without_a_camera(focal, lens):
+    grid = Marker.grid("4x11 asymmetric", pitch=0.02)
+    camera = replace(PAPER_CAMERA, fx=focal, fy=focal, distortion=lens)
+    lying = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    pose = exponential([0.4, -0.3, 0.0]) @ lying, np.array([0.0, 0.0, 0.17 * focal / 400])
+    (found,) = Detector(grid)(render_view(grid, camera, *pose, Optics(), np.random.default_rng(1)))
+    true = camera.project(grid.xyz, pose[0][None], pose[1][None])[0]
+    assert len(found.ids) == len(grid)
+    # Grey levels tell centers to 0.02 px; a lens of one parameter bends large dots by the rest.
+    assert np.abs(found.pixels - true).max() < 0.3
+    homography, _ = cv2.findHomography(grid.xyz[:, :2], true, 0)
+    off = cv2.perspectiveTransform(grid.xyz[None, :, :2], homography)[0] - true
+    assert found.finding.bend == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=0.05, abs=0.05)
+    assert ("px off since the lens bends it" in str(found)) == (lens.model != "none")
 
 
 def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentagon):
