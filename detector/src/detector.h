@@ -57,6 +57,9 @@ typedef struct {
 int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
 void blobs_free(Blob *blobs);
 
+/* Adds to the variance of the center of a blob that the image's border cuts the square of a share of the px that are outside. */
+void blur_cut(const Image *image, double share, Blob *blob);
+
 /* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 32 rows; 0 if there are none. */
 double grey_noise(const Image *image);
 /* The k-th smallest of `count` values, which it puts in another order; 0 of none. */

@@ -1056,6 +1056,9 @@ static const double MISFIT = 1.6;
 /* Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
    edges are neither straight nor of one width, and pixels are squares. */
 static const double CROSSING_PX = 0.04, CENTER_PX = 0.015;
+/* The same of blobs that the border cuts, as a share of what is outside: of 400 rough disks and rings of 5 to 40 px, half were off
+   by 0.01 to 0.06 times that, and a tenth by more than 0.05 to 0.17 times, while their crossings said a tenth of it. */
+static const double CUT_ROUGH = 0.05;
 /* Most outlines of a level that are measured, those with the most even steps: three times as many as the dots of the largest
    boards, of which no page of text has more. */
 enum { MOST_MEASURED = 1500 };
@@ -1208,6 +1211,18 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
     };
 }
 
+void blur_cut(const Image *image, double share, Blob *blob)
+{
+    const double cosine = cos(blob->angle), sine = sin(blob->angle), a = blob->semi[0], b = blob->semi[1];
+    const double x = blob->center[0] + 0.5, y = blob->center[1] + 0.5, wide = hypot(a * cosine, b * sine), tall = hypot(a * sine, b * cosine);
+    const double sides[4] = {wide - x, wide + x - (double)image->width, tall - y, tall + y - (double)image->height};
+    double outside = 0;
+    for (int k = 0; k < 4; k++)
+        outside = larger(outside, sides[k]);
+    blob->covariance[0] += share * share * outside * outside;
+    blob->covariance[2] += share * share * outside * outside;
+}
+
 static int by_column(const void *a, const void *b)
 {
     const Blob *first = a, *second = b;
@@ -1259,8 +1274,10 @@ int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blo
     *blobs = NULL;
     if (!build_pyramid(image, smallest, &pyramid) && !find_edges(&pyramid, &edges) && !usual_blur(&edges, &usual) &&
         (*blobs = malloc(sizeof **blobs * (size_t)(edges.count + 1)))) {
-        for (int64_t i = 0; i < edges.count; i++)
+        for (int64_t i = 0; i < edges.count; i++) {
             make_blob(edges.all + i, &pyramid, usual, *blobs + i);
+            blur_cut(image, CUT_ROUGH, *blobs + i);
+        }
         count = sort_distinct(*blobs, edges.count);
         count = count < most ? count : most;
     }

@@ -266,6 +266,23 @@ def test_a_whole_grid_is_found_through_a_strong_lens_without_a_camera(focal, len
     assert ("px off since the lens bends it" in str(found)) == (lens.model != "none")
 
 
+def test_a_ring_that_the_border_cuts_tells_how_a_regular_layout_is_turned(ngon):
+    # 12 dots with radius 0.1284 m, seen as large as in the photograph in which all but the ring fitted a turn by 30 deg.
+    camera = Camera(960, 720, 900.0, 903.0, 475.0, 362.0)
+    marker = ngon(12, diameter=0.01668)
+    rotation = np.array([[0.7741, 0.5284, -0.3487], [0.5987, -0.7901, 0.1316], [-0.206, -0.3107, -0.9279]])
+    rotation, translation = (
+        np.linalg.svd(rotation)[0] @ np.linalg.svd(rotation)[2],
+        1.7833 * np.array([-0.0203, -0.0291, 0.2398]),
+    )
+    detector = Detector(marker, camera, print_sigma=1e-8)
+    for seed in range(4):
+        image = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(seed))
+        (found,) = detector(image)
+        assert 10 in found.ids
+        assert np.rad2deg(angle_between(found.rotation, rotation)) < 0.1
+
+
 def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentagon):
     centers = detect_pentagon.dots(cv2.cvtColor(hidden_ring, cv2.COLOR_GRAY2BGR))
     exact = CAMERA.project(pentagon.xyz[1:], POSES.rotation[[130]], POSES.translation[[130]])[0]
