@@ -267,7 +267,7 @@ def test_a_whole_grid_is_found_through_a_strong_lens_without_a_camera(focal, len
 
 
 def test_a_ring_that_the_border_cuts_tells_how_a_regular_layout_is_turned(ngon):
-    # 12 dots with radius 0.1284 m, seen as large as in the photograph in which all but the ring fitted a turn by 30 deg.
+    # Seen as in the photograph in which all dots but the ring fitted a rotation by 30 deg.
     camera = Camera(960, 720, 900.0, 903.0, 475.0, 362.0)
     marker = ngon(12, diameter=0.01668)
     rotation = np.array([[0.7741, 0.5284, -0.3487], [0.5987, -0.7901, 0.1316], [-0.206, -0.3107, -0.9279]])
