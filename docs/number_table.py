@@ -86,9 +86,9 @@ FMAC = Command(
     "python -c \"from markergen.comparison.fmac import CAMERA; CAMERA.save('webcam.yaml')\" && "
     "markergen design --boundary rect:50mmx50mm --n auto --camera webcam.yaml "
     "--poses view:distance=0.5..1.5m,tilt=0..60,margin=0% -o ours.json && "
-    "markergen compare ours.json aruco:DICT_4X4_50 pupil:36h11 stag:HD21 --protocol fmac --views 4000 --parts parts "
+    "markergen compare ours.json aruco:DICT_4X4_50 pupil:36h11 stag:HD21 --protocol fmac --views 10000 --parts parts "
     "--plot fmac.png",
-    14400,
+    10000,
 )
 MISPRINTED = Command(
     "markergen design --n 5 --radius 0.15 -o five.json && markergen design --n auto --radius 0.15 -o many.json && "
@@ -577,7 +577,7 @@ MEASURED: Sequence[Entry] = (
         )
         for name in names
     ),
-    Block(COMPARISON, "4000 poses:\n\n```text\n", "```", FMAC.line.rpartition(" && ")[2], FMAC),
+    Block(COMPARISON, "10000 poses:\n\n```text\n", "```", FMAC.line.rpartition(" && ")[2], FMAC),
     Block(PAPER, "<!-- sentences -->", "<!-- end -->", QUARTER, STUDIED),
     Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", QUARTER, STUDIED, MACHINES),
 )
