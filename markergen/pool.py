@@ -6,15 +6,16 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from time import sleep
+from time import perf_counter, sleep
 from traceback import format_exception
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from markergen.errors import InputError, MarkergenError
 from markergen.registry import Luggage, outside, receive
@@ -25,6 +26,10 @@ R = TypeVar("R")
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _STARTING = threading.Lock()
 """Lock for starting processes: the environment and signal mask that they inherit belong to all threads."""
+
+FIRST_PART = 0.005
+"""Part of the cost by which a kind of tasks is expected to err as all do: with 0.02 a kind that takes ten times as long
+is noticed too late, with none a single task decides."""
 
 IMPORTING_MS = 10_000
 """Longest wait in ms for another thread that imports OpenCV."""
@@ -116,6 +121,57 @@ def map_counted(
             progress(done, total)
 
     return map_chunks(function, chunks, max(1, min(workers, len(chunks))), finished)
+
+
+class Forecast(Generic[C]):
+    """Time left, from what the finished tasks of each kind took against their costs.
+
+    Parameters
+    ----------
+    costs : mapping
+        Relative costs of all tasks.
+    kind : callable
+        Kind of a task; costs of one kind are wrong by about the same factor.
+    later : float
+        Total cost of tasks that come after these.
+    prior : float
+        Part of the total cost by which a kind is expected to err as all do.
+    """
+
+    def __init__(
+        self,
+        costs: Mapping[C, float],
+        kind: Callable[[C], Hashable],
+        later: float = 0.0,
+        prior: float = FIRST_PART,
+    ) -> None:
+        self.left, self._kind, self._later, self._begin = dict(costs), kind, later, perf_counter()
+        self._first = prior * sum(costs.values())
+        self._done: dict[Hashable, float] = defaultdict(float)
+        self._took: dict[Hashable, float] = defaultdict(float)
+        self._elapsed = 0.0
+
+    def finished(self, task: C, seconds: float) -> None:
+        """Take note of a finished task, and the time that its worker needed."""
+        self._done[self._kind(task)] += self.left.pop(task)
+        self._took[self._kind(task)] += seconds
+        self._elapsed = perf_counter() - self._begin
+
+    def seconds(self) -> float:
+        """Seconds left; nan before the first task has finished."""
+        took, done = sum(self._took.values()), sum(self._done.values())
+        if not took:
+            return float("nan")
+        left: dict[Hashable, float] = defaultdict(float)
+        for task, cost in self.left.items():
+            left[self._kind(task)] += cost
+        usual = took / done
+        needed = sum(
+            cost * (self._took[kind] + usual * self._first) / (self._done[kind] + self._first)
+            for kind, cost in left.items()
+        )
+        # As many tasks at once as in the time that has passed.
+        return (needed + usual * self._later) * self._elapsed / took
 
 
 def as_completed_chunks(

@@ -110,3 +110,10 @@ def parse_settings(text: str, keys: Iterable[str], what: str) -> dict[str, float
         except ValueError:
             raise InputError(f"a number for {name}", repr(part), f"write {name}= and a number") from None
     return values
+
+
+def duration(seconds: float) -> str:
+    """Format a duration for people: seconds, minutes or hours."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

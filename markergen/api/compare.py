@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Unpack
 
@@ -21,6 +21,7 @@ from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.compare import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.read.poses import poses_as_stated
+from markergen.units import duration
 
 _log = logging.getLogger(__name__)
 
@@ -31,6 +32,7 @@ def compare(
     json: File | None = None,
     plot: File | None = None,
     progress: Progress | None = None,
+    announce: Callable[[str], None] | None = None,
     **options: Unpack[CompareKeywords],
 ) -> Comparison:
     """Compare markers with each other and with square tags and boards: same room, poses, optics and noise.
@@ -48,6 +50,8 @@ def compare(
         Files for the results and for the plot; the file for the results may have any suffix.
     progress : callable or None
         Called with the stage, the amount done, and the total.
+    announce : callable or None
+        Called once, after the first views, with a sentence about the expected duration; not with a protocol.
     **options
         As on the command line, ``markergen compare --help``, with underscores. Lengths are in m, or text with a unit.
 
@@ -85,9 +89,11 @@ def compare(
             settled["workers"], progress, markers, settled["parts"],
         )  # fmt: skip
         return ProtocolComparison(judged, ProtocolComparison(judged).write(targets))
+    say = (lambda seconds: announce(f"the whole comparison: about {duration(seconds)}")) if announce else None
     results, cpu_s = run(
         texts, COMPARED_VIEWS if settled["views"] is None else settled["views"], settled["seed"], poses,
         settled["print_sigma"], workers=settled["workers"], progress=progress, given=markers,
+        announce=say,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)

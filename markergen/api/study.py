@@ -21,6 +21,7 @@ from markergen.studies.named import STUDIES
 from markergen.studies.run import CellProgress
 from markergen.studies.sweep.grid import read_sweep, sweep_from_mapping
 from markergen.studies.sweep.run import run_sweep
+from markergen.units import duration
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -168,10 +169,3 @@ def _value(text: str) -> str | float:
         return float(text or "nan")
     except ValueError:
         return text
-
-
-def duration(seconds: float) -> str:
-    """Format a duration for people: seconds, minutes or hours."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -144,7 +144,7 @@ def interruptible() -> Iterator["Limit"]:
 
 
 def _left(seconds: float) -> str:
-    from markergen.api.study import duration
+    from markergen.units import duration
 
     return "" if isnan(seconds) else f"{duration(seconds)} left"
 

@@ -1,8 +1,10 @@
 """Compare markers, tags and boards: same poses, optics and noise, with the best settings for each."""
 # tests: tests/comparison/test_compare.py tests/api/test_compare.py
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from markergen.arrays import Array, Mask
 from markergen.comparison.baselines import line_up
 from markergen.comparison.contestants import Choice, Contestant
 from markergen.comparison.series import TUNING, VIEWS, Observation, Series, shared, tune_chunk
+from markergen.comparison.tuning import BUDGET
 from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError
 from markergen.model.marker import Marker
@@ -18,7 +21,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress
-from markergen.pool import chunks_of, workers_for
+from markergen.pool import Forecast, chunks_of, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import (
@@ -29,6 +32,8 @@ from markergen.validation.metrics import (
 
 TUNING_VIEWS = 60
 """Number of views for choosing each peer's settings, separate from those that are evaluated."""
+TRIED, SEEN = 1.5, 0.3
+"""For a forecast: settings that are tried over rows of all tables, and what one costs over all views of a mean one."""
 AT_ONCE = 10
 """Number of views per chunk of work."""
 ERRORS = ("rotation_deg", "translation_pct")
@@ -56,6 +61,7 @@ def compare_and_time(
     workers: int | None = None,
     progress: Progress | None = None,
     given: Mapping[str, Marker | Rig] | None = None,
+    announce: Callable[[float], None] | None = None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
@@ -79,6 +85,8 @@ def compare_and_time(
         Called with the stage, the amount done, and the total.
     given : mapping or None
         Markers that are not in files, see `line_up`.
+    announce : callable or None
+        Called once, after the first views, with the seconds that all is expected to take.
 
     Returns
     -------
@@ -110,6 +118,8 @@ def compare_and_time(
     counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
     tuning = replace(counting, count=TUNING_VIEWS, stage=TUNING)
     to_tune = [(who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
+    if announce:
+        announce(_forecast(counting, tuning, present, workers))
     tuned = dict(zip(to_tune, shared(tune_chunk, tuning, to_tune, workers, "settings", progress), strict=True))
     choices: list[Choice] = [{} for _ in contestants]
     for (who, _), (variant, choice, _) in tuned.items():
@@ -130,6 +140,40 @@ def compare_and_time(
         results["contestants"][who]["tuning"] = rows
     seconds = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in present}
     return results, {contestants[who].name: median for who, median in seconds.items()}
+
+
+def _forecast(counting: Series, tuning: Series, present: Sequence[int], workers: int | None) -> float:
+    """Seconds that a comparison takes, from what each stage takes for the first view of each contestant."""
+    costs: dict[tuple[str, int, str], float] = {}
+    trials: dict[tuple[str, int, str], Callable[[], Any]] = {}
+    for who in present:
+        contestant = counting.contestants[who]
+        tables = contestant.settings
+        images = [{"image": row} for row in tables.get("image", ())] or [{}]
+        if tables:
+            rows = len(contestant.variants) - 1 + sum(len(table) - 1 for table in tables.values()) + 1
+            costs["settings", who, "all"] = TUNING_VIEWS * SEEN * min(BUDGET, TRIED * rows)
+            costs["settings", who, "first"] = len(images)
+            trials["settings", who, "first"] = partial(_try, tuning, who, images)
+        costs |= {("views", who, "all"): counting.count, ("views", who, "first"): 1}
+        costs |= {("bounds", who, "all"): counting.count, ("bounds", who, "first"): 1}
+        trials["views", who, "first"] = partial(_observe, counting, (who, images[-1], range(1)))
+        trials["bounds", who, "first"] = partial(_bound_chunk, counting, (who, range(1)))
+    for trial in trials.values():
+        trial()  # Loads libraries, and what contestants keep.
+    forecast = Forecast(costs, lambda task: task[:2], prior=0)
+    for task, trial in trials.items():
+        began = perf_counter()
+        trial()
+        forecast.finished(task, perf_counter() - began)
+    return forecast.seconds() / workers_for(workers, len(present))
+
+
+def _try(series: Series, who: int, choices: Sequence[Choice]) -> None:
+    contestant = series.contestants[who]
+    image = series.photograph(contestant, 0)
+    for choice in choices:
+        series.observe(contestant, choice, 0, image)
 
 
 def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:

@@ -7,7 +7,6 @@ import io
 import json
 import os
 import zipfile
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
@@ -19,6 +18,7 @@ import numpy as np
 
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.files import make_folder, write_atomic
+from markergen.pool import Forecast
 from markergen.studies.cells import Cell, Result, Work, canonical_text, versions
 from markergen.studies.engines import Engine
 
@@ -33,9 +33,6 @@ LARGEST_IDENTITY = 10_000_000
 
 SECONDS = "seconds"
 """Name under which a worker adds the time that a cell took to its arrays, until they are stored."""
-FIRST_PART = 0.005
-"""Part of the cost by which a kind of cells is expected to err as all do: with 0.02 a kind that takes ten times as long
-is noticed too late, with none a single cell decides."""
 
 CellProgress = Callable[[int, int, float], None]
 """Takes the number of finished cells, the number of all cells, and the seconds left, nan while unknown."""
@@ -214,7 +211,7 @@ def compute(
     """
     every = list(dict.fromkeys(cells))
     missing = [cell for cell in every if not store.holds(cell)]
-    forecast = _Forecast({cell: cost(cell) if cost else 1.0 for cell in missing}, later[1])
+    forecast = Forecast({cell: cost(cell) if cost else 1.0 for cell in missing}, _kind, later[1])
 
     def tell() -> None:
         if progress:
@@ -248,39 +245,6 @@ def _of_all_kinds(cells: Sequence[Cell]) -> list[Cell]:
     first = {_kind(cell): cell for cell in reversed(cells)}
     ahead = set(first.values())
     return [cell for cell in cells if cell in ahead] + [cell for cell in cells if cell not in ahead]
-
-
-class _Forecast:
-    """Time left, from what the finished cells of each kind took against their costs."""
-
-    def __init__(self, costs: Mapping[Cell, float], later: float) -> None:
-        self.left, self._later, self._begin = dict(costs), later, perf_counter()
-        self._first = FIRST_PART * sum(costs.values())
-        self._done: dict[str, float] = defaultdict(float)
-        self._took: dict[str, float] = defaultdict(float)
-        self._elapsed = 0.0
-
-    def finished(self, cell: Cell, seconds: float) -> None:
-        """Take note of a finished cell, and the time that its worker needed."""
-        self._done[_kind(cell)] += self.left.pop(cell)
-        self._took[_kind(cell)] += seconds
-        self._elapsed = perf_counter() - self._begin
-
-    def seconds(self) -> float:
-        """Seconds left; nan before the first cell has finished."""
-        took, done = sum(self._took.values()), sum(self._done.values())
-        if not took:
-            return float("nan")
-        left: dict[str, float] = defaultdict(float)
-        for cell, cost in self.left.items():
-            left[_kind(cell)] += cost
-        usual = took / done
-        needed = sum(
-            cost * (self._took[kind] + usual * self._first) / (self._done[kind] + self._first)
-            for kind, cost in left.items()
-        )
-        # As many cells at once as in the time that has passed.
-        return (needed + usual * self._later) * self._elapsed / took
 
 
 def cell_bytes(cell: Cell, result: Result) -> bytes:

@@ -172,6 +172,13 @@ def test_each_peer_has_the_best_of_its_settings(results):
         assert rates[peer["size"], peer["setting"]] >= 0.95 * max(rates.values())
 
 
+def test_a_forecast_is_announced_once_before_the_stages(path, few_tuning_views):
+    calls = []
+    compare([path, "square"], views=2, workers=1, progress=lambda *call: calls.append(call), announce=calls.append)
+    assert 0 < calls[0] < 600
+    assert not any(isinstance(call, float) for call in calls[1:])
+
+
 def test_progress_counts_every_stage_to_the_end(results):
     for stage, total in (("settings", 15), ("views", 80), ("bounds", 80)):
         done = [call[1] for call in results.calls if call[0] == stage]

@@ -37,5 +37,7 @@ def compare(
     from markergen.api.compare import compare as run
 
     with console.progress_bar() as progress:
-        result = run(*contestants, json=console.file_of(json), plot=plot, progress=progress, **options)
+        result = run(
+            *contestants, json=console.file_of(json), plot=plot, progress=progress, announce=console.note, **options
+        )
     console.print_result(result, json)
