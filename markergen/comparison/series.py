@@ -4,7 +4,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from math import isfinite
 from typing import Any
 
@@ -209,16 +209,17 @@ def tune_chunk(
     """Best variant and setting of a contestant, and a row for each that was tried."""
     who, views = task
     variants = series.contestants[who].variants
-    images = [[series.photograph(variant, view) for view in views] for variant in variants]
+    photograph = cache(lambda variant, view: series.photograph(variants[variant], view))
 
-    def observe(variant: int, choice: Choice) -> list[Observation]:
-        seen = [series.observe(variants[variant], choice, view, images[variant][view]) for view in views]
+    def observe(variant: int, choice: Choice, part: Sequence[int]) -> list[Observation]:
+        seen = [series.observe(variants[variant], choice, view, photograph(variant, view)) for view in part]
         if errors == ROTATION:
             return seen
         # Where each error counts, flips are misses: one outweighs all that a setting does to the others.
         return [replace(observation, failed=observation.failed or observation.mirrored) for observation in seen]
 
-    best, tried = tune({"pattern": range(len(variants)), **variants[0].settings}, observe, BUDGET, errors)
+    tables = {"pattern": range(len(variants)), **variants[0].settings}
+    best, tried = tune(tables, observe, views, BUDGET, errors)
     rows = [
         {"size": variants[variant].size, "setting": variants[variant].describe(setting), **_tuning_row(column)}
         for (variant, setting), column in tried
@@ -230,6 +231,7 @@ def _tuning_row(column: Sequence[Observation]) -> dict[str, Any]:
     counted = [observation for observation in column if observation.counts]
     errors = {name: statistics(np.array([getattr(observation, name) for observation in counted])) for name in POSE}
     return {
+        "views": len(column),
         "rate": len(counted) / len(column),
         **{name: {key: values[key] for key in ("rms", "median")} for name, values in errors.items()},
     }

@@ -1,7 +1,7 @@
 import numpy as np
 
 from markergen.comparison.series import Observation
-from markergen.comparison.tuning import POSE, best_of, tune
+from markergen.comparison.tuning import POSE, best_of, hardest_first, ranked, tune
 
 TABLES = {"pattern": range(2), "detector": ["a", "b", "c"], "image": ["1", "2", "3"]}
 
@@ -11,7 +11,9 @@ def observed(errors):
 
 
 def search(cost, budget=40):
-    return tune(TABLES, lambda variant, choice: observed([cost(variant, **choice)] * 3), budget)
+    return tune(
+        TABLES, lambda variant, choice, views: observed([cost(variant, **choice)] * len(views)), range(3), budget
+    )
 
 
 def test_the_best_setting_is_judged_where_all_worth_it_found_something():
@@ -36,6 +38,32 @@ def test_the_first_row_of_each_table_is_tried_first_and_stays_if_nothing_is_bett
     best, tried = search(lambda variant, detector, image: 1.0)
     assert best == tried[0][0] == (0, {"detector": "a", "image": "1"})
     assert len(tried) == 1 + 1 + 2 + 2
+
+
+def test_half_of_the_settings_are_tried_in_twice_as_many_views():
+    def observe(variant, choice, views):
+        # The hard views distinguish the settings, and the first of them best.
+        return observed([ord(choice["detector"]) * (1 + (view in hard)) for view in views])
+
+    hard = set(range(3, 80, 8))
+    (_, choice), tried = tune({"pattern": range(1), "detector": "ihgfedcba"}, observe, range(80), 40)
+    assert choice == {"detector": "a"}
+    columns = {choice["detector"]: column for (_, choice), column in tried}
+    assert {row: len(column) for row, column in columns.items()} == dict.fromkeys("hgf", 20) | dict.fromkeys(
+        "ed", 40
+    ) | dict.fromkeys("icba", 80)
+    assert {observation.rotation_deg for observation in columns["f"][:10]} == {2 * ord("f")}
+
+
+def test_views_are_ordered_by_error_and_missed_ones_spread_evenly():
+    assert hardest_first(observed([1.0, np.nan, 3.0, 2.0, np.nan, 9.0, 0.5])) == [5, 1, 2, 3, 0, 4, 6]
+    assert hardest_first(observed([np.nan, np.nan])) == [0, 1]
+    assert hardest_first([Observation(2.0, 1.0), Observation(1.0, 9.0)]) == [0, 1]
+    assert hardest_first([Observation(2.0, 1.0), Observation(1.0, 9.0)], POSE) == [1, 0]
+
+
+def test_settings_are_ranked_among_those_that_are_left():
+    assert ranked([observed([3.0, 3.0]), observed([1.0, np.nan]), observed([2.0, 2.0])]) == [2, 0, 1]
 
 
 def test_no_more_than_the_budget_is_tried():
