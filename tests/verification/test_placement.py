@@ -111,7 +111,7 @@ def test_two_swapped_faces_are_named(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("factor", "words"),
+    ("factor", "phrase"),
     [
         (1 / 25.4, "inch taken for mm"),
         (1000, "mm taken for m"),
