@@ -425,6 +425,45 @@ static double missed_together(int64_t missing, int64_t count)
     return log((1 - COVERED) * pow(MISSED, (double)missing) * pow(1 - MISSED, (double)count) + covered + 1e-300);
 }
 
+/* The blob nearest to the place of a dot, or of one of any kind (NULL), in units of what is allowed, -1 if none is in reach. */
+static int64_t nearest_blob(const Scene *scene, const Dot *dot, const Outline *drawn, double reach, double margin, double *least)
+{
+    const double semi = sqrt(larger(drawn->shape[0], drawn->shape[2])), far = reach * 1.9 * semi + margin;
+    const double size = 0.25 * log(larger(drawn->shape[0] * drawn->shape[2] - drawn->shape[1] * drawn->shape[1], 1e-300));
+    const double x = drawn->center[0], y = drawn->center[1], reach2 = reach * reach, margin2 = margin * margin;
+    int64_t which = -1, from[2], to[2];
+    *least = 1;
+    if (!squares_around(scene, drawn->center, far, from, to))
+        return -1;
+    for (int64_t row = from[1]; row <= to[1]; row++) {
+        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
+        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
+        for (; member < end; member++) {
+            const Blob *blob = scene->blobs + *member;
+            const double dx = blob->at[0] - x, dy = blob->at[1] - y;
+            if (!(fabs(dx) < far && fabs(dy) < far) || scene->taken[*member])
+                continue;
+            const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
+            const double yy = reach2 * blob->shape[2] + margin2;
+            const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
+            const double own = scene->shown[*member].size + log(scene->focal);
+            if (square < *least && fabs(own - size) < SIZE + SLACK_PX / larger(scene->px * exp(size), 0.3) &&
+                !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
+                *least = square;
+                which = *member;
+            }
+        }
+    }
+    return which;
+}
+
+/* Whether a blob of a dot's size, of either kind, is where the dot is: then it was not missed, although the border cuts it. */
+static int has_one(const Scene *scene, const Layout *layout, const Outline *drawn)
+{
+    double least;
+    return nearest_blob(scene, NULL, drawn, smaller(NEAR_REACH, layout->reach), NEAR_PX / scene->px, &least) >= 0;
+}
+
 /* The evidence for a labeling with a fitted pose: the logarithm of
 
        prod over dots N(r; S) N(dR; s) P(kind) / clutter  x  prod over missing dots P(missed)  x  (2 pi)^3 det(N)^-1/2 p(pose),
@@ -432,7 +471,8 @@ static double missed_together(int64_t missing, int64_t count)
    averaged over standard deviations that places may have beyond their own. S is the covariance of the place, from image and
    print; dR the difference of the outline's root, px, but for a common factor; the last two are P.-S. Laplace's integral over
    poses, whose prior p is even over directions, over the image and over the logarithm of the distance within a factor of
-   100. Dots outside the frame have no part in it. work->each has every labeled dot's own
+   100. Dots outside the frame have no part in it, nor those that the border cuts, unless a blob is left out there: else a
+   regular layout would be turned at no cost so that a ring at the border is none of its dots. work->each has every labeled dot's own
    part. Below HOPELESS, it is less than what is returned. */
 double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work)
 {
@@ -454,7 +494,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         Outline *drawn = work->drawn + i;
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, drawn);
         if (labeling->labels[i] < 0) {
-            if (!drawn->seen || drawn->facing < LIMIT_FACING || !in_frame(scene, drawn))
+            if (!drawn->seen || drawn->facing < LIMIT_FACING || !(in_frame(scene, drawn) || has_one(scene, layout, drawn)))
                 continue;
             const double across = 2 * shorter_px(scene, drawn->shape);
             if (across < LIMIT_PX)
@@ -555,8 +595,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     int best = 0;
     for (int b = 0; b < BEYONDS; b++) {
         double determinant = 0;
-        if (parameters == 7)
-            N[b][48] += 1;
+        /* The prior is no wider than a radian, its distance and a factor e in focal length: dots in a line leave one open. */
+        for (int i = 0; i < parameters; i++)
+            N[b][(parameters + 1) * i] += i < 3 || i == 6 ? 1 : 1 / (z * z);
         for (int i = 0; i < parameters; i++)
             for (int j = 0; j <= i; j++) {
                 double entry = N[b][parameters * i + j];
@@ -607,38 +648,6 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
 }
 
 /* ---- labelings ---- */
-
-/* The blob nearest to the place of a dot, in units of what is allowed, -1 if none is in reach. */
-static int64_t nearest_blob(const Scene *scene, const Dot *dot, const Outline *drawn, double reach, double margin, double *least)
-{
-    const double semi = sqrt(larger(drawn->shape[0], drawn->shape[2])), far = reach * 1.9 * semi + margin;
-    const double size = 0.25 * log(larger(drawn->shape[0] * drawn->shape[2] - drawn->shape[1] * drawn->shape[1], 1e-300));
-    const double x = drawn->center[0], y = drawn->center[1], reach2 = reach * reach, margin2 = margin * margin;
-    int64_t which = -1, from[2], to[2];
-    *least = 1;
-    if (!squares_around(scene, drawn->center, far, from, to))
-        return -1;
-    for (int64_t row = from[1]; row <= to[1]; row++) {
-        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
-        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
-        for (; member < end; member++) {
-            const Blob *blob = scene->blobs + *member;
-            const double dx = blob->at[0] - x, dy = blob->at[1] - y;
-            if (!(fabs(dx) < far && fabs(dy) < far) || scene->taken[*member])
-                continue;
-            const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
-            const double yy = reach2 * blob->shape[2] + margin2;
-            const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
-            const double own = scene->shown[*member].size + log(scene->focal);
-            if (square < *least && fabs(own - size) < SIZE + SLACK_PX / larger(scene->px * exp(size), 0.3) &&
-                !(dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL)) {
-                *least = square;
-                which = *member;
-            }
-        }
-    }
-    return which;
-}
 
 /* Labels dots, all or those with a distance in `among` up to `within`; returns how many have a blob. */
 static int64_t label(const Scene *scene, const Layout *layout, const Pose *pose, double reach, double margin,
@@ -1270,18 +1279,29 @@ static const Constellation *main_part(const Layout *layout, const int64_t *label
     return best;
 }
 
-/* Blobs that some dots, spread over the layout, would have with a pose; `want` that many are enough to know. */
-static int64_t probe(const Scene *scene, const Layout *layout, const Pose *pose, int64_t every)
+static int64_t common_divisor(int64_t a, int64_t b) { return b ? common_divisor(b, a % b) : a; }
+
+/* Dots of large layouts by which rivals are probed. */
+enum { PROBES = 40 };
+
+/* Whether a labeling with a pose may have blobs for `least` dots: of up to `probes`, as many less three standard deviations of
+   what such a sample has. They are spread by the golden section, since every second dot of a grid is in the same columns. */
+static int may_label(const Scene *scene, const Layout *layout, const Pose *pose, int64_t probes, int64_t least)
 {
+    int64_t stride = (int64_t)(0.618 * (double)layout->count) + 1;
+    while (common_divisor(stride, layout->count) > 1)
+        stride++;
+    const double share = (double)least / (double)layout->count, left = (double)(layout->count - probes) / (double)layout->count;
+    const double enough = (double)probes * share - 3 * sqrt(left * (double)probes * share * (1 - share));
     int64_t hits = 0;
-    for (int64_t i = 0; i < layout->count; i += every) {
+    for (int64_t k = 0, i = 0; k < probes; k++, i = (i + stride) % layout->count) {
         Outline drawn;
-        double least;
+        double nearest;
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, &drawn);
         if (drawn.seen)
-            hits += nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &least) >= 0;
+            hits += nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &nearest) >= 0;
     }
-    return hits;
+    return (double)hits >= enough - 1;
 }
 
 /* Other labelings of a labeling's dots: the plate is moved onto itself so that any pair of dots comes to where a pair of
@@ -1292,7 +1312,7 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
 {
     const Constellation *part = main_part(layout, chosen->labels);
     const Pose pose = chosen->pose;
-    const int64_t every = layout->count > 40 ? layout->count / 20 : 1, probes = (layout->count + every - 1) / every;
+    const int64_t probes = layout->count < PROBES ? layout->count : PROBES;
     /* Two bases: a rival may lack one of the dots of the first. Of short pairs, all images are among the pairs of neighbors. */
     int64_t used[2] = {-1, -1};
     for (int base = 0; base < 2; base++) {
@@ -1321,7 +1341,7 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
             moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / (span * length), (u * y - v * x) / (span * length),
                        &moved);
             work->steps += 4 * probes;
-            if (probe(scene, layout, &moved, every) * layout->count < least * probes - layout->count)
+            if (!may_label(scene, layout, &moved, probes, least))
                 continue;
             Labeling rival = {0};
             rival.labels = work->labels;

@@ -293,6 +293,27 @@ def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentago
     assert detect_pentagon.dots(np.full((480, 640), 200, np.uint8)).shape == (0, 2)
 
 
+@pytest.mark.parametrize(
+    ("rotation", "translation", "ok"),
+    [
+        ([[0.756, 0.011, 0.654], [0.264, -0.92, -0.29], [0.599, 0.392, -0.699]], (-0.103, 0.08, 0.292), False),
+        ([[-0.324, -0.941, 0.102], [-0.931, 0.298, -0.212], [0.169, -0.163, -0.972]], (-0.118, 0.157, 0.431), True),
+    ],
+)
+def test_a_grid_that_the_border_cuts_is_not_moved_by_a_row(make, rotation, translation, ok):
+    # Poses in which every second dot of the grid, which are in the same columns, was nearly all out of view.
+    camera = Camera(480, 360, 450.0, 451.0, 240.0, 178.0)
+    row, column = np.divmod(np.arange(44), 4)
+    points = 0.02 * np.stack([2 * column + row % 2, row], axis=-1)
+    grid = make(points - points.mean(axis=0), rings=(), diameter=0.018)
+    left, _, right = np.linalg.svd(rotation)
+    for seed in range(3):
+        image = render_view(grid, camera, left @ right, np.array(translation), Optics(), np.random.default_rng(seed))
+        (found,) = Detector(grid, camera)(image)
+        assert found.ok == ok
+        assert "labels are ambiguous" in found.reason or np.abs(found.translation - translation).max() < 0.002
+
+
 @pytest.mark.parametrize("camera", [CAMERA, None])
 def test_ambiguous_dots_have_pixels_and_no_labels(ngon, camera):
     plain = ngon(5, rings=())
