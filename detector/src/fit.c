@@ -892,6 +892,11 @@ static double common_blur(const Fit *fits, int64_t count)
     return best;
 }
 
+/* Standard deviation of a center along each axis, px, where the edge is as wide as pixels alone make it, times the square root of
+   the mean semi-axis: the series for square pixels leaves so much without noise (0.0026 px at 6 px across, 0.0016 at 15). It
+   falls to none between these blurs; of dots of 4 to 14 px with 2 grey levels of noise, squared errors were 1.3 times as large as
+   claimed without it. */
+static const double SHARP_PX = 0.004, SHARP_BLUR = 0.4, SOFT_BLUR = 0.6;
 /* See blur_cut: of 340 fits, half were as far off as they say, a tenth by more than 0.05 to 0.2 times what is outside. */
 static const double CUT_FITTED = 0.02;
 
@@ -911,6 +916,9 @@ static void take_fit(const Image *image, const Fit *fit, double unlit, Blob *blo
     blob->blur = p[BLUR];
     blob->hole = fit->hole;
     blob->state = FITTED;
+    const double sharp = SHARP_PX * within((SOFT_BLUR - blob->blur) / (SOFT_BLUR - SHARP_BLUR), 0, 1);
+    blob->covariance[0] += 2 * sharp * sharp / (blob->semi[0] + blob->semi[1]);
+    blob->covariance[2] += 2 * sharp * sharp / (blob->semi[0] + blob->semi[1]);
     blur_cut(image, CUT_FITTED, blob);
 }
 
