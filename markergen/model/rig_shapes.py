@@ -13,6 +13,7 @@ from markergen.model.body import Plate, Rows
 from markergen.model.boundary import Boundary, Polygon
 from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
+from markergen.model.substrate import EDGE, Substrate
 from markergen.units import format_length
 
 KINDS = ("cube", "prism", "wall", "pair")
@@ -22,7 +23,7 @@ SHAPE_HELP = (
     "faces +x -x +y -y +z -z; see --edge, --without",
     "side 1 to 6 from -y on, +z, -z; see --edge, --height, --without",
     "3 columns and 2 rows of square plates, row 1 column 1 top left; see --pitch, --plate",
-    "left and right plate at a common edge; see --plate, --angle",
+    "left and right plate at an angle; see --plate, --angle",
     "a list of plates, each with a marker or room for one, and its pose; see docs/rigs.md",
 )
 """What each of the forms is."""
@@ -75,7 +76,7 @@ def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) 
 
     Frames of faces: z out of the face; x and y such that text on a side face stands upright where the rig's z is up.
     The rig's origin is in the middle of the body; of a wall, in the middle of its plane, with z out of it; of a pair,
-    in the middle of the edge between the plates, with z between their normals and y along the edge.
+    in the middle of the line in which the planes of the plates meet, with z between their normals and y along the line.
 
     Parameters
     ----------
@@ -208,11 +209,14 @@ def _pair(sizes: dict[str, float]) -> RigShape:
     if not -170 <= angle <= 170:
         raise InputError("an angle of -170 to 170 degrees", f"{angle:g}", "give --angle such a number")
     square, half = rectangle_outline(plate, plate), radians(angle) / 2
+    # So far from the line in which their faces' planes meet, plates of the default thickness touch: in front if they
+    # face each other, at their backs otherwise.
+    setback = EDGE + Substrate().thickness * max(tan(half), 0.0)
     faces = []
     for name, side in (("left", -1), ("right", 1)):
         angle_y = side * half
         rotation = np.array([[cos(angle_y), 0, sin(angle_y)], [0, 1, 0], [-sin(angle_y), 0, cos(angle_y)]])
-        faces.append(_face(name, square, rotation, rotation[:, 0] * side * plate / 2))
+        faces.append(_face(name, square, rotation, rotation[:, 0] * side * (plate / 2 + setback)))
     return RigShape("pair", tuple(faces), f"cone:distance={distance_span(plate)},tilt=0..60", sizes)
 
 

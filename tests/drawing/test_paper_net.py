@@ -11,24 +11,7 @@ from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.geometry.region import Region
 from markergen.maths.rotation import exponential
-from markergen.model.marker import build_marker
-from markergen.model.rig import Rig
-from markergen.model.rig_shapes import rig_shape
-
-DOTS = 0.001 * np.array([[14, 13], [-13, 12], [-12, -14], [11, -13], [2, 3]])
-
-
-def rig_of(text, **measures):
-    """Rig of a shape whose faces have the same dots, turned a little from one to the next."""
-    faces = rig_shape(text, **measures).faces
-    turns = exponential(np.array([[0, 0, 0.1 * k] for k in range(len(faces))]))[:, :2, :2]
-    return Rig(
-        tuple(
-            face.mounted(build_marker(DOTS @ turn.T, face.boundary, diameter=0.005, clearance=0.001))
-            for face, turn in zip(faces, turns, strict=True)
-        )
-    )
-
+from tests.support.rigs import rig_of
 
 BODIES = [
     ("cube", {"edge": 0.06}),

@@ -49,9 +49,14 @@ def test_names_and_measures():
     left, right = (np.array(face.rotation)[:, 2] for face in rig_shape("pair", angle=60.0).faces)
     assert left @ right == pytest.approx(0.5)
     assert left[0] < 0 < right[0]
-    assert {tuple(point) for point in np.round(corners(rig_shape("pair").faces[0]), 9)} & {
-        tuple(point) for point in np.round(corners(rig_shape("pair").faces[1]), 9)
-    } == {(0.0, -0.075, 0.0), (0.0, 0.075, 0.0)}
+
+
+@pytest.mark.parametrize(("angle", "setback"), [(-60, 2), (0, 2), (90, 5), (120, 2 + 3 * 3**0.5)])
+def test_plates_of_a_pair_are_set_back_from_where_their_planes_meet(angle, setback):
+    for face in rig_shape("pair", angle=angle).faces:
+        distances = np.linalg.norm(corners(face)[:, [0, 2]], axis=1)
+        assert distances.min() == pytest.approx(1e-3 * setback)
+        assert distances.max() - distances.min() == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize(

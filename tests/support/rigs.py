@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from markergen.maths.rotation import exponential
 from markergen.model.body import Plate
 from markergen.model.boundary import polygon_from
 from markergen.model.marker import build_marker
 from markergen.model.rig import Rig
+from markergen.model.rig_shapes import rig_shape
 
 
 def rectangle(width, height):
@@ -45,6 +47,19 @@ def wall(columns=3, rows=2, pitch=0.13):
     return mounted([plate(k) for k in range(len(places))], [np.eye(3)] * len(places), places)
 
 
+def rig_of(text, **measures):
+    """Rig of a shape whose faces have the same dots, turned a little from one to the next."""
+    dots = 0.001 * np.array([[14, 13], [-13, 12], [-12, -14], [11, -13], [2, 3]])
+    faces = rig_shape(text, **measures).faces
+    turns = exponential(np.array([[0, 0, 0.1 * k] for k in range(len(faces))]))[:, :2, :2]
+    return Rig(
+        tuple(
+            face.mounted(build_marker(dots @ turn.T, face.boundary, diameter=0.005, clearance=0.001))
+            for face, turn in zip(faces, turns, strict=True)
+        )
+    )
+
+
 def corner(inward):
     """Two plates that meet at a right angle: the inside of a corner, or the outside."""
     turns = [face(2, 1), face(0, 1)]
@@ -53,8 +68,6 @@ def corner(inward):
 
 def scattered(seed, count=4):
     """Plates at random places and turns, of which some hide others and none touch."""
-    from markergen.maths.rotation import exponential
-
     rng = np.random.default_rng(seed)
     turns = exponential(rng.normal(size=(count, 3)))
     return mounted([plate(k) for k in range(count)], turns, 0.13 * np.arange(count)[:, None] * [0.4, 0.2, 1])

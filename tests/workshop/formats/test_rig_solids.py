@@ -15,7 +15,7 @@ from markergen.workshop.assembly import made_of
 from markergen.workshop.formats.simulators import DENSITY, roll_pitch_yaw
 from markergen.workshop.formats.solids import solids_of
 from tests.support.cad_parts import cad_parts
-from tests.support.rigs import corner, cube, wall
+from tests.support.rigs import corner, cube, rig_of, wall
 
 CUBE = cube(0.08)
 COUNT = 1 + len(CUBE) + 6
@@ -132,6 +132,15 @@ def test_plates_that_overlap_are_only_to_look_at(tmp_path):
     assert any("overlap by 5 mm" in note for note in model.notes)
     with pytest.raises(InputError, match="overlap by 5 mm"):
         save(rig, [tmp_path / "corner.stl"], OPTIONS)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("text", ["cube", "prism:6", "wall 3x2", "pair"])
+def test_shapes_of_default_sizes_are_made(text, tmp_path):
+    rig = rig_of(text)
+    save(rig, [tmp_path / "rig.step"], ExportOptions())
+    names = [part.name for part in cad_parts((tmp_path / "rig.step").read_bytes())]
+    assert len(names) == len(made_of(rig, Fabrication()).parts)
 
 
 @pytest.mark.parametrize("seed", range(5))
