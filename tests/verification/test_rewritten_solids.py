@@ -35,10 +35,10 @@ def marker(make_marker):
 @pytest.fixture(scope="module")
 def files(marker, tmp_path_factory):
     """Folder with the files of a process, written once."""
-    pieces_of_files = {}
+    known = {}
 
     def get(name, *suffixes):
-        folder = pieces_of_files.setdefault(name, tmp_path_factory.mktemp("solids"))
+        folder = known.setdefault(name, tmp_path_factory.mktemp("solids"))
         new = [folder / f"a{suffix}" for suffix in suffixes if not (folder / f"a{suffix}").exists()]
         if new:
             save(marker, new, ExportOptions(fabrication=PROCESSES[name]))
