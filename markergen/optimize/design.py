@@ -186,7 +186,7 @@ class Design(Result):
     >>> poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"
     >>> design = mg.rig("pair", plate="100mm", n=4, tag="aruco:DICT_4X4_50", poses=poses, restarts=1)
     >>> design.rig
-    Rig(2 markers, 8 control points within 112 mm of its origin)
+    Rig(2 markers, 8 control points within 116 mm of its origin)
     >>> design.told_apart
     'the plates are told apart by their tags, aruco:DICT_4X4_50:0 to 1'
     """

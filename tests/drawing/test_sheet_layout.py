@@ -1,4 +1,4 @@
-import time
+import sys
 from dataclasses import replace
 from itertools import combinations
 
@@ -459,15 +459,22 @@ def test_lines_for_a_cutter_are_closed(make_in, shapes):
     assert np.min(np.hypot(*(hole[:-1] + hole[1:]).T / 2)) == pytest.approx(12, abs=1e-3)
 
 
-def test_layout_takes_less_than_0_3_s(make_ngon):
+def test_a_layout_takes_few_calls(make_ngon):
     for markers, paper in (
         ([make_ngon(5, 0.15, 0.036)], None),
         ([make_ngon(5, 0.15, 0.036)], "A4"),
         ([make_ngon(5, 0.03, 0.008)] * 4, None),
     ):
-        times = []
-        for _ in range(3):
-            start = time.process_time()
+        calls = 0
+
+        def count(frame, event, argument):
+            nonlocal calls
+            calls += event == "call"
+
+        sys.setprofile(count)
+        try:
             pages_for(markers, SheetOptions(paper))
-            times.append(time.process_time() - start)
-        assert min(times) < 0.3
+        finally:
+            sys.setprofile(None)
+        # 71,000 to 118,000, most of them for points of letters; one more layout on trial would double them.
+        assert calls < 180_000
