@@ -36,8 +36,7 @@ TAG_STATES = (*(name.removeprefix("tag ") for name in words("TAG_READ", "TAG_UNC
 
 _PLAIN = [
     "member", "state", "cut", "tag_state", "tag_family", "tag_place", "rival", "tag", "turns", "misplaced", "count",
-    "missing", "evidence", "margin", "sigma", "dots", "blobs", "pixels", "dropped", "plane",
-    "bend",
+    "missing", "evidence", "margin", "sigma", "dots", "blobs", "pixels", "dropped", "plane", "bend",
 ]  # fmt: skip
 """Fields of the core's `Finding` that are single numbers."""
 _NUMBERS, _PLACES = np.zeros(0, dtype=np.int64), np.zeros((0, 2))

@@ -760,18 +760,17 @@ static int64_t label_through(const Model *model, const Camera *bent, const Image
     return status ? status : better;
 }
 
-/* Without a camera, labels through the lens that explains best how dots miss a homography, until that finds no more. */
-static int64_t free_lens(const Model *model, const Camera *camera, const Image *image, const Options *options, double until,
-                         Findings *findings)
+/* Labels through the lens that explains best how dots miss a homography, until that finds no more. */
+static int64_t free_lens(const Model *model, const Image *image, const Options *options, double until, Findings *findings)
 {
     enum { ROUNDS = 3 }; /* through a lens with k1 -0.45, two find the whole of a grid of which half is found at first */
     int64_t status = 1;
     for (int round = 0; round < ROUNDS && status > 0; round++) {
         const Finding *best = likeliest(findings);
-        Camera bent;
-        status = best && straighten(model->layouts + model->members[best->member].layout, findings->blobs, best, camera, &bent);
-        if (status)
-            status = label_through(model, &bent, image, options, until, findings);
+        if (!best || !(best->bend > 0))
+            return 0;
+        const Camera bent = best->bent;
+        status = label_through(model, &bent, image, options, until, findings);
     }
     return status < 0 ? status : 0;
 }
@@ -779,13 +778,14 @@ static int64_t free_lens(const Model *model, const Camera *camera, const Image *
 int64_t label_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                     Findings *findings)
 {
-    /* Strengths of equidistant lenses: k1 about -0.5 and -1.6. */
+    /* Strengths of equidistant lenses, k1 about -0.5 and -1.6, that are tried where less than five sixths are found. */
     static const double STRONG[] = {1.2, 2.2};
     const double until = options->deadline > 0 ? now() + options->deadline : 0;
     int64_t status = label_blobs(model, camera, calibrated, image, options, until, findings);
-    if (!calibrated && !status)
-        status = free_lens(model, camera, image, options, until, findings);
-    for (int k = 0; k < 2 && !calibrated && !status; k++) {
+    if (calibrated || status)
+        return status;
+    status = free_lens(model, image, options, until, findings);
+    for (size_t k = 0; k < sizeof STRONG / sizeof *STRONG && !status; k++) {
         const Finding *best = likeliest(findings);
         double evidence = 0; /* of labelings that might be accidents, too: without any, other lenses cost time for nothing */
         for (int64_t i = 0; i < findings->count; i++)
@@ -796,7 +796,7 @@ int64_t label_frame(const Model *model, const Camera *camera, int calibrated, co
         bend_camera(camera, EQUIDISTANT, STRONG[k], &bent);
         status = label_through(model, &bent, image, options, until, findings);
         if (status > 0)
-            status = free_lens(model, camera, image, options, until, findings);
+            status = free_lens(model, image, options, until, findings);
     }
     return status;
 }

@@ -57,8 +57,10 @@ typedef struct {
 int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blobs);
 void blobs_free(Blob *blobs);
 
-/* Adds to the variance of the center of a blob that the image's border cuts the square of a share of the px that are outside. */
-void blur_cut(const Image *image, double share, Blob *blob);
+/* How far a blob that the image's border cuts reaches beyond it, px; 0 of a whole one. */
+double cut_px(const Image *image, const Blob *blob);
+/* Adds to the variance of a blob's center along each axis. */
+void less_sure(Blob *blob, double variance);
 
 /* Standard deviation of the grey noise, from differences of neighbors in plain areas of some 32 rows; 0 if there are none. */
 double grey_noise(const Image *image);
@@ -355,6 +357,7 @@ typedef struct {
     double H[9];             /* if `plane`, from (x, y) of a flat body, m, to px of an image without lens distortion */
     int32_t plane;
     double bend;             /* without a camera: RMS by which dots miss H because a lens bends it, px; 0 if too little to tell */
+    Camera bent;             /* if so, the camera with that lens */
     Estimate estimate;       /* with a camera */
     Verdict verdict;         /* with a camera */
 } Finding;
@@ -390,9 +393,6 @@ int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, in
 /* A camera with another lens in place of its own: Brown and Conrady's with k1 = strength, or an equidistant one with its focal
    length divided by strength. */
 void bend_camera(const Camera *camera, int lens, double strength, Camera *bent);
-/* RMS, px, by which a finding's flat dots miss a homography if a lens explains it, with the camera that has this lens; 0 if they are
-   too few, or miss it by as little as without. */
-double straighten(const Layout *layout, const Blob *blobs, const Finding *finding, const Camera *camera, Camera *bent);
 
 /* Fills in `dropped` and what follows it in a finding with labels; without a pose that sees its dots from the front it is UNFIT.
    Returns 0 or NO_MEMORY. */

@@ -1211,16 +1211,18 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
     };
 }
 
-void blur_cut(const Image *image, double share, Blob *blob)
+double cut_px(const Image *image, const Blob *blob)
 {
     const double cosine = cos(blob->angle), sine = sin(blob->angle), a = blob->semi[0], b = blob->semi[1];
     const double x = blob->center[0] + 0.5, y = blob->center[1] + 0.5, wide = hypot(a * cosine, b * sine), tall = hypot(a * sine, b * cosine);
-    const double sides[4] = {wide - x, wide + x - (double)image->width, tall - y, tall + y - (double)image->height};
-    double outside = 0;
-    for (int k = 0; k < 4; k++)
-        outside = larger(outside, sides[k]);
-    blob->covariance[0] += share * share * outside * outside;
-    blob->covariance[2] += share * share * outside * outside;
+    const double across = larger(wide - x, wide + x - (double)image->width), down = larger(tall - y, tall + y - (double)image->height);
+    return larger(larger(across, down), 0);
+}
+
+void less_sure(Blob *blob, double variance)
+{
+    blob->covariance[0] += variance;
+    blob->covariance[2] += variance;
 }
 
 static int by_column(const void *a, const void *b)
@@ -1276,7 +1278,7 @@ int64_t find_blobs(const Image *image, double smallest, int64_t most, Blob **blo
         (*blobs = malloc(sizeof **blobs * (size_t)(edges.count + 1)))) {
         for (int64_t i = 0; i < edges.count; i++) {
             make_blob(edges.all + i, &pyramid, usual, *blobs + i);
-            blur_cut(image, CUT_ROUGH, *blobs + i);
+            less_sure(*blobs + i, pow(CUT_ROUGH * cut_px(image, *blobs + i), 2));
         }
         count = sort_distinct(*blobs, edges.count);
         count = count < most ? count : most;

@@ -148,7 +148,9 @@ enum { LENSES = sizeof BENDS / sizeof *BENDS, SECTIONS = 18 };
 enum { WHOLE = 16 };
 static const double BENT_PX2 = 0.1, STRAIGHTENED = 0.5;
 
-double straighten(const Layout *layout, const Blob *blobs, const Finding *finding, const Camera *camera, Camera *bent)
+/* RMS, px, by which a finding's flat dots miss a homography if a lens explains it, with the camera that has this lens; 0 if they are
+   too few, or miss it by as little as without. */
+static double straighten(const Layout *layout, const Blob *blobs, const Finding *finding, const Camera *camera, Camera *bent)
 {
     static const double GOLDEN = 0.6180339887498949;
     double plain = 0, least = INFINITY;
@@ -253,11 +255,11 @@ int complete_finding(const Layout *layout, const Camera *camera, int calibrated,
         status = judge(dots, blobs, matches, camera, errors, layout->plates, layout->plate_count, &finding->estimate,
                        &finding->verdict);
     } else if (kept > 0) {
-        Camera plain = *camera, bent;
+        Camera plain = *camera;
         plain.lens = PINHOLE;
         status = correct_centers(dots, blobs, matches, kept, camera, finding->pixels, finding->H);
         finding->plane = status > 0;
-        finding->bend = straighten(layout, blobs, finding, &plain, &bent);
+        finding->bend = straighten(layout, blobs, finding, &plain, &finding->bent);
     }
     free(matches);
     return kept < 0 || status < 0 ? NO_MEMORY : 0;

@@ -1,6 +1,7 @@
 """Styles of an SVG in the forms that all programs read alike, and the refusal of those that have none.
 
 resvg draws colors in forms that it does not know in black, such as ``rgb(255 255 255 / 1)``.
+So does svgelements; tinycss2 1.5 takes ``rgb(none, 1, 2)`` and ``hwb(1, 2%, 3%)``, and refuses ``rgb(51 40% 153)``.
 """
 
 # tests: tests/verification/test_svg_styles.py
