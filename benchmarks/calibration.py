@@ -28,7 +28,7 @@ from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.camera_choice import CameraChoice, choose_camera
 from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
-from markergen.calibration.outliers import adjust_robustly
+from markergen.calibration.residuals import adjust_robustly
 from markergen.maths.conics import refine_poses
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import Camera, Distortion

@@ -38,7 +38,7 @@ from markergen.calibration.adjustment import adjust
 from markergen.calibration.calibration import LOOSE_HEIGHT, LOOSE_PLANE
 from markergen.calibration.handeye import HandEyeFit, agreeing, hand_eye
 from markergen.calibration.network import Network, Pose
-from markergen.calibration.outliers import adjust_robustly
+from markergen.calibration.residuals import adjust_robustly
 from markergen.defaults import PRINT_SIGMA
 from markergen.maths.rotation import exponential, inverse_pose, logarithm, pose_product
 

@@ -24,14 +24,12 @@ from markergen.calibration.judging import (
     compare_halves,
     cross_validate,
 )
-from markergen.calibration.misfit import likely_cause
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import NextPhotos, next_photos
-from markergen.calibration.noise import noise_of
-from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import PhotographedDots, find_dots, joined
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
+from markergen.calibration.residuals import Cleaned, adjust_robustly, likely_cause, noise_of
 from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity

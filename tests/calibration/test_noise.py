@@ -9,9 +9,8 @@ from benchmarks.calibration_sets import CAMERA, hand_held, layout, photographed,
 from markergen.calibration.adjustment import adjust
 from markergen.calibration.camera_choice import wider_lenses
 from markergen.calibration.flexing import flexing
-from markergen.calibration.misfit import likely_cause
 from markergen.calibration.network import CameraFreedom
-from markergen.calibration.noise import noise_of
+from markergen.calibration.residuals import likely_cause, noise_of
 from markergen.model.camera import Distortion
 
 SIGMA = 0.03

@@ -6,7 +6,7 @@ import numpy as np
 from simulated_photos import in_gauge, scene
 
 from markergen.calibration.adjustment import adjust
-from markergen.calibration.outliers import adjust_robustly
+from markergen.calibration.residuals import adjust_robustly
 
 
 def spoiled(views, share, rng):
