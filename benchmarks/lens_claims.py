@@ -28,8 +28,8 @@ from markergen.bounds.dot_covariances import plate_covariances
 from markergen.calibration.calibration import Known, network_of
 from markergen.calibration.judging import parameters_of
 from markergen.calibration.network import CameraFreedom
-from markergen.calibration.residuals import adjust_robustly
 from markergen.calibration.photos import find_dots
+from markergen.calibration.residuals import adjust_robustly
 from markergen.detect import Detector
 from markergen.maths.conics import outlines
 from markergen.maths.rotation import exponential, logarithm

@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.calibration_sets import CAMERA, hand_held, in_gauge, layout, nees, photographed, printed, wrong_camera
 from markergen.arrays import Array
 from markergen.calibration.network import CameraFreedom, Network
-from markergen.calibration.residuals import adjust_robustly
 from markergen.calibration.relation import relate
+from markergen.calibration.residuals import adjust_robustly
 from markergen.defaults import PRINT_SIGMA
 from markergen.maths.rotation import exponential, inverse_pose, logarithm, pose_product
 from markergen.model.camera import Camera, Distortion

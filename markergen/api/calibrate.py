@@ -16,8 +16,8 @@ import numpy as np
 from markergen.api.arguments import as_camera, files_among, marker_of
 from markergen.arrays import Array
 from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
-from markergen.calibration.live import photographs_of
 from markergen.calibration.network import Length
+from markergen.calibration.next_photo import photographs_of
 from markergen.calibration.scale import ScaleErrors
 from markergen.detect.detector import Detector
 from markergen.errors import InputError

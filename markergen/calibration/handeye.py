@@ -6,15 +6,24 @@ with respect to the camera, and s the length of the marker's meter in the robot'
     G_k = F M_k C^-1,
 
 of a camera on the hand M = T_marker_camera, F = T_base_marker and C = T_flange_camera, of one beside the robot
-M = T_camera_marker, F = T_base_camera and C = T_flange_marker. From a start in closed form (`estimators.hand_eye`), F,
-C, s, the poses of all photographs, the dots and the camera are adjusted together: to the squares of the photographs
-come those of the robot's poses, e'e / sigma^2 with
+M = T_camera_marker, F = T_base_camera and C = T_flange_marker. From a start in closed form, F, C, s, the poses of all
+photographs, the dots and the camera are adjusted together: to the squares of the photographs come those of the robot's
+poses, e'e / sigma^2 with
 
     e = (log(R_G R'), t_G - t),    R, t of F M C^-1,
 
 and the standard deviations sigma of the robot's rotations and translations are those with which the squares of each
 are what is expected of them (W. Foerstner, 1979). Photographs from one pose of the robot count as one measurement.
+
+The start is linear: for two poses, P = G_j^-1 G_i and Q = M_j^-1 M_i have P C = C Q up to the scale, so
+
+    R_P (s R_C) = (s R_C) R_Q,    (R_P - I) t_C - (s R_C) t_Q = -t_P.
+
+Of all pairs together, this gives R_C also where rotations are about one axis, if the robot moves, too; t_C and s follow
+from the second equation with R_C, and F from all poses.
 """
+
+# tests: tests/calibration/test_handeye.py tests/calibration/test_hand_eye_start.py
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,8 +37,7 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import JointRows, Joints, Pose, Views
 from markergen.errors import InputError
-from markergen.estimators.hand_eye import hand_eye_start
-from markergen.maths.rotation import inverse_pose, logarithm, skew
+from markergen.maths.rotation import inverse_pose, logarithm, pose_product, skew
 
 LEAST, UNKNOWNS = 3, 13
 """Fewest photographs, since two rotations about axes that differ determine X and Z; parameters of X, Z and log s."""
@@ -327,3 +335,45 @@ def _settled(adjustment: Adjustment, views: Views, robot: RobotPoses) -> tuple[A
             break
         robot = replace(adjusted.joints, sigma=(sigma[0], sigma[1]))
     return adjusted, spread
+
+
+WEAKLY = 1e-6
+"""Weight of a scale of 1, beside that of a pose: it decides only where nothing else does."""
+
+
+def hand_eye_start(robot: Pose, moving: Pose) -> tuple[Pose, Pose, float]:
+    """F, C and s by linear least squares over all pairs of poses; the least where they are open.
+
+    Parameters
+    ----------
+    robot, moving : (array (k, 3, 3), array (k, 3)), m
+        G and M, k >= 2.
+    """
+    first, second = np.array(list(combinations(range(len(robot[0])), 2))).T
+    moved, seen = (
+        pose_product(inverse_pose((poses[0][second], poses[1][second])), (poses[0][first], poses[1][first]))
+        for poses in (robot, moving)
+    )
+    length = float(np.sqrt(np.mean(moved[1] ** 2))) or 1.0
+    eye, pairs = np.eye(3), len(first)
+    rows, goal = np.zeros((pairs, 12, 12)), np.zeros((pairs, 12))
+    # Row by row, entry (i, j) of A B C has the derivative A_ik C_lj by B_kl.
+    turns = np.einsum("nik,lj->nijkl", moved[0], eye) - np.einsum("ik,nlj->nijkl", eye, seen[0])
+    rows[:, :9, :9] = turns.reshape(pairs, 9, 9)
+    rows[:, 9:, :9] = np.einsum("ik,nl->nikl", eye, -seen[1] / length).reshape(pairs, 3, 9)
+    rows[:, 9:, 9:], goal[:, 9:] = moved[0] - eye, -moved[1] / length
+    solution = np.linalg.lstsq(rows.reshape(-1, 12), goal.ravel(), rcond=1e-9)[0]
+    carried = _rotation_near(np.asarray(solution[:9]).reshape(3, 3))
+    rows = np.concatenate([moved[0] - eye, -(seen[1] @ carried.T)[..., None]], axis=-1)
+    # Where all poses are as far from one point, s is open, and 1 the best guess.
+    rows, goal = np.vstack([rows.reshape(-1, 4), [0, 0, 0, WEAKLY * length]]), np.r_[-moved[1].ravel(), WEAKLY * length]
+    *place, scale = np.linalg.lstsq(rows, goal, rcond=1e-9)[0]
+    scale = float(scale) if scale > 0 else 1.0
+    C = carried, np.array(place)
+    F = pose_product(pose_product(robot, C), inverse_pose((moving[0], scale * moving[1])))
+    return (_rotation_near(F[0].mean(axis=0)), F[1].mean(axis=0)), C, scale
+
+
+def _rotation_near(matrix: Array) -> Array:
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)

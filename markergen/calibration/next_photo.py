@@ -1,4 +1,4 @@
-"""Which photograph to take next: the one after which poses in the working volume err least.
+"""Which photograph to take next: the one after which poses in the working volume err least; also from a video.
 
 A photograph tells of dots and camera what its 2 n coordinates tell beyond its pose. With the covariance C of dots and
 camera so far, A and J the derivatives of the coordinates by dots and camera and by the pose, and s their noise,
@@ -6,28 +6,37 @@ camera so far, A and J the derivatives of the coordinates by dots and camera and
     C' = C - C A' S A C,    S = T^-1 - T^-1 J (J'T^-1 J)^-1 J'T^-1,    T = A C A' + s^2 I,
 
 so that the mean square trace(M C) of the pose error (see `working_error`) falls by trace(S A C M C A').
+
+A video gives its still views that add something, until the next one hardly helps.
 """
 
-from collections.abc import Sequence
+# tests: tests/calibration/test_next_photo.py tests/calibration/test_live.py
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
-from markergen.calibration.coverage import SIDES, posed
+from markergen.calibration.coverage import SIDES, coverage_of, posed
 from markergen.calibration.weaknesses import bounded_covariance
 from markergen.calibration.working_error import ExpectedError, Sensitivity, sensitivity
+from markergen.detect.detector import Detector
+from markergen.errors import InputError
 from markergen.maths.batched import Batched
 from markergen.maths.conics import outlines, pose_rows
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, axes_of
+from markergen.read.videos import open_video, silent_opencv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from markergen.calibration.calibration import Calibration
 
 
 TILTS_DEG, TURNS_DEG = (20.0, 40.0, 60.0), (0.0, 90.0, 180.0, 270.0)
@@ -448,3 +457,90 @@ def _corners(points: Array) -> NDArray[np.intp]:
 def _short(number: float) -> str:
     """Two digits."""
     return f"{number:.2g}"
+
+
+STILL = 5e-4
+"""RMS motion of the dots since the frame before, over the picture's diagonal, below which a view is still: 0.4 px
+of 640 x 480, which smears a dot by 0.2 px at 30 frames a second and an exposure of 15 ms."""
+
+APART = 0.03
+"""RMS distance of the dots from those of every photograph taken, over the diagonal, that makes a view another one:
+24 px in 640 x 480, as far as a tilt by 25 deg moves dots that are 250 px from the middle."""
+
+FEWEST_PHOTOS, MOST_PHOTOS = 8, 40
+"""Number of photographs from which on it is asked whether more help, and at which it ends in any case."""
+
+Judge = Callable[[Sequence[NDArray[np.uint8]]], "Calibration"]
+
+
+def photographs_of(
+    source: str, detector: Detector, judge: Judge, tell: Callable[[str], None]
+) -> list[NDArray[np.uint8]]:
+    """Take photographs from a video, a camera or a stream, until more hardly help or it ends.
+
+    Parameters
+    ----------
+    detector : Detector
+        Of the markers to measure.
+    judge : callable
+        Calibrates with the photographs so far; what it raises as `InputError` asks for more.
+    tell : callable
+        Takes a line for each photograph: what all of them cover, and which is wanted next.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be opened, or shows no still view.
+    """
+    taken: list[NDArray[np.uint8]] = []
+    views: list[dict[tuple[int, int], Array]] = []
+    before: dict[tuple[int, int], Array] = {}
+    with open_video(source) as video, silent_opencv():
+        for frame in video:
+            diagonal = float(np.hypot(*frame.image.shape[:2]))
+            dots = _dots(detector(frame.image))
+            is_still = _motion(dots, before) < STILL * diagonal
+            before = dots
+            if not is_still or any(_motion(dots, view) < APART * diagonal for view in views):
+                continue
+            taken.append(frame.image.copy())
+            views.append(dots)
+            wanted = _wanted(taken, judge)
+            tell(f"photograph {len(taken)}: {wanted or 'enough, more hardly help'}")
+            if not wanted or len(taken) == MOST_PHOTOS:
+                break
+    if not taken:
+        raise InputError("a still view of the marker", f"none in {video.name}", "hold the camera or the marker still")
+    return taken
+
+
+def _dots(results: Sequence[Any]) -> dict[tuple[int, int], Array]:
+    """Pixels of dots by the numbers of the marker and the dot."""
+    return {
+        (number, int(identity)): pixel
+        for number, finding in enumerate(results)
+        if finding.ok
+        for identity, pixel in zip(finding.ids, finding.pixels, strict=True)
+    }
+
+
+def _motion(dots: dict[tuple[int, int], Array], others: dict[tuple[int, int], Array]) -> float:
+    """RMS distance in px of the dots that are in both; inf for fewer than four."""
+    both = dots.keys() & others.keys()
+    if len(both) < 4:
+        return float("inf")
+    return float(np.sqrt(np.mean([np.sum((dots[key] - others[key]) ** 2) for key in both])))
+
+
+def _wanted(taken: Sequence[NDArray[np.uint8]], judge: Judge) -> str:
+    """What all photographs cover, and the next one to take; empty if more hardly help."""
+    if len(taken) < FEWEST_PHOTOS:
+        return "tilt it by 20 to 60 deg, to another side, in another part of the picture"
+    try:
+        calibration = judge(taken)
+    except InputError as error:
+        return str(error)
+    wanted = calibration.next_photos
+    if wanted is None or not wanted.helps:
+        return ""
+    return f"{coverage_of(calibration.adjustment).sentence} {wanted.sentence}"

@@ -23,8 +23,8 @@ from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import attempt
 from markergen.calibration.camera_choice import wider_lenses
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Network, Pose, Views
-from markergen.calibration.residuals import adjust_robustly
 from markergen.calibration.pictures import contradicted_diameters, copies
+from markergen.calibration.residuals import adjust_robustly
 from markergen.detect import Detector, Found
 from markergen.detect.batch import detect_files
 from markergen.errors import InputError

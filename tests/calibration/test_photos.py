@@ -13,8 +13,8 @@ from simulated_photos import hand_held, layout
 
 import markergen as mg
 from markergen.calibration.network import CameraFreedom, Network
-from markergen.calibration.residuals import adjust_robustly
 from markergen.calibration.photos import Labeled, _started, find_dots
+from markergen.calibration.residuals import adjust_robustly
 from markergen.errors import InputError
 from markergen.maths.conics import outlines
 from markergen.maths.rotation import exponential

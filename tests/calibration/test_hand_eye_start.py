@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.estimators.hand_eye import hand_eye_start
+from markergen.calibration.handeye import hand_eye_start
 from markergen.maths.rotation import angle_between, exponential, inverse_pose, pose_product
 
 SCALE = 1.03
