@@ -9,8 +9,7 @@ from typing import Any, Unpack
 from markergen.api.arguments import files_among
 from markergen.comparison.compare import compare_and_time as run
 from markergen.comparison.contestants import forms
-from markergen.comparison.fmac import IMAGES, fmac
-from markergen.comparison.fmac_result import ProtocolComparison
+from markergen.comparison.fmac import IMAGES, ProtocolComparison, fmac
 from markergen.comparison.result import Comparison
 from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError, brief

@@ -1,5 +1,6 @@
-"""Views of contestants from the same poses with the same noise, and what their detectors make of them."""
-# tests: tests/comparison/test_compare.py tests/comparison/test_fmac.py
+"""Views of contestants from the same poses with the same noise, and what their detectors and one refiner make of them."""
+
+# tests: tests/comparison/test_compare.py tests/comparison/test_fmac.py tests/comparison/test_photometric.py
 
 import time
 from collections.abc import Callable, Sequence
@@ -12,16 +13,18 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.comparison.contestants import Choice, Contestant, Image, Pose, Sighting
-from markergen.comparison.photometric import photometric_fit
 from markergen.comparison.tuning import BUDGET, POSE, ROTATION, tune
 from markergen.errors import InputError
+from markergen.maths.information import apply_pose_step
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import logarithm, turn_z
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.options import Progress
 from markergen.pool import map_counted, workers_for
-from markergen.render import DEFAULT_OPTICS, Optics
+from markergen.render import DEFAULT_OPTICS, Optics, window_of
+from markergen.render.optics import FULL_SCALE
+from markergen.validation.bounds import Scene, grey_gradient
 from markergen.validation.degrees import in_units
 from markergen.validation.metrics import flipped, pose_failed, rotation_error_deg, statistics, translation_error_pct
 from markergen.validation.views import WRONG_PX
@@ -235,3 +238,47 @@ def _tuning_row(column: Sequence[Observation]) -> dict[str, Any]:
         "rate": len(counted) / len(column),
         **{name: {key: values[key] for key in ("rms", "median")} for name, values in errors.items()},
     }
+
+
+FIT_STEPS = 6
+"""Maximum number of Gauss-Newton steps."""
+FIT_CONVERGED = 0.1
+"""Step that ends the fit, in standard deviations of the pose: the next would be some hundredths of that."""
+
+
+def photometric_fit(image: Image, scene: Scene, camera: Camera, pose: Pose, optics: Optics) -> Pose:
+    """Pose that fits the expected grey levels of a known pattern to an image best, near a given one.
+
+    Gauss-Newton on sum (I - E(pose))^2 / sigma^2 over the pixels around the pattern, with optics and noise known: what
+    `photometric_bounds` bounds. Where it does not converge, the best pose on the way is returned, which is the
+    given one if no step improves it.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+    pose : (rotation (3, 3), translation (3,) in m)
+        T_camera_marker within 2 px or so of the true one.
+    """
+    levels = image * np.float32(
+        FULL_SCALE / np.iinfo(image.dtype).max if optics.bits == 8 else FULL_SCALE / (2**optics.bits - 1)
+    )
+    best, least = pose, np.inf
+    for _ in range(FIT_STEPS):
+        (left, top), (width, height) = window = window_of(scene(*pose), camera, *pose, optics)
+        if min(width, height) < 1:
+            break
+        expected, gradient, sigma = grey_gradient(scene, camera, *pose, optics, window)
+        residual = (levels[top : top + height, left : left + width] - expected) / sigma
+        # Windows of different sizes: of each only what exceeds the noise counts.
+        excess = float(np.sum(residual**2, dtype=float) - residual.size)
+        if not excess < least:
+            break
+        best, least = pose, excess
+        weighted = (gradient / sigma).reshape(6, -1).astype(float)
+        information = weighted @ weighted.T
+        step = np.linalg.lstsq(information, weighted @ residual.ravel(), rcond=None)[0]
+        rotation, translation = apply_pose_step(pose[0][None], pose[1][None], step[None])
+        pose = rotation[0], translation[0]
+        if step @ information @ step < FIT_CONVERGED**2:
+            return pose
+    return best

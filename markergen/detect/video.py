@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from markergen.detect.batch import files_among, silent
 from markergen.detect.detector import Detector
+from markergen.detect.presentation import Window, has_display
 from markergen.detect.results import Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations, parse_readout
 from markergen.errors import InputError, OutputError
@@ -24,7 +25,6 @@ from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import as_list, signature_of
 from markergen.options.declarations import DetectorKeywords
 from markergen.options.kinds import CameraLike, TargetLike
-from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
 from markergen.read.videos import Video, VideoFrame, is_video, open_video, silent_opencv
 

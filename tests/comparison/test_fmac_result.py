@@ -9,7 +9,7 @@ from markergen.cli import main
 from markergen.comparison import fmac as module
 from markergen.comparison import series as engine
 from markergen.comparison.contestants import printed
-from markergen.comparison.fmac_result import degrees_figure
+from markergen.comparison.fmac import degrees_figure
 from markergen.errors import InputError
 from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.comparison.baselines import line_up
-from markergen.comparison.photometric import photometric_fit
+from markergen.comparison.series import photometric_fit
 from markergen.maths.information import apply_pose_step
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import PAPER_CAMERA

@@ -7,18 +7,18 @@ from shutil import which
 
 import pytest
 
+from markergen.detect.presentation import Window, has_display
 from markergen.errors import InputError
-from markergen.presentation.window import Window, has_display
 
 SCRIPT = """
 import numpy as np
-from markergen.presentation import window
+from markergen.detect import presentation
 
-assert window.has_display()
+assert presentation.has_display()
 image = np.zeros((900, 1600, 3), np.uint8)
 image[:, :, 2] = 255
 for key in ("<Key-q>", "<Key-Escape>"):
-    shown = window.Window("a video")
+    shown = presentation.Window("a video")
     shown.show(image)
     photo = shown._photo
     # As large as nine tenths of the screen allow, and red, which is last in OpenCV's order.
