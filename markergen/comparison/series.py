@@ -1,4 +1,4 @@
-"""Views of contestants from the same poses with the same noise, and what their detectors and one refiner make of them."""
+"""Views of contestants from the same poses with the same noise, and what detectors and one refiner make of them."""
 
 # tests: tests/comparison/test_compare.py tests/comparison/test_fmac.py tests/comparison/test_photometric.py
 
