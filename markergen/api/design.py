@@ -28,7 +28,7 @@ from markergen.model.sight import coverage
 from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids, parse_tag
 from markergen.objectives import OBJECTIVES
-from markergen.objectives.callers import objective_name
+from markergen.objectives.autograd import objective_name
 from markergen.optimize.animation import MOVIES, Movie
 from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design

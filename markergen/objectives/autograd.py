@@ -1,15 +1,21 @@
-"""Objectives without a closed-form gradient: differentiated by autograd, from primitives with closed-form ones."""
+"""Objectives without a closed-form gradient, differentiated by autograd, and those that callers pass as functions."""
 
+# tests: tests/objectives/test_autograd.py tests/objectives/test_callers.py
+
+import re
 from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from autograd.core import make_vjp
 from autograd.extend import defvjp, primitive
 
 from markergen.arrays import Array as Array
+from markergen.errors import InputError
 from markergen.maths.information import covariance
 from markergen.maths.projection import perspective, to_camera
-from markergen.objectives.base import Objective, Pullback, Setting
+from markergen.objectives.base import OBJECTIVES, Objective, Pullback, Setting
 from markergen.objectives.pose import PoseObjective
 
 
@@ -125,3 +131,38 @@ _information, _pixels, inverse = primitive(_forward_information), primitive(_for
 defvjp(inverse, _inverse_vjp)
 defvjp(_information, _information_vjp, argnums=(0,))
 defvjp(_pixels, _pixels_vjp, argnums=(0,))
+
+
+class FunctionObjective(AutogradObjective):
+    """An objective whose values a function computes from the points and the objective itself, as `view`."""
+
+    function: Callable[[Array, AutogradObjective], Array]
+
+    def values(self, points: Array) -> Array:
+        """See `AutogradObjective.values`."""
+        return type(self).function(points, self)
+
+
+def objective_name(objective: Any) -> str:
+    """Return the name of an objective in the table, where one that is no text is entered under its own name.
+
+    A function takes points (B, n, 2 or 3) in m and a `view`, an `AutogradObjective` with the differentiable
+    ``view.covariance(points)``, ``view.information(points)`` and ``view.pixels(points)``, and returns values (B, P)
+    above 0, computed with ``autograd.numpy``. A class is a subclass of `Objective`.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or markergen has an objective of that name.
+    """
+    if isinstance(objective, str):
+        return objective
+    name = getattr(objective, "__name__", type(objective).__name__)
+    if not callable(objective):
+        remedy = "give a name, a function of points and view, or a subclass of Objective"
+        raise InputError("an objective", f"objective of type {name}", remedy)
+    # A lambda's is <lambda>.
+    name = re.sub(r"\W", "", name).lower()
+    entry = objective if isinstance(objective, type) else type(name, (FunctionObjective,), {"function": objective})
+    OBJECTIVES.take(name, entry)
+    return name

@@ -23,8 +23,7 @@ from markergen.guard import read
 from markergen.read.cameras.document import Document
 from markergen.read.images import SUFFIXES
 from markergen.read.poses.conventions import PoseConvention, column_of, plain_name, scale_of, stated, unit_of
-from markergen.read.poses.json import records
-from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, TRANSLATION, RowsFile, numbers_of
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, TRANSLATION, RowsFile, numbers_of, records
 from markergen.read.remarks import remark
 from markergen.units import METERS
 

@@ -246,7 +246,7 @@ def test_files_that_are_too_large_or_not_there(write, tmp_path, monkeypatch):
     monkeypatch.setattr("markergen.read.poses.MOST_LINES", 10)
     with pytest.raises(InputError, match="more than 10 lines"):
         read_poses(write("#\n" * 11))
-    monkeypatch.setattr("markergen.read.poses.json.LARGEST_JSON", 10)
+    monkeypatch.setattr("markergen.read.poses.rows.LARGEST_JSON", 10)
     with pytest.raises(InputError, match="poses as CSV"):
         read_poses(write("[" * 11))
     with pytest.raises(InputError, match="No such file"):

@@ -20,7 +20,7 @@ from markergen.geometry.outlines import TOLERANCE, canonical_contours
 from markergen.guard import read
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.read.formats import recognized, refuse_unreadable, split, unknown_format
-from markergen.read.outlines.curves import MOST_POINTS
+from markergen.read.outlines.curves import MOST_POINTS, Track, closed_contours, remark_left_out
 from markergen.read.outlines.formats import (
     MOST_PIECES,
     OUTLINE_FORMATS,
@@ -29,7 +29,6 @@ from markergen.read.outlines.formats import (
     Drawing,
     OutlineFile,
 )
-from markergen.read.outlines.joining import Track, closed_contours, remark_left_out
 from markergen.read.remarks import remark, remark_unused
 from markergen.units import format_length, parse_length
 

@@ -15,12 +15,10 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.model.json_text import distinct
 from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, stated
-from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, RowsFile, columns_of, table_poses
-from markergen.read.poses.tables import frame_of
+from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, frame_of, stated
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, RowsFile, columns_of, records, table_poses
 from markergen.read.remarks import remark_unused
 
 NERF_NAME, NERF_KEY = "transforms.json", "transform_matrix"
@@ -28,12 +26,6 @@ NERF = re.compile(
     r"camera_(?:model|angle_\w+|id)|fl_[xy]|c[xy]|[wh]|[kp]\d|is_fisheye|aabb_scale|\w*path|sharpness|rotation|\w*(?:_id|name)|time\w*"
 )
 """Keys of the camera and of images in nerf's transforms.json."""
-
-BOP = ("cam_R_m2c", "cam_t_m2c")
-"""Keys of BOP's pose of a model in the camera."""
-
-LARGEST_JSON = 5_000_000
-"""Maximum size in bytes; as Python objects they may take forty times as much."""
 
 
 def _read(file: RowsFile) -> RawPoses:
@@ -80,45 +72,6 @@ def _flat(pose: dict[str, Any]) -> dict[str, Any]:
             inner = _flat(value) if isinstance(value, dict) else {}
             values |= {f"{key}.{name}": item for name, item in inner.items()} if inner else {key: value}
     return values
-
-
-def _listed(content: Any, name: str) -> Any:
-    """Return the poses that OpenCV's rvecs and tvecs, or BOP's scene_gt in mm, are; or else the content."""
-    if not isinstance(content, dict):
-        return content
-    turns, places = content.get("rvecs"), content.get("tvecs")
-    if isinstance(turns, list) and isinstance(places, list) and len(turns) == len(places):
-        return [{"rvec": turn, "tvec": place} for turn, place in zip(turns, places, strict=True)]
-    images = list(content.values())
-    objects = [item for image in images if isinstance(image, list) for item in image]
-    if not objects or not all(isinstance(item, dict) and isinstance(item.get(BOP[1]), list) for item in objects):
-        return content
-    if len(objects) != len(images):
-        raise InputError(f"one object for each image in {name}", "several", "leave the entries of one obj_id")
-    axes = ("tx_mm", "ty_mm", "tz_mm")
-    return [{"R": item.get(BOP[0]), **dict(zip(axes, item[BOP[1]], strict=False))} for item in objects]
-
-
-def records(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Return the poses, and what stands beside them."""
-    if len(file.data) > LARGEST_JSON:
-        most = f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}"
-        raise InputError(most, "more", "write this many poses as CSV")
-    try:
-        content = json.loads(file.data.decode(), object_pairs_hook=distinct)
-    except (ValueError, RecursionError) as error:
-        problem = "endless nesting" if isinstance(error, RecursionError) else str(error)[:80]
-        raise InputError(f"complete JSON in {file.name}", problem, "correct the file") from None
-    around: dict[str, Any] = {}
-    content = _listed(content, file.name)
-    if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
-        around = {name: value for name, value in content.items() if name != key}
-        content = content[key]
-    if isinstance(content, list) and content and all(isinstance(pose, list) for pose in content):
-        content = [{"matrix": pose} for pose in content]
-    if not (isinstance(content, list) and content and all(isinstance(pose, dict) for pose in content)):
-        raise InputError(f"an array of poses in {file.name}", "something else", f"each is an object with {WANTED}")
-    return content, around
 
 
 def _number(value: object, place: str) -> float:

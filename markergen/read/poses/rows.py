@@ -1,4 +1,4 @@
-"""Lines, words and columns of pose files, and the conversion of their numbers to poses.
+"""Lines, words and columns of pose files, records of JSON, and the conversion of their numbers to poses.
 
 Only a file's bytes and numbers are kept in memory. Rotations in any notation are converted to quaternions; invalid
 ones are refused.
@@ -8,6 +8,7 @@ ones are refused.
 
 import csv
 import io
+import json
 import re
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,6 +21,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
+from markergen.model.json_text import distinct
 from markergen.model.poses import COLUMNS
 from markergen.read.poses.conventions import PoseConvention, column_of, scale_of, stated, unit_of
 from markergen.read.remarks import remark, remark_unused
@@ -66,6 +68,12 @@ MATRIX_COLUMNS = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "
 """Numbers of a matrix [R t], row by row."""
 
 WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
+
+BOP = ("cam_R_m2c", "cam_t_m2c")
+"""Keys of BOP's pose of a model in the camera."""
+
+LARGEST_JSON = 5_000_000
+"""Maximum size in bytes; as Python objects they may take forty times as much."""
 
 
 @dataclass(frozen=True)
@@ -321,3 +329,42 @@ def _refuse(bad: Mask, wanted: str, values: Array, place: Place, remedy: str = "
         index = int(np.argmax(bad))
         pose = " ".join(f"{value:.6g}" for value in values[index])
         raise InputError(f"{wanted} at {place(index)}", pose, remedy)
+
+
+def records(file: RowsFile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the poses, and what stands beside them."""
+    if len(file.data) > LARGEST_JSON:
+        most = f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}"
+        raise InputError(most, "more", "write this many poses as CSV")
+    try:
+        content = json.loads(file.data.decode(), object_pairs_hook=distinct)
+    except (ValueError, RecursionError) as error:
+        problem = "endless nesting" if isinstance(error, RecursionError) else str(error)[:80]
+        raise InputError(f"complete JSON in {file.name}", problem, "correct the file") from None
+    around: dict[str, Any] = {}
+    content = _listed(content, file.name)
+    if isinstance(content, dict) and (key := next((key for key in ("poses", "frames") if key in content), None)):
+        around = {name: value for name, value in content.items() if name != key}
+        content = content[key]
+    if isinstance(content, list) and content and all(isinstance(pose, list) for pose in content):
+        content = [{"matrix": pose} for pose in content]
+    if not (isinstance(content, list) and content and all(isinstance(pose, dict) for pose in content)):
+        raise InputError(f"an array of poses in {file.name}", "something else", f"each is an object with {WANTED}")
+    return content, around
+
+
+def _listed(content: Any, name: str) -> Any:
+    """Return the poses that OpenCV's rvecs and tvecs, or BOP's scene_gt in mm, are; or else the content."""
+    if not isinstance(content, dict):
+        return content
+    rotations, places = content.get("rvecs"), content.get("tvecs")
+    if isinstance(rotations, list) and isinstance(places, list) and len(rotations) == len(places):
+        return [{"rvec": rotation, "tvec": place} for rotation, place in zip(rotations, places, strict=True)]
+    images = list(content.values())
+    objects = [item for image in images if isinstance(image, list) for item in image]
+    if not objects or not all(isinstance(item, dict) and isinstance(item.get(BOP[1]), list) for item in objects):
+        return content
+    if len(objects) != len(images):
+        raise InputError(f"one object for each image in {name}", "several", "leave the entries of one obj_id")
+    axes = ("tx_mm", "ty_mm", "tz_mm")
+    return [{"R": item.get(BOP[0]), **dict(zip(axes, item[BOP[1]], strict=False))} for item in objects]

@@ -24,12 +24,11 @@ from markergen.model.poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import (
     ASKED,
-    ASKED_COLUMN,
     CAMERA_IN_MARKER,
     MARKER_IN_CAMERA,
     RawPoses,
     camera_in_marker,
-    column_of,
+    frame_of,
     is_body,
 )
 from markergen.read.poses.rows import LONGEST_LINE, MATRIX_COLUMNS, WANTED, RowsFile, lines_of, table_poses
@@ -51,12 +50,6 @@ def _named(file: RowsFile) -> RawPoses:
     table = file.table()
     line, names = next(table)
     return RawPoses(table_poses(file, names, table, file.place(line)), frame_of(names))
-
-
-def frame_of(names: list[str]) -> str:
-    """Return the frame of poses with these columns; poses over time may be those of a camera, a body or a marker."""
-    open_names = any(is_body(name) or ASKED_COLUMN.fullmatch(name.strip().lower()) for name in names)
-    return ASKED if open_names or "time" in (column_of(name).kind for name in names) else MARKER_IN_CAMERA
 
 
 def _count(file: RowsFile) -> int:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sentences import sentence
 
 from markergen.read.outlines.boundary import read_contours
-from markergen.read.outlines.joining import Track, closed_contours
+from markergen.read.outlines.curves import Track, closed_contours
 
 
 def track(name, points, closed):
