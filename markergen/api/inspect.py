@@ -17,7 +17,7 @@ from markergen.geometry.outlines import polygons_of
 from markergen.model.body import Body
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import NO_DISTORTION, Camera
-from markergen.model.poses import RecordedPoses
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig_shapes import corners
 from markergen.options import settle, signature_of
 from markergen.options.inspection import InspectKeywords

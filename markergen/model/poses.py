@@ -1,10 +1,6 @@
-"""Pose distributions: camera poses relative to the marker, from a formula or recorded, and which see the whole marker.
-
-Recorded poses are stored with the design, so that it can be repeated without their file.
-"""
+"""Pose distributions: camera poses relative to the marker, and which of them see the whole marker."""
 # tests: tests/model/test_poses.py tests/read/test_poses.py
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +17,6 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
-from markergen.model.pose_doubts import other_conventions, plausibility
 from markergen.registry import Registry, door
 
 Codes = NDArray[np.int8]
@@ -388,113 +383,3 @@ def _visibility(points: Array, rotation: Array, translation: Array, camera: Came
         beyond = np.isnan(pixels).any(axis=(-2, -1))
         outside = ~np.all(camera.sees(pixels), axis=-1)
     return np.select([behind, back, below, beyond, outside], [1, 2, 5, 3, 4], SEEN).astype(np.int8)
-
-
-COLUMNS = "tx ty tz qx qy qz qw"
-MOST_KEPT = 2000
-"""Maximum number of poses stored in marker.json; of more poses that see the marker, a sample is taken."""
-
-_LOOKED_AT = 5000
-"""Number of poses that are tested with other conventions."""
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class RecordedPoses(PoseDistribution):
-    """Poses of a file; files with the same content give equal poses, whatever their names.
-
-    Attributes
-    ----------
-    numbers : array (P, 7)
-        tx, ty, tz in m and the quaternion qx, qy, qz, qw of every pose T_camera_marker; rotation and translation are
-        computed from them, to the last bit.
-    file : str
-        Name of the file, without its folder.
-    sha256 : str
-        SHA-256 of the file, hexadecimal.
-    sampled_from : int
-        Number of poses that see the whole marker, if these are a sample of them; 0 if they are all.
-    """
-
-    numbers: Array
-    file: str
-    sha256: str
-    sampled_from: int = 0
-
-    @staticmethod
-    def of(numbers: Array, file: str, sha256: str, dropped: int = 0, sampled_from: int = 0) -> "RecordedPoses":
-        """Make poses from finite numbers (P, 7); quaternions are normalized."""
-        from scipy.spatial.transform import Rotation
-
-        return RecordedPoses(
-            _name(file, sampled_from),
-            Rotation.from_quat(numbers[:, 3:]).as_matrix(),
-            numbers[:, :3].copy(),
-            dropped=dropped,
-            numbers=numbers,
-            file=file,
-            sha256=sha256,
-            sampled_from=sampled_from,
-        )
-
-    @staticmethod
-    def from_numbers(numbers: Array, name: str = "poses", dropped: int = 0) -> "RecordedPoses":
-        """Record poses, as numbers (P, 7), that do not come from a file, under a name."""
-        return RecordedPoses.of(numbers, name, hashlib.sha256(numbers.tobytes()).hexdigest(), dropped)
-
-    @staticmethod
-    def from_distribution(poses: PoseDistribution, name: str = "poses") -> "RecordedPoses":
-        """Record poses that do not come from a file, under a name."""
-        from scipy.spatial.transform import Rotation
-
-        numbers = np.hstack([poses.translation, Rotation.from_matrix(poses.rotation).as_quat()])
-        return RecordedPoses.from_numbers(numbers, name, poses.dropped)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, RecordedPoses) and self.sha256 == other.sha256
-
-    def __hash__(self) -> int:
-        return hash(self.sha256)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values, one line of numbers for each pose."""
-        return {
-            "file": self.file,
-            "sha256": self.sha256,
-            "dropped": self.dropped,
-            "sampled_from": self.sampled_from,
-            "columns": COLUMNS,
-            # repr gives the shortest text that reads back as the same number.
-            "rows": [" ".join(map(repr, row)) for row in self.numbers.tolist()],
-        }
-
-    def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
-        """See `PoseDistribution.seen_whole`; of more than 2000 remaining poses, a fixed random sample of 2000."""
-        seen = super().seen_whole(boundary, camera, height)
-        if len(seen) <= MOST_KEPT:
-            return seen
-        chosen = np.sort(np.random.default_rng(0).choice(len(seen), MOST_KEPT, replace=False))
-        sample = seen.taken(chosen, seen.dropped)
-        return replace(sample, name=_name(self.file, len(seen)), sampled_from=len(seen))
-
-    def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
-        """See `PoseDistribution.taken`."""
-        return replace(super().taken(indices, dropped), numbers=self.numbers[indices])
-
-    def plausibility(self) -> str:
-        """Return what is odd about the poses whatever camera and marker they are for; or an empty string."""
-        sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
-        return plausibility(self.rotation[sample], self.translation[sample])
-
-    def _doubts(self, points: Array, camera: Camera, share: float) -> str:
-        sample = slice(None, None, ceil(len(self) / _LOOKED_AT))
-        # Fewer could be chance.
-        best, most = "", max(2 * share, 0.1)
-        for convention, rotation, translation in other_conventions(self.rotation[sample], self.translation[sample]):
-            visible = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
-            if visible > most:
-                best, most = convention, visible
-        return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
-
-
-def _name(file: str, sampled_from: int) -> str:
-    return f"{file}, a sample of {sampled_from}" if sampled_from else file

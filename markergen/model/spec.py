@@ -12,7 +12,8 @@ from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.goal import parse_goal, parse_target
 from markergen.model.openings import check_plate
-from markergen.model.poses import RecordedPoses, named_poses
+from markergen.model.poses import named_poses
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag, place_tag
 

@@ -25,7 +25,8 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker, build_marker
 from markergen.model.pose_sources.cone import poses_in_words
-from markergen.model.poses import SEEN, PoseDistribution, RecordedPoses, silhouette, visibility
+from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig import Rig
 from markergen.model.rig_shapes import Face, RigShape
 from markergen.model.sight import Coverage, coverage, disks_in_view

@@ -12,7 +12,8 @@ from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import LabelSafety
 from markergen.errors import InputError
 from markergen.model.marker import Marker, build_marker
-from markergen.model.poses import MOST_KEPT, PoseDistribution, RecordedPoses
+from markergen.model.poses import PoseDistribution
+from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import Criteria

@@ -25,7 +25,7 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.json_text import findings_of, in_one_line, refusal_in
 from markergen.model.marker import Marker
-from markergen.model.poses import MOST_KEPT, RecordedPoses
+from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, SubstrateFile, built
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount

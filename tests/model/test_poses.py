@@ -12,7 +12,8 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.pose_sources.cone import MOST_POSES, Cone
-from markergen.model.poses import MOST_KEPT, PoseDistribution, RecordedPoses, is_named, named_poses, paper, silhouette
+from markergen.model.poses import PoseDistribution, is_named, named_poses, paper, silhouette
+from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 
 

@@ -17,7 +17,8 @@ from markergen.model.body_json import from_json, to_json
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.pose_sources.cone import Cone
-from markergen.model.poses import POSES, RecordedPoses, paper
+from markergen.model.poses import POSES, paper
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.optimize.design import design
 from markergen.read.poses import POSE_FORMATS, poses_from, read_poses
 from markergen.read.poses.rows import numbers_of_rows

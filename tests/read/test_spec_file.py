@@ -10,7 +10,8 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.poses import RecordedPoses, named_poses
+from markergen.model.poses import named_poses
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import MOUNT, Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
-from markergen.model.poses import PoseDistribution, RecordedPoses, is_named, named_poses, pose_forms
+from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.formats import Format, recognized, refuse_unreadable, unknown_format
 from markergen.read.poses.conventions import (
     MARKER_IN_CAMERA,

@@ -15,7 +15,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.model.poses import COLUMNS
+from markergen.model.recorded_poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, frame_of, stated
 from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, RowsFile, columns_of, records, table_poses

@@ -22,7 +22,7 @@ import numpy as np
 from markergen.arrays import Array, Mask
 from markergen.errors import InputError, brief
 from markergen.model.json_text import distinct
-from markergen.model.poses import COLUMNS
+from markergen.model.recorded_poses import COLUMNS
 from markergen.read.poses.conventions import PoseConvention, column_of, scale_of, stated, unit_of
 from markergen.read.remarks import remark, remark_unused
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.model.poses import COLUMNS
+from markergen.model.recorded_poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.conventions import (
     ASKED,
