@@ -175,12 +175,12 @@ def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings)
 
 def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) -> FiducialDetection:
     seen = find_tags(image, tag.family, settings)
-    own = [corners for number, corners in seen if number == tag.id]
-    if not own:
+    quads = [corners for number, corners in seen if number == tag.id]
+    if not quads:
         others = [number for number, _ in seen]
         return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {others}" if others else ""))
     # Of several with the same id, take the largest.
-    return FiducialDetection(np.arange(4), max(own, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
+    return FiducialDetection(np.arange(4), max(quads, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
 
 
 def _find_board(
@@ -200,11 +200,11 @@ def _find_board(
     if ids is None or len(ids) < 4:
         seen = 0 if tags is None else len(tags)
         return FiducialDetection(reason=f"{0 if ids is None else len(ids)} inner corners beside {seen} tags")
-    found = np.ravel(ids).astype(np.intp)
-    spread = board.corners[found] - board.corners[found].mean(axis=0)
+    numbers = np.ravel(ids).astype(np.intp)
+    spread = board.corners[numbers] - board.corners[numbers].mean(axis=0)
     if np.linalg.matrix_rank(spread, tol=1e-6 * board.square) < 2:
         return FiducialDetection(reason="inner corners on one line only")
-    return FiducialDetection(found, np.reshape(pixels, (-1, 2)).astype(float))
+    return FiducialDetection(numbers, np.reshape(pixels, (-1, 2)).astype(float))
 
 
 def _board_tags(
@@ -215,9 +215,9 @@ def _board_tags(
     corners, ids, rejected = finder.detectMarkers(image)
     corners, rejected = ([quad - offset for quad in quads] for quads in (corners, rejected))
     if settings.calibrated and ids is not None:
-        known = detector.getCharucoParameters()
+        parameters = detector.getCharucoParameters()
         corners, ids, _, _ = finder.refineDetectedMarkers(
-            image, detector.getBoard(), corners, ids, rejected, known.cameraMatrix, known.distCoeffs
+            image, detector.getBoard(), corners, ids, rejected, parameters.cameraMatrix, parameters.distCoeffs
         )
     return (corners, ids) if ids is not None and len(ids) else (None, None)
 

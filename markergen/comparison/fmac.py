@@ -115,8 +115,8 @@ def _contestant(text: str, body: Marker | Rig | None) -> Contestant:
         raise InputError("a marker on one plate", f"{text}, a rig", "the protocol is for squares of 50 mm")
     left, low, right, high = marker.boundary.region.box
     if max(right - left, high - low) > SIDE * (1 + 1e-6):
-        found = f"{text} of {format_length(right - left)} x {format_length(high - low)}"
-        raise InputError("a marker in a square of 50 mm", found, "design it with --boundary rect:50mmx50mm")
+        extent = f"{text} of {format_length(right - left)} x {format_length(high - low)}"
+        raise InputError("a marker in a square of 50 mm", extent, "design it with --boundary rect:50mmx50mm")
     check_supported(marker, "to compare")
     return DotBody(text, marker)
 

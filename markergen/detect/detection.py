@@ -63,17 +63,17 @@ def detect_all(
     return _prepared(tuple(markers), camera, errors, copies)(image)
 
 
-def body_poses(found: Found, body: Body, camera: Camera, errors: ErrorSources) -> "list[tuple[int, PoseEstimate]]":
+def body_poses(result: Found, body: Body, camera: Camera, errors: ErrorSources) -> "list[tuple[int, PoseEstimate]]":
     """Return the number of each constellation of a body and its pose from its own dots alone, where these suffice."""
     poses = []
-    rows = {int(number): k for k, number in enumerate(found.ids)}
+    rows = {int(number): k for k, number in enumerate(result.ids)}
     for k, part in enumerate(body.constellations):
-        own = [(i, rows[number]) for i, number in enumerate(body.ids[part.dots].tolist()) if number in rows]
-        if len(own) < 4:
+        pairs = [(i, rows[number]) for i, number in enumerate(body.ids[part.dots].tolist()) if number in rows]
+        if len(pairs) < 4:
             continue
-        dots, seen = (np.array(column) for column in zip(*own, strict=True))
+        dots, seen = (np.array(column) for column in zip(*pairs, strict=True))
         places = part.marker.xyz[dots]
-        pixels, covariance = found.pixels[seen], found.pixel_covariance[seen]
+        pixels, covariance = result.pixels[seen], result.pixel_covariance[seen]
         pose = estimate_pose(places, pixels, covariance, camera, errors.of(part.marker, dots))
         if pose is not None:
             poses.append((k, pose))

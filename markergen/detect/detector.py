@@ -143,7 +143,7 @@ class Detector:
         sources = as_list(markers)
         if not sources:
             raise InputError("one marker or more", "none", "say what to look for")
-        named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
+        named = [_marker(source, f"marker {k}" if len(sources) > 1 else "marker") for k, source in enumerate(sources)]
         self._markers = tuple(marker for marker, _ in named)
         self._names = tuple(name for _, name in named)
         printed = planned_print(*self._markers) if print_sigma is None else parse_length(print_sigma, "print_sigma")

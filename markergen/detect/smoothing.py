@@ -123,7 +123,7 @@ class Smoothed(Motion):
         return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
 
 
-def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
+def parse_accelerations(accelerations: str | Sequence[float]) -> Accelerations:
     """Read two accelerations, in m/s^2 and rad/s^2, from a text such as ``2,10`` or two numbers.
 
     Raises
@@ -132,12 +132,12 @@ def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
         If these are not two positive numbers up to `FASTEST`.
     """
     try:
-        linear, angular = map(float, given.split(",") if isinstance(given, str) else given)
+        linear, angular = map(float, accelerations.split(",") if isinstance(accelerations, str) else accelerations)
     except (TypeError, ValueError):
         linear = angular = 0.0
     if not (0 < linear <= FASTEST and 0 < angular <= FASTEST):
         expected = f"two positive accelerations, in m/s^2 and rad/s^2, up to {FASTEST:.0f}"
-        raise InputError(expected, brief(given), "give --smooth 2,10")
+        raise InputError(expected, brief(accelerations), "give --smooth 2,10")
     return Accelerations(linear, angular)
 
 
@@ -256,20 +256,20 @@ def _residual(motion: Motion, pose: Measured) -> Array:
     return np.concatenate([logarithm(pose.rotation @ motion.rotation.T), pose.translation - motion.translation])
 
 
-def poses_of(found: Found, readout: float = 0.0, motion: Motion | None = None) -> list[tuple[float, Measured]]:
+def poses_of(result: Found, readout: float = 0.0, motion: Motion | None = None) -> list[tuple[float, Measured]]:
     """Return the poses of a detection, with twice the logarithm of how much less likely each is than the best.
 
     With a `readout` in s they are those of the middle row's time, by the velocities of a motion, or at rest.
     """
-    pose, by_velocity = found.pose, AT_ONCE
+    pose, by_velocity = result.pose, AT_ONCE
     assert pose is not None
-    if readout and found.camera is not None:
-        camera, points, pixels = found.camera, found.xyz, found.pixels
+    if readout and result.camera is not None:
+        camera, points, pixels = result.camera, result.xyz, result.pixels
         after = readout * ((pixels[:, 1] + 0.5) / camera.height - 0.5)
         spin, velocity = (np.zeros(3), np.zeros(3)) if motion is None else (motion.spin, motion.velocity)
         rotations, errors, radii = (
             exponential(after[:, None] * spin),
-            ErrorSources(found.print_sigma),
+            ErrorSources(result.print_sigma),
             np.zeros(len(after)),
         )
         for _ in range(REFITS):
@@ -278,13 +278,13 @@ def poses_of(found: Found, readout: float = 0.0, motion: Motion | None = None) -
             middle, taken = (camera.to_pixels(perspective(place + pose.translation)) for place in (still, moved))
             seen = camera.from_pixels(pixels + middle - taken)
             refitted = fit_pose(
-                points, radii, seen, found.pixel_covariance, camera, errors, start=(pose.rotation, pose.translation)
+                points, radii, seen, result.pixel_covariance, camera, errors, start=(pose.rotation, pose.translation)
             )
             pose = refitted or pose
         jacobian = image_jacobian(
             points, camera, PoseDistribution("found", pose.rotation[None], pose.translation[None])
         )[0]
-        weighted = np.linalg.solve(found.pixel_covariance, jacobian).swapaxes(-1, -2) @ jacobian
+        weighted = np.linalg.solve(result.pixel_covariance, jacobian).swapaxes(-1, -2) @ jacobian
         by_velocity = np.linalg.solve(weighted.sum(axis=0), np.einsum("k,kij->ij", after, weighted))
     poses = [(0.0, Measured(pose.rotation, pose.translation, pose.budget.image, by_velocity))]
     if pose.alternative is not None and pose.likelihood_ratio > 0:
@@ -321,7 +321,7 @@ class Smoother:
     readout: float = 0.0
     _tracks: dict[int, list[_Track]] = field(default_factory=dict)
 
-    def __call__(self, time: float, found: Sequence[Found]) -> list[Smoothed | None]:
+    def __call__(self, time: float, results: Sequence[Found]) -> list[Smoothed | None]:
         """Return the filtered pose of each detection at a time in s; None for one without a pose.
 
         Raises
@@ -329,14 +329,14 @@ class Smoother:
         InputError
             If the time is earlier than that of the frame before.
         """
-        smoothed: list[Smoothed | None] = [None] * len(found)
-        for index in {result.index for result in found} | set(self._tracks):
+        smoothed: list[Smoothed | None] = [None] * len(results)
+        for index in {result.index for result in results} | set(self._tracks):
             tracks = [track for track in self._tracks.get(index, []) if time - track.seen <= FORGOTTEN]
             for track in tracks:
                 track.motion = predict(track.motion, time, self.limits)
-            poses = {k: result.pose for k, result in enumerate(found) if result.index == index and result.pose}
+            poses = {k: result.pose for k, result in enumerate(results) if result.index == index and result.pose}
             options = [
-                (k, t, _nearest(track.motion, poses_of(found[k], self.readout, track.motion)))
+                (k, t, _nearest(track.motion, poses_of(results[k], self.readout, track.motion)))
                 for k in poses
                 for t, track in enumerate(tracks)
             ]
@@ -345,7 +345,7 @@ class Smoother:
                 if k not in taken and t not in {other for other, *_ in taken.values()}:
                     taken[k] = t, off, measured
             for k, pose in poses.items():
-                start = begin(time, poses_of(found[k], self.readout)[0][1], self.limits)
+                start = begin(time, poses_of(results[k], self.readout)[0][1], self.limits)
                 if k not in taken:
                     track = _Track(start, time)
                     tracks.append(track)

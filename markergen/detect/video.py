@@ -144,8 +144,8 @@ def detect_video(
     tell, warn, show = tell or silent, warn or silent, show or silent
     sources = as_list(source)
     if len(sources) != 1:
-        given = f"{next(filter(is_video, sources), sources[0])} and {len(sources) - 1} more" if sources else "none"
-        raise InputError("one video, camera or stream at a time", given, "give images, and each video, by themselves")
+        listed = f"{next(filter(is_video, sources), sources[0])} and {len(sources) - 1} more" if sources else "none"
+        raise InputError("one video, camera or stream at a time", listed, "give images, and each video, by themselves")
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
@@ -172,11 +172,11 @@ def detect_video(
         # Images are drawn into after their data has been written.
         sinks: list[_Lines | _Overlay] = [at_the_end.enter_context(_Lines(json, tell))] if json else []
         sinks += [at_the_end.enter_context(_Overlay(Path(overlay), video, tell))] if overlay else []
-        shown = None
+        display = None
         try:
             if window or (window is None and has_display() and not overlay):
-                shown = Window(f"markergen: {video.name}")
-                at_the_end.callback(shown.close)
+                display = Window(f"markergen: {video.name}")
+                at_the_end.callback(display.close)
         except InputError as error:
             if window:
                 raise
@@ -184,10 +184,10 @@ def detect_video(
         for look in watch(video, detector, smoother, watched, deadline):
             for sink in sinks:
                 sink.put(look)
-            if shown:
-                shown.show(look.drawn)
+            if display:
+                display.show(look.drawn)
             show(str(look))
-            if shown and shown.closed:
+            if display and display.closed:
                 break
         else:
             if not watched.frames:
@@ -212,7 +212,7 @@ class Look:
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values (docs/detect.md)."""
         live = self.frame.clock is not None
-        markers = [each.as_dict() for each in self.found]
+        markers = [result.as_dict() for result in self.found]
         if self.smoothed is not None:
             for entry, pose in zip(markers, self.smoothed, strict=True):
                 entry["smoothed"] = None if pose is None else pose.as_dict()
@@ -229,9 +229,9 @@ class Look:
     @cached_property
     def drawn(self) -> NDArray[np.uint8]:
         """Return the frame's own image with all markers drawn in."""
-        for each in self.found:
-            if each.ok:
-                each.draw(self.frame.image)
+        for result in self.found:
+            if result.ok:
+                result.draw(self.frame.image)
         return self.frame.image
 
     def __str__(self) -> str:
@@ -274,16 +274,16 @@ def watch(
     ...             print(look.frame.time, look.found[0].tvec)
     """
     watched = watched or Watched(video.name)
-    start, found, whole = None, list[Found](), -np.inf
+    start, results, whole = None, list[Found](), -np.inf
     for frame in video:
         start = monotonic() if start is None else start
         whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
-        found = detector(frame.image, near=found, deadline=deadline, whole=frame.time <= whole)
-        smoothed = smoother(frame.time, found) if smoother else None
+        results = detector(frame.image, near=results, deadline=deadline, whole=frame.time <= whole)
+        smoothed = smoother(frame.time, results) if smoother else None
         watched.frames += 1
-        watched.found += any(each.ok for each in found)
+        watched.found += any(result.ok for result in results)
         watched.dropped, watched.seconds = video.dropped, monotonic() - start
-        yield Look(frame, found, smoothed, watched)
+        yield Look(frame, results, smoothed, watched)
 
 
 class _Lines:

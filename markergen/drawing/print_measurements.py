@@ -229,13 +229,13 @@ def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -
 
 def short_rulers(marker: Marker, rulers: tuple[int, int]) -> dict[str, str]:
     """What rulers too short to prove the scale are worth, by axis, and the longest distance between dots instead."""
-    words = {}
+    proofs = {}
     for axis, (name, length) in enumerate(zip("xy", rulers, strict=True)):
         pair = far_pair(marker.control_points, axis)
         if length < PROVING and pair and pair.between > length:
             proves = f"{name} proves its scale to {100 * READING / length:.2g} %" if length else f"none along {name}"
-            words[name] = f"{proves}: measure dots {pair.first} and {pair.second}"
-    return words
+            proofs[name] = f"{proves}: measure dots {pair.first} and {pair.second}"
+    return proofs
 
 
 def _along(marker: Marker, axis: int) -> Pair | None:

@@ -187,19 +187,19 @@ def _estimated(
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
-    found = refined(rotation, translation)
-    best = int(np.argmin(found[2]))
-    found = found[0][[best]], found[1][[best]], found[2][[best]]
-    if not np.isfinite(found[2][0]):
-        return found[0][:0], found[1][:0], found[2][:0], np.zeros((2, 6, 6)), 1.0
+    fitted = refined(rotation, translation)
+    best = int(np.argmin(fitted[2]))
+    fitted = fitted[0][[best]], fitted[1][[best]], fitted[2][[best]]
+    if not np.isfinite(fitted[2][0]):
+        return fitted[0][:0], fitted[1][:0], fitted[2][:0], np.zeros((2, 6, 6)), 1.0
     if flat:
-        other = refined(*mirrored_poses(points, *found[:2]), COARSE)
-        if other[2][0] - found[2][0] < 2 * SEARCHED * max(1.0, found[2][0] / (2 * len(points) - 6)):
+        other = refined(*mirrored_poses(points, *fitted[:2]), COARSE)
+        if other[2][0] - fitted[2][0] < 2 * SEARCHED * max(1.0, fitted[2][0] / (2 * len(points) - 6)):
             other = refined(*other[:2])
-        order = [1, 0] if other[2][0] < found[2][0] else [0, 1]
-        turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(found, other, strict=True))
-        found = turned, moved, chi2
-    best_rotation, best_translation = found[0][:1], found[1][:1]
+        order = [1, 0] if other[2][0] < fitted[2][0] else [0, 1]
+        turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(fitted, other, strict=True))
+        fitted = turned, moved, chi2
+    best_rotation, best_translation = fitted[0][:1], fitted[1][:1]
     rows = pose_rows(points, best_rotation, best_translation)
     printed = print_covariance(rows, points, best_rotation, errors)
     residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
@@ -207,7 +207,7 @@ def _estimated(
     covariance = np.stack([np.einsum("mia,mij,mjb->ab", gain, part, gain) for part in (image, printed[0])])
     if errors.joint_places is not None:
         covariance[1] = together_covariance(gain[None], rows, best_rotation, errors)[0]
-    return *found, covariance, residual_scale(residual, image + printed[0])
+    return *fitted, covariance, residual_scale(residual, image + printed[0])
 
 
 def refine_weighted(
@@ -278,9 +278,9 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     moved = points * [1, 1, 0] if flat else points
     solver = ESTIMATORS["ippe" if flat else "sqpnp"]
     assert isinstance(solver, PoseEstimator)
-    found = Correspondences(moved, camera.ideal.to_pixels(seen)[None], camera.ideal).once(solver)
-    usable = np.isfinite(found.translation[0]).all(axis=-1)
-    rotation, translation = found.rotation[0, usable], found.translation[0, usable]
+    start = Correspondences(moved, camera.ideal.to_pixels(seen)[None], camera.ideal).once(solver)
+    usable = np.isfinite(start.translation[0]).all(axis=-1)
+    rotation, translation = start.rotation[0, usable], start.translation[0, usable]
     return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
 
 

@@ -232,9 +232,9 @@ class EllipseCenters(LeastSquares):
         visible = (front | ~self.used).all(axis=-1)
         return np.where(visible & (chi2 < np.inf), chi2, np.inf), residual
 
-    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+    def jacobian(self, unknowns: Arrays, results: Arrays) -> Array:
         """See `LeastSquares.jacobian`; here (k, n, 2, 6)."""
-        del found
+        del results
         return pose_rows(self.points, *unknowns)
 
     def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:

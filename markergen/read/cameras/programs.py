@@ -52,9 +52,9 @@ def _mrcal(text: str) -> Values:
         intrinsics, lens = list(map(float, values.pop("intrinsics"))), str(values.pop("lensmodel"))
     except (ValueError, SyntaxError, RecursionError, MemoryError, KeyError, TypeError, AttributeError):
         raise InputError("a Python dict with lensmodel and intrinsics", "a damaged one", "write it again") from None
-    known = re.fullmatch(r"LENSMODEL_(PINHOLE|OPENCV(4|5|8|12))", lens)
-    count = 4 + int((known and known[2]) or 0)
-    if known and len(intrinsics) != count:
+    model = re.fullmatch(r"LENSMODEL_(PINHOLE|OPENCV(4|5|8|12))", lens)
+    count = 4 + int((model and model[2]) or 0)
+    if model and len(intrinsics) != count:
         raise InputError(f"{count} intrinsics of {lens}", str(len(intrinsics)), "correct the file")
     # Thin prisms of zero are none.
     numbers = dict(zip(("fx", "fy", "cx", "cy"), intrinsics, strict=False))

@@ -838,12 +838,12 @@ def _write(contours: Sequence[Contour], _: str) -> str:
 
 
 def _data(contour: Contour) -> str:
-    (x, y), words = contour.points[0], []
+    (x, y), commands = contour.points[0], []
     for side in contour.sides:
         (u, v), bulge = side[1], side[2]
         arc = f"A{radius_of(side)!r} {radius_of(side)!r} 0 0 {int(bulge > 0)} {u!r} {v!r}"
-        words.append(arc if bulge else f"L{u!r} {v!r}")
-    return f"M{x!r} {y!r}{''.join(words)}Z"
+        commands.append(arc if bulge else f"L{u!r} {v!r}")
+    return f"M{x!r} {y!r}{''.join(commands)}Z"
 
 
 OUTLINE_FORMATS.register("svg")(

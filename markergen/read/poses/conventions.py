@@ -196,8 +196,8 @@ def stated(texts: Iterable[str], place: str) -> dict[str, str]:
             if re.search(form, text, re.IGNORECASE):
                 raise InputError(f"{expected} in {place}", problem, remedy)
         here = [(aspect, value) for aspect, value, form in STATEMENTS if re.search(form, text, re.IGNORECASE)]
-        words = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
-        for word in words:
+        units = [match[1] or match[2] for match in _UNIT_KEY.finditer(text)] + _UNIT_WORD.findall(text)
+        for word in units:
             if (unit := length_unit(word)) is None and word.lower() not in ANGLES:
                 raise InputError(f"a known unit of length in {place}", brief(word), f"known: {', '.join(METERS)[2:]}")
             here += [("unit", unit)] if unit else []

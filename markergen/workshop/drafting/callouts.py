@@ -84,8 +84,8 @@ def located_holes(marker: Marker, fabrication: Fabrication, made: Made) -> tuple
 
 def no_hole(name: str, holes: Sequence[PlateHole], option: str) -> InputError:
     """Error about a hole that the plate does not have."""
-    known = f"one of the holes {_labels([hole.label for hole in holes])}" if holes else "a plate with round holes"
-    return InputError(known, name, f"correct {option}: the drawing has the names")
+    expected = f"one of the holes {_labels([hole.label for hole in holes])}" if holes else "a plate with round holes"
+    return InputError(expected, name, f"correct {option}: the drawing has the names")
 
 
 def datums_of(
@@ -249,7 +249,7 @@ def tolerance_tables(
 
 def _datum_table(datums: Sequence[Datum]) -> DrawingTable:
     """Datum features, and where they are in the marker frame."""
-    rows = tuple((datum.letter, datum.words, datum.place) for datum in datums)
+    rows = tuple((datum.letter, datum.text, datum.place) for datum in datums)
     return DrawingTable(
         "Datums, and the marker frame in them", ("datum", "feature", "marker frame, exact"), rows, (0, 1, 2)
     )
@@ -475,7 +475,7 @@ def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> li
     profile = Control("profile", millimeters(PROFILE), letters(datums))
     for outline in listed_outlines(marker, made):
         x, y = max(flattened(outline.contour, OFF))
-        lines, control = [outline.words, "see the table"], profile
+        lines, control = [outline.text, "see the table"], profile
         if outline.recess:
             lines.append(_depth_words(outline.recess, made))
             # The zone is outside of the outline, by which the recess may only be larger.

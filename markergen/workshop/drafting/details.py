@@ -62,8 +62,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
     def lift(scale: float) -> float:
         # Text beside short dimensions must not collide with that of the heights.
         narrow = any(
-            text_width(span.words, style.words) > scale * (span.end - span.start) - style.head
-            for span in section.across
+            text_width(span.text, style.words) > scale * (span.end - span.start) - style.head for span in section.across
         )
         return 1.5 * tier if narrow else 0.6 * tier
 
@@ -72,9 +71,9 @@ def section_view(section: SectionView, width: float, height: float, style: Style
         wide = scale * (right - left)
         # Words beside a short dimension start at its right end, or beyond its outer arrows.
         extents = [
-            scale * (span.end - left) + 3 * style.head + text_width(span.words, style.words)
+            scale * (span.end - left) + 3 * style.head + text_width(span.text, style.words)
             for span in section.across
-            if text_width(span.words, style.words) > scale * (span.end - span.start) - style.head
+            if text_width(span.text, style.words) > scale * (span.end - span.start) - style.head
         ]
         return max([wide + (heights[-1][1] if heights else 0.0), *extents]) + 0.6 * tier
 
@@ -103,7 +102,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
         line = view.at((0.0, top))[1] + lift(scale) + number * tier
         starts = [view.at((0.0, _highest(section.faces, at, top)))[1] for at in (span.start, span.end)]
         x0, x1 = (view.at((at, 0.0))[0] for at in (span.start, span.end))
-        shapes += across(x0, x1, line, (starts[0], starts[1]), span.words, style)
+        shapes += across(x0, x1, line, (starts[0], starts[1]), span.text, style)
     edge = view.at((right, 0.0))[0]
     shapes += stacked(section.upright, view, edge, edge + 0.9 * tier, tier, style)
     return DetailView(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
@@ -171,7 +170,7 @@ def stacked_at(
     spots: list[tuple[float, float]] = []
     before = 0.0
     for span in spans:
-        half = beside(span.words, scale * (span.end - span.start), style)
+        half = beside(span.text, scale * (span.end - span.start), style)
         at = max(first, half + 0.3 * tier) if not spots else spots[-1][0] + max(tier, before + half + 1.6 * style.scale)
         spots.append((at, at + half))
         before = half
@@ -187,7 +186,7 @@ def stacked(
     # Outer dimensions first, so that the text of the inner ones covers their extension lines.
     for span, (at, _) in reversed(list(zip(spans, places, strict=True))):
         y0, y1 = (view.at((0.0, z))[1] for z in (span.start, span.end))
-        shapes += vertical_dimension(y0, y1, start + at, start, span.words, style)
+        shapes += vertical_dimension(y0, y1, start + at, start, span.text, style)
     return shapes
 
 

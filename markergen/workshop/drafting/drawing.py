@@ -45,7 +45,7 @@ class Dimension:
 
     start: float
     end: float
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Datum:
     Attributes
     ----------
     kind : {"face", "rim", "edge", "hole"}
-    words : str
+    text : str
         The feature: ``face that shows the dots``.
     place : str
         Where it is in the marker frame: ``y = [-52]``.
@@ -88,7 +88,7 @@ class Datum:
 
     letter: str
     kind: Literal["face", "rim", "edge", "hole"]
-    words: str
+    text: str
     place: str
     at: Point = (0.0, 0.0)
     out: Point = (0.0, 0.0)
@@ -157,7 +157,7 @@ class DrawingTable:
 class DotLabel:
     """Number of a control point at its dot, or of a hole; mm."""
 
-    words: str
+    text: str
     x: float
     y: float
     radius: float

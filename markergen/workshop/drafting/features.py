@@ -136,7 +136,7 @@ class ListedOutline:
     """Outline that a table describes: title of the table, words of the callout, and whose it is."""
 
     title: str
-    words: str
+    text: str
     contour: Contour
     plate: bool = False
     recess: Prism | None = None

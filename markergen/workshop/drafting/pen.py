@@ -95,7 +95,7 @@ class Lettering(FilledPath):
     face : {"regular", "bold"}
     """
 
-    words: str = ""
+    text: str = ""
     start: Point = (0.0, 0.0)
     height: float = 1.0
     upright: bool = False

@@ -104,7 +104,7 @@ STEP = "The exact geometry is in the STEP file of the same name; take no sizes f
 class FaceName:
     """Name of a face at a point of a view, its width there, and its tolerances and datum if it is seen straight on."""
 
-    words: str
+    text: str
     at: Point
     width: float
     controls: tuple[Control, ...] = ()
@@ -119,7 +119,7 @@ class RigView:
     ----------
     place : str
         Key of `PLACES`.
-    words : str
+    text : str
         ``seen from -y``.
     faces : tuple of ViewFace
         The farthest first.
@@ -128,7 +128,7 @@ class RigView:
     """
 
     place: str
-    words: str
+    text: str
     faces: tuple[ViewFace, ...]
     names: tuple[FaceName, ...]
     axes: tuple[str, str] = ("", "")
@@ -505,7 +505,7 @@ def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -
         replace(
             section,
             title=f"{section.title}, upper part of the body",
-            upright=tuple(dimension for dimension in section.upright if dimension.words != depth),
+            upright=tuple(dimension for dimension in section.upright if dimension.text != depth),
         )
         for section in work.sections
     )
@@ -583,12 +583,12 @@ def _place(view: RigView, first: bool) -> tuple[int, int]:
 def _head(view: RigView, style: Style) -> float:
     """Width of the words and the tolerance frames above a view."""
     names_width = max((_named(name, style) for name in view.names if name.controls), default=0.0)
-    return max(names_width, text_width(view.words, style.words))
+    return max(names_width, text_width(view.text, style.words))
 
 
 def _named(name: FaceName, style: Style) -> float:
     frames = sum(frame_width(control, style.words) + 1.5 * style.scale for control in name.controls)
-    return text_width(f"{name.words}  ", style.words) + frames + datum_reach(style.words) * bool(name.datum)
+    return text_width(f"{name.text}  ", style.words) + frames + datum_reach(style.words) * bool(name.datum)
 
 
 def _grid(work: RigWork, scale: float, style: Style, first: bool) -> tuple[dict[int, float], dict[int, float]]:
@@ -676,8 +676,8 @@ def _drawn_view(view: RigView, at: DrawingView, style: Style) -> list[Shape]:
         # Above the view, with a leader that ends in the face.
         wide = _named(name, style)
         x = (left + right - wide) / 2
-        shapes += [lettering(name.words, x, line + 0.5 * height, height, face="bold", name=f"face-{name.words}")]
-        x += text_width(f"{name.words}  ", height)
+        shapes += [lettering(name.text, x, line + 0.5 * height, height, face="bold", name=f"face-{name.text}")]
+        x += text_width(f"{name.text}  ", height)
         foot = x + 1.5 * style.scale
         for control in name.controls:
             shapes += tolerance_frame(control, x, line + 0.5 * height, height)
@@ -689,7 +689,7 @@ def _drawn_view(view: RigView, at: DrawingView, style: Style) -> list[Shape]:
         inside = max(min(foot, right - 1.5 * style.scale), left + 1.5 * style.scale), top - 1.5 * style.scale
         shapes += [Line(((foot, line), inside), THIN), *_spot(inside, style)]
         line += 2.4 * height
-    shapes += [lettering(view.words, (left + right) / 2, line + 0.2 * height, height, "center", color=GRAY)]
+    shapes += [lettering(view.text, (left + right) / 2, line + 0.2 * height, height, "center", color=GRAY)]
     shapes += _on_faces([name for name in view.names if not name.controls], at, style)
     if view.place == "main":
         shapes += _axes(view, at, style)
@@ -701,9 +701,9 @@ def _on_faces(names: Sequence[FaceName], at: DrawingView, style: Style) -> list[
     shapes: list[Shape] = []
     for name in names:
         height = style.words
-        if text_width(name.words, height, "bold") < at.scale * name.width:
+        if text_width(name.text, height, "bold") < at.scale * name.width:
             x, y = at.at(name.at)
-            shapes += on_white(lettering(name.words, x, y - height / 2, height, "center", face="bold"))
+            shapes += on_white(lettering(name.text, x, y - height / 2, height, "center", face="bold"))
     return shapes
 
 
@@ -759,5 +759,5 @@ def _drawn_picture(work: RigWork, style: Style, room: Box) -> list[Shape]:
     shapes = [shape for face in work.picture.faces for shape in drawn(face, view)]
     shapes += _on_faces(work.picture.names, view, style)
     low = view.at((0.0, box[1]))[1]
-    below = lettering(work.picture.words, (left + right) / 2, low - caption, style.words, "center", color=GRAY)
+    below = lettering(work.picture.text, (left + right) / 2, low - caption, style.words, "center", color=GRAY)
     return [*shapes, below]

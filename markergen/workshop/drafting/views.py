@@ -294,12 +294,12 @@ def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[se
     for label in work.labels:
         x, y = view.at((label.x, label.y))
         room = view.scale * (label.inner_radius or label.radius)
-        width = text_width(label.words, 1.0)
+        width = text_width(label.text, 1.0)
         # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= style.least:
-            names.add(label.words)
-            number = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
+            names.add(label.text)
+            number = lettering(label.text, x, y - height / 2, height, "center", name=f"number-{label.text}")
             shapes.append(number)
     return names, shapes
 
@@ -309,16 +309,16 @@ def _outer_numbers(
 ) -> list[Shape]:
     """Numbers beside the dots that are too small for them, and the labels of holes."""
     # No quiet zone here: only the dot or the hole itself must stay clear.
-    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.words not in inner]
+    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.text not in inner]
     rest += [(hole, 0.55 * view.scale * hole.radius + 0.5 * MARK * style.scale) for hole in work.holes]
     if not rest:
         return []
-    names = [label.words for label, _ in rest]
+    names = [label.text for label, _ in rest]
     dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
     height = style.least
     outline = view.box(around(work.front))
     ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
-    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.words in inner]
+    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.text in inner]
     boxes = [bounds(disk) for disk in inside_]
     places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
     shapes: list[Shape] = []
@@ -326,14 +326,14 @@ def _outer_numbers(
     edges = _edge_points(work, view)
     spots = np.concatenate([spots.reshape(-1, 3), np.column_stack([edges, np.zeros(len(edges))])])
     for (label, _), place in zip(rest, places, strict=True):
-        x, y = place or _clear(view.at((label.x, label.y)), label.words, height, spots, list(map(bounds, shapes)))
-        shapes.append(lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}"))
+        x, y = place or _clear(view.at((label.x, label.y)), label.text, height, spots, list(map(bounds, shapes)))
+        shapes.append(lettering(label.text, x, y - height / 2, height, "center", name=f"number-{label.text}"))
     return shapes
 
 
-def _clear(at: Point, words: str, height: float, spots: Array, taken: Sequence[Box]) -> Point:
+def _clear(at: Point, label: str, height: float, spots: Array, taken: Sequence[Box]) -> Point:
     """Place for words near a point, clear of features (m, 3), x, y and radius, and of other words, if not of lines."""
-    half = np.array([text_width(words, height) / 2, height / 2])
+    half = np.array([text_width(label, height) / 2, height / 2])
     for reach, angle in product(np.arange(1.0, 6.0, 0.5) * height, np.radians([90, 270, 180, 0, 135, 45, 225, 315])):
         x, y = at[0] + reach * np.cos(angle), at[1] + reach * np.sin(angle)
         gaps = np.linalg.norm(np.maximum(np.abs(spots[:, :2] - [x, y]) - half, 0), axis=1) - spots[:, 2]

@@ -339,7 +339,7 @@ def _draw(canvas: Any, shapes: Sequence[Shape]) -> None:
         text_object.setFont(_font(shape.face), *_points(font_size(shape.height, shape.face)))
         text_object.setFillColor(pdf_color(shape.color))
         text_object.setTextTransform(*((0, 1, -1, 0) if shape.upright else (1, 0, 0, 1)), *_points(*shape.start))
-        text_object.textOut(written(shape.words, shape.face))
+        text_object.textOut(written(shape.text, shape.face))
         canvas.drawText(text_object)
 
 

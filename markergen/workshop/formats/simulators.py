@@ -140,7 +140,7 @@ class Simulated:
 
     name: str
     link: str
-    shown: tuple[Shown, ...]
+    visuals: tuple[Shown, ...]
     sites: tuple[Site, ...]
     mass: float
     center: Array
@@ -177,7 +177,7 @@ class Simulated:
     @property
     def meshes(self) -> dict[str, bytes]:
         """Files of the meshes by path."""
-        return {mesh.path: mesh.stl for mesh in self.shown}
+        return {mesh.path: mesh.stl for mesh in self.visuals}
 
     def moments(self) -> dict[str, str]:
         """Entries of the inertia on and above its diagonal, by name: ``ixx`` and so on."""
@@ -306,7 +306,7 @@ def numbers(values: Array) -> str:
 def export_urdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """Write a robot of one link, accompanied by ``meshes/<stem>-light.stl`` and ``-dark.stl``."""
     body = Simulated.of(bodies, options, ".urdf")
-    path = body.shown[0].path
+    path = body.visuals[0].path
     notes = (
         f"RViz finds the meshes once they are in a package, as package://<package>/{path}; for Gazebo write .sdf.",
         *body.notes,
@@ -324,7 +324,7 @@ def _robot(body: Simulated) -> str:
       <material name="{item.material}"><color rgba="{item.color}"/></material>
     </visual>
 """
-        for item in body.shown
+        for item in body.visuals
     )
     collisions = "".join(
         f"""    <collision>
@@ -370,7 +370,7 @@ def _model(body: Simulated) -> str:
         <material><ambient>{item.color}</ambient><diffuse>{item.color}</diffuse></material>
       </visual>
 """
-        for item in body.shown
+        for item in body.visuals
     )
     collisions = "".join(
         f"""      <collision name={quoteattr(item.name)}>
@@ -431,7 +431,7 @@ def _body(body: Simulated) -> str:
     moments = body.moments()
     inertia = " ".join(moments[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     # Some meshes are open, where the other material is engraved; no volume is taken from any.
-    colors = {item.material: item.color for item in body.shown}
+    colors = {item.material: item.color for item in body.visuals}
     materials = "".join(
         f"""    <material name="{name}" rgba="{color}" specular="0"/>
 """
@@ -441,12 +441,12 @@ def _body(body: Simulated) -> str:
         f"""    <!-- {item.digest} -->
     <mesh name="{item.name}" file={quoteattr(item.path)} inertia="shell"/>
 """
-        for item in body.shown
+        for item in body.visuals
     )
     visuals = "".join(
         f"""      <geom name="{item.name}" class="seen" mesh="{item.name}" material="{item.material}"/>
 """
-        for item in body.shown
+        for item in body.visuals
     )
     collisions = "".join(
         f"""      <geom name={quoteattr(item.name)} {_mjcf_shape(item)} group="3"/>

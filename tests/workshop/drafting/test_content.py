@@ -246,13 +246,13 @@ def test_sections_tell_depth_thickness_and_height():
     work, made = described(make((0.0, 0.01, 0.02, 0.0, 0.0), tag=False), process="cnc")
     sections = {section.title: section for section in work.sections}
     flat = sections["Section along x through dot 3"]
-    assert [span.words for span in flat.across] == ["\xd820 h7 (0 / -0.021)", "\xd820 F8 (+0.053 / +0.020) pocket"]
+    assert [span.text for span in flat.across] == ["\xd820 h7 (0 / -0.021)", "\xd820 F8 (+0.053 / +0.020) pocket"]
     # The thickness stands in the side view, with its tolerance.
-    assert [span.words for span in flat.upright] == ["1 +0.03 / 0", "(5)"]
+    assert [span.text for span in flat.upright] == ["1 +0.03 / 0", "(5)"]
     assert made.depth == 1
     raised = sections["Section along x through dot 2"]
-    assert "20 \xb10.03" in [span.words for span in raised.upright]
-    assert [span.words for span in work.heights] == ["5 \xb10.1", "20 \xb10.03"]
+    assert "20 \xb10.03" in [span.text for span in raised.upright]
+    assert [span.text for span in work.heights] == ["5 \xb10.1", "20 \xb10.03"]
     (pillars,) = [table for table in work.tables if table.title.startswith("Pillars")]
     assert [row[:2] for row in pillars.rows] == [("1", "10"), ("2", "20")]
     # One for each kind: the ring, a dot in the plane, the highest one, a screw's hole, a pin's.
@@ -265,8 +265,8 @@ def test_a_chamfer_and_a_recess_are_cut_at_the_edge():
     work, _ = described(make(chamfer=0.001, tag=False), process="print")
     edge = work.sections[-1]
     assert edge.title == "Section of the edge"
-    assert [span.words for span in edge.across] == ["1 x 45\xb0"]
-    assert [span.words for span in edge.upright] == ["0.2 +0.05 / 0", "(5)"]
+    assert [span.text for span in edge.across] == ["1 x 45\xb0"]
+    assert [span.text for span in edge.upright] == ["0.2 +0.05 / 0", "(5)"]
     (recess,) = [callout for callout in work.callouts if callout.lines[0].startswith("recess")]
     assert recess.lines == ("recess \xd8180.4 +0.2 / 0", "0.2 +0.05 / 0 deep, floor flat")
     assert "Chamfer around the face 1 x 45\xb0." in work.notes
@@ -344,7 +344,7 @@ def flange(make=make):
 
 
 def datums(work):
-    return {datum.letter: datum.words for datum in work.datums}
+    return {datum.letter: datum.text for datum in work.datums}
 
 
 def callout(work, label):

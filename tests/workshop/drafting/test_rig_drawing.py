@@ -42,7 +42,7 @@ def test_the_six_views_of_a_cube_show_its_faces_and_their_tolerances():
     views = {view.place: view for view in work_of(cube(0.08)).views}
     assert set(views) == {"main", "+u", "-u", "+v", "-v", "rear"}
     seen = [name for view in views.values() for name in view.names]
-    assert sorted(name.words for name in seen) == [f"plate {k}" for k in range(6)]
+    assert sorted(name.text for name in seen) == [f"plate {k}" for k in range(6)]
     assert sorted(name.datum for name in seen if name.datum) == ["R", "S", "T"]
     symbols = sorted(name.controls[0].symbol for name in seen)
     assert symbols == ["flatness", "parallelism", *["perpendicularity"] * 4]
@@ -53,11 +53,11 @@ def test_the_six_views_of_a_cube_show_its_faces_and_their_tolerances():
 def test_a_face_of_a_cube_is_seen_from_where_its_view_says():
     rig = cube(0.08)
     for view in work_of(rig).views:
-        sign, axis = view.words[-2:]
+        sign, axis = view.text[-2:]
         [each] = [
             each for each in rig.markers if each.rotation_matrix[:, 2]["xyz".index(axis)] == (1 if sign == "+" else -1)
         ]
-        assert [name.words for name in view.names] == [each.name]
+        assert [name.text for name in view.names] == [each.name]
         dots = [face for face in view.faces if face.material == "dark"]
         right, up = (
             (-1 if way.startswith("-") else 1) * np.eye(3)["xyz".index(way[-1])] for way in view.axes

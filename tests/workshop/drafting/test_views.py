@@ -52,7 +52,7 @@ def test_holes_by_place_have_places_and_no_circle_off_the_page():
     for holes in (corners, pair):
         front = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, holes=holes))
         check_inside(front)
-        written = " ".join(shape.words for shape in texts(front))
+        written = " ".join(shape.text for shape in texts(front))
         assert "circle" not in written
         assert "in the table" in written or "H1 at x -150 , y 0" in " ".join(written.split())
 
@@ -76,12 +76,12 @@ def test_every_dot_has_its_number_and_every_callout_its_words(front):
 
 def test_words_lie_where_their_outlines_do(front):
     for shape in texts(front[1]):
-        if shape.words.strip():
+        if shape.text.strip():
             left, bottom, right, top = bounds(shape)
             (x, y), air = shape.start, 0.35 * shape.height
             assert left - air <= x <= right + air
             assert bottom - air <= y <= top + air
-            assert (top - bottom > right - left) == shape.upright or len(shape.words) == 1
+            assert (top - bottom > right - left) == shape.upright or len(shape.text) == 1
 
 
 def test_the_front_view_is_true_to_its_scale(front):
@@ -101,10 +101,10 @@ def test_the_front_view_is_true_to_its_scale(front):
 
 def test_sizes_on_the_drawing_are_those_of_the_plate():
     page = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003))
-    written = [shape.words for shape in texts(page)]
+    written = [shape.text for shape in texts(page)]
     # 320 x 200 mm with an edge of 3 mm; the origin is in the middle, in boxes, from the edges B and C.
     assert {"326", "206", "163", "103", "4 \xb10.2"} <= set(written)
-    view = {shape.words: bounds(shape) for shape in texts(page)}
+    view = {shape.text: bounds(shape) for shape in texts(page)}
     boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 5]
     for words in ("163", "103"):
         around = [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
@@ -114,7 +114,7 @@ def test_sizes_on_the_drawing_are_those_of_the_plate():
     # From dowels the distances of the edges are sizes like others.
     pins = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
     other = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003, holes=pins))
-    assert {"326", "206", "163", "103"} <= {shape.words for shape in texts(other)}
+    assert {"326", "206", "163", "103"} <= {shape.text for shape in texts(other)}
     # An arrow at either end of the overall width, as far apart as the plate is wide at this scale.
     x, _ = page.origin
     ends = [x + sign * 163 * page.scale for sign in (-1, 1)]
