@@ -26,7 +26,9 @@ from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
+    resampled_means,
     rms,
+    rms_interval,
     statistics,
 )
 
@@ -37,11 +39,6 @@ TRIED, SEEN = 1.5, 0.3
 AT_ONCE = 10
 """Number of views per chunk of work."""
 ERRORS = ("rotation_deg", "translation_pct")
-RESAMPLES = 2000
-"""Bootstrap resamples, enough to determine the ends of the 95 % interval to a fiftieth of its length.
-
-scipy.stats.bootstrap has the same intervals but for its draws, by which the ends of stored results would move by 0.3 %.
-"""
 MOST = 0.9
 """Minimum share of the views that a contestant must find for its misses to count in choosing the common views."""
 
@@ -292,21 +289,6 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def rms_interval(values: Array, seed: int) -> list[float] | None:
-    """95 % interval of the RMS of values (n,): a bootstrap over views; None for fewer than two values."""
-    if len(values) < 2:
-        return None
-    low, high = np.quantile(np.sqrt(_resampled(values[:, None] ** 2, seed))[:, 0], [0.025, 0.975])
-    return [float(low), float(high)]
-
-
-def _resampled(values: Array, seed: int) -> Array:
-    """Means (RESAMPLES, k) of rows (n, k) drawn with replacement."""
-    count = len(values)
-    weights = np.random.default_rng([seed, count]).multinomial(count, np.full(count, 1 / count), size=RESAMPLES)
-    return np.asarray(weights @ values / count)
-
-
 def flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
     """Number of poses nearer to the mirrored one, among those where the contestant's point errors separate the two."""
     errors = np.concatenate([np.zeros(0), *(observation.point_px for observation in row if observation.counts)])
@@ -332,7 +314,7 @@ def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], s
     if not squares[:, 1].any():
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.sqrt(np.divide(*_resampled(squares, seed).T))
+        ratios = np.sqrt(np.divide(*resampled_means(squares, seed).T))
     low, high = np.nanquantile(ratios, [0.025, 0.975])
     square, reference = squares.mean(axis=0)
     return {"count": len(pairs), "rms": float(np.sqrt(square / reference)), "interval": [float(low), float(high)]}

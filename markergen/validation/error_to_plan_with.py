@@ -13,7 +13,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.validation.expectation import Expectation, expect
-from markergen.validation.metrics import rms, share_interval
+from markergen.validation.metrics import rms, rms_interval, share_interval
 from markergen.validation.views import SyntheticViews
 
 FOCAL_PX, CENTER_PX = 2.0, 1.5
@@ -152,8 +152,9 @@ def compare_views(
     Returns
     -------
     dict
-        ``hardest`` and ``all``, each with ``rotation_deg`` and ``translation_mm``: ``count``, ``rms``, ``expected``,
-        ``low``, ``high``, ``agrees`` (1 or 0). ``lost``: views without a pose; ``lost_interval`` of their share.
+        ``hardest`` and ``all``, each with ``rotation_deg`` and ``translation_mm``: ``count``, ``rms``, its 95 %
+        ``interval``, a bootstrap over these views (None of fewer than two), and of the error to expect of them
+        ``expected``, ``low`` and ``high``; ``agrees`` (1 or 0). ``lost``: views without a pose; ``lost_interval`` of their share.
         ``disagreements``: comparisons that failed.
     """
     cells, every = cells_of(poses), np.ones(len(poses), dtype=bool)
@@ -203,7 +204,7 @@ def _cell(expected: Expectation, poses: PoseDistribution, chosen: Mask) -> dict[
 
 def _compared(expected: Expectation, key: str, samples: Sequence[Mapping[str, Any]], seed: int) -> dict[str, Any]:
     if not samples:
-        return {"count": 0, "rms": None, "expected": None, "low": None, "high": None, "agrees": None}
+        return {"count": 0, **dict.fromkeys(("rms", "interval", "expected", "low", "high", "agrees"))}
     at = np.array([sample["pose"] for sample in samples])
     if key == "rotation_deg":
         measured, drawn = np.array([sample["rotation_deg"] for sample in samples]), expected.drawn_deg
@@ -217,6 +218,7 @@ def _compared(expected: Expectation, key: str, samples: Sequence[Mapping[str, An
     return {
         "count": len(samples),
         "rms": seen,
+        "interval": rms_interval(measured, seed),
         "expected": rms(getattr(expected, key)[at]),
         "low": low,
         "high": high,

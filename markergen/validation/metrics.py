@@ -118,6 +118,28 @@ def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | Non
     return float(bound / measured) if bound > 0 and measured > 0 else None
 
 
+RESAMPLES = 2000
+"""Bootstrap resamples, enough to determine the ends of the 95 % interval to a fiftieth of its length.
+
+scipy.stats.bootstrap has the same intervals but for its draws, by which the ends of stored results would move by 0.3 %.
+"""
+
+
+def rms_interval(values: Array, seed: int) -> list[float] | None:
+    """95 % interval of the RMS of values (n,): a bootstrap over views; None for fewer than two values."""
+    if len(values) < 2:
+        return None
+    low, high = np.quantile(np.sqrt(resampled_means(values[:, None] ** 2, seed))[:, 0], [0.025, 0.975])
+    return [float(low), float(high)]
+
+
+def resampled_means(values: Array, seed: int) -> Array:
+    """Means (RESAMPLES, k) of rows (n, k) drawn with replacement."""
+    count = len(values)
+    weights = np.random.default_rng([seed, count]).multinomial(count, np.full(count, 1 / count), size=RESAMPLES)
+    return np.asarray(weights @ values / count)
+
+
 CONFIDENCE = 0.99
 """Probability that an interval holds what it is for; one right covariance in a hundred is outside."""
 

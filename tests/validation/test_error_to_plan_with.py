@@ -84,6 +84,10 @@ def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
     each = views["all"]["rotation_deg"]
     assert each["count"] == 400
     assert not each["low"] <= each["rms"] <= each["high"]
+    low, high = each["interval"]
+    assert low < each["rms"] < high
+    # Half the interval of 400 views; an RMS over N errors with 2 or 3 degrees of freedom has 1 / sqrt(4 N to 6 N).
+    assert 1.96 / np.sqrt(6 * 400) < (high - low) / 2 / each["rms"] < 0.12
     said = marker_plan({**found, "views": views})
     line = f"The views of this run gave {each['rms']:.2g} deg over all poses where {each['expected']:.2g} was expected"
     assert any(sentence.startswith(line) for sentence in said)
@@ -121,7 +125,7 @@ def test_no_view_in_the_hardest_cell(expected, found):
     seen["count"] = len(seen["samples"])
     views = error_to_plan_with.compare_views(expected, POSES, seen, found, 0)
     assert views["hardest"]["rotation_deg"] == {
-        "count": 0, "rms": None, "expected": None, "low": None, "high": None, "agrees": None
+        "count": 0, "rms": None, "interval": None, "expected": None, "low": None, "high": None, "agrees": None
     }  # fmt: skip
     assert marker_plan({**found, "views": views})
 
