@@ -61,7 +61,7 @@ Make = Callable[..., Spec]
 ROOMS = ("radius", "boundary", "boundary_unit", "layer", "ignore_open", "template", "points", "target")
 """Options that say how large a marker is, or belong to others that do."""
 
-MEASURES = ("edge", "height", "pitch", "plate", "angle")
+MEASURES = ("edge", "height", "pitch", "plate", "angle", "thickness")
 SHARED = (
     "n",
     "camera",
@@ -397,7 +397,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         geometry = rig_shape(shape, **measures)
     values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
-    spec = spec_from_mapping(values, OPTIONS)
+    spec = replace(spec_from_mapping(values, OPTIONS), substrate=geometry.substrate)
     tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
     listed = shape if markers or geometry.text == "plates" else None

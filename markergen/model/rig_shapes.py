@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, isfinite, pi, radians, sin, tan
 
 import numpy as np
@@ -13,7 +13,7 @@ from markergen.model.body import Plate, Rows
 from markergen.model.boundary import Boundary, Polygon
 from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
-from markergen.model.substrate import EDGE, Substrate
+from markergen.model.substrate import Substrate
 from markergen.units import format_length
 
 KINDS = ("cube", "prism", "wall", "pair")
@@ -23,7 +23,7 @@ SHAPE_HELP = (
     "faces +x -x +y -y +z -z; see --edge, --without",
     "side 1 to 6 from -y on, +z, -z; see --edge, --height, --without",
     "3 columns and 2 rows of square plates, row 1 column 1 top left; see --pitch, --plate",
-    "left and right plate at an angle; see --plate, --angle",
+    "left and right plate at an angle; see --plate, --angle, --thickness, --edge",
     "a list of plates, each with a marker or room for one, and its pose; see docs/rigs.md",
 )
 """What each of the forms is."""
@@ -32,7 +32,7 @@ OPTIONS = {
     "cube": ("edge", "without"),
     "prism": ("edge", "height", "without"),
     "wall": ("pitch", "plate"),
-    "pair": ("plate", "angle"),
+    "pair": ("plate", "angle", "thickness", "edge"),
 }
 """Measures of each kind."""
 
@@ -63,12 +63,15 @@ class RigShape:
         Poses T_camera_rig of a camera around it, by default.
     measures : mapping of str to float
         Given and default measures.
+    substrate : Substrate
+        What carries the dots of each face.
     """
 
     text: str
     faces: tuple[Face, ...]
     poses: str
     measures: dict[str, float]
+    substrate: Substrate = field(default_factory=Substrate)
 
 
 def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) -> RigShape:
@@ -81,11 +84,13 @@ def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) 
     Parameters
     ----------
     edge, height : float
-        Edge of a cube, or of a prism's polygon, and height of the prism.
+        Edge of a cube, or of a prism's polygon, and height of the prism; `edge` of a pair as of a `Substrate`.
     pitch, plate : float
         Distance between the middles of a wall's plates, and side of the square plates of a wall or pair.
     angle : float
         Angle in degrees between the normals of a pair; negative: the plates face each other.
+    thickness : float
+        That of the plates of a pair.
     without : sequence of str
         Names of faces of a body to leave out.
 
@@ -108,7 +113,7 @@ def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) 
         raise InputError(f"all plates of a {kind}", "--without", "leave it out; it is for bodies")
     sizes = {name: float(value) for name, value in measures.items() if value is not None}
     for name, value in sizes.items():
-        if not (isfinite(value) and value > 0) and name != "angle":
+        if not (isfinite(value) and value > 0) and (kind != "pair" or name == "plate"):
             raise InputError(f"a length above 0 for --{name}", f"{name}={value} m", "write such as 80mm")
     if kind == "cube":
         _no_rest(kind, rest)
@@ -209,15 +214,16 @@ def _pair(sizes: dict[str, float]) -> RigShape:
     if not -170 <= angle <= 170:
         raise InputError("an angle of -170 to 170 degrees", f"{angle:g}", "give --angle such a number")
     square, half = rectangle_outline(plate, plate), radians(angle) / 2
-    # So far from the line in which their faces' planes meet, plates of the default thickness touch: in front if they
-    # face each other, at their backs otherwise.
-    setback = EDGE + Substrate().thickness * max(tan(half), 0.0)
+    substrate = Substrate(**{name: sizes[name] for name in ("thickness", "edge") if name in sizes})
+    # So far from the line in which their faces' planes meet, plates touch: in front if they face each other, at their
+    # backs otherwise.
+    setback = substrate.edge_around(square) + substrate.thickness * max(tan(half), 0.0)
     faces = []
     for name, side in (("left", -1), ("right", 1)):
         angle_y = side * half
         rotation = np.array([[cos(angle_y), 0, sin(angle_y)], [0, 1, 0], [-sin(angle_y), 0, cos(angle_y)]])
         faces.append(_face(name, square, rotation, rotation[:, 0] * side * (plate / 2 + setback)))
-    return RigShape("pair", tuple(faces), f"cone:distance={distance_span(plate)},tilt=0..60", sizes)
+    return RigShape("pair", tuple(faces), f"cone:distance={distance_span(plate)},tilt=0..60", sizes, substrate)
 
 
 def rectangle_outline(width: float, height: float) -> Polygon:

@@ -28,7 +28,12 @@ class RigKeywords(SheetKeywords, total=False):
         File, Option(LAYOUT, "Start from a ready-made rig; see markergen templates.", metavar="NAME|FILE")
     ]
     edge: Annotated[
-        Length, Option(LAYOUT, "Edge of a cube, or of a prism's polygon.", otherwise="80mm of a cube, 60mm of a prism")
+        Length,
+        Option(
+            LAYOUT,
+            "Edge of a cube, or of a prism's polygon; of a pair, width of the plates around the room of their dots.",
+            otherwise="80mm of a cube, 60mm of a prism, 2mm of a pair",
+        ),
     ]
     height: Annotated[Length, Option(LAYOUT, "Height of a prism.", otherwise="--edge")]
     pitch: Annotated[Length, Option(LAYOUT, "Distance between the middles of a wall's plates.", otherwise="500mm")]
@@ -44,6 +49,9 @@ class RigKeywords(SheetKeywords, total=False):
             otherwise="90",
             metavar="DEGREES",
         ),
+    ]
+    thickness: Annotated[
+        Length, Option(LAYOUT, "Thickness of a pair's plates, which touch at their edges.", otherwise="3mm")
     ]
     without: Annotated[
         Texts,

@@ -154,8 +154,8 @@ def compare_views(
     dict
         ``hardest`` and ``all``, each with ``rotation_deg`` and ``translation_mm``: ``count``, ``rms``, its 95 %
         ``interval``, a bootstrap over these views (None of fewer than two), and of the error to expect of them
-        ``expected``, ``low`` and ``high``; ``agrees`` (1 or 0). ``lost``: views without a pose; ``lost_interval`` of their share.
-        ``disagreements``: comparisons that failed.
+        ``expected``, ``low`` and ``high``; ``agrees`` (1 or 0). ``lost``: views without a pose;
+        ``lost_interval`` of their share. ``disagreements``: comparisons that failed.
     """
     cells, every = cells_of(poses), np.ones(len(poses), dtype=bool)
     samples = [sample for sample in views["samples"] if np.isfinite(sample["rotation_deg"])]

@@ -59,6 +59,14 @@ def test_plates_of_a_pair_are_set_back_from_where_their_planes_meet(angle, setba
         assert distances.max() - distances.min() == pytest.approx(0.15)
 
 
+@pytest.mark.parametrize(("angle", "setback"), [(-60, 10), (90, 22)])
+def test_thick_plates_with_a_wide_edge_are_set_back_farther(angle, setback):
+    pair = rig_shape("pair", angle=angle, thickness=0.012, edge=0.01)
+    assert (pair.substrate.thickness, pair.substrate.edge) == (0.012, 0.01)
+    for face in pair.faces:
+        assert np.linalg.norm(corners(face)[:, [0, 2]], axis=1).min() == pytest.approx(1e-3 * setback)
+
+
 @pytest.mark.parametrize(
     ("text", "measures", "words"),
     [
@@ -74,6 +82,9 @@ def test_plates_of_a_pair_are_set_back_from_where_their_planes_meet(angle, setba
         ("cube", {"edge": 0.0}, "above 0 for --edge"),
         ("cube", {"without": ["z"]}, "a face of a cube"),
         ("pair", {"angle": 180.0}, "-170 to 170"),
+        ("pair", {"thickness": 0.0}, "--thickness"),
+        ("pair", {"edge": -0.001}, "--edge"),
+        ("wall 3x2", {"thickness": 0.004}, "--thickness"),
     ],
 )
 def test_others_are_refused(text, measures, words):

@@ -1,5 +1,7 @@
 """Rigs for tests, and what rays find of them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from markergen.maths.rotation import exponential
@@ -50,11 +52,17 @@ def wall(columns=3, rows=2, pitch=0.13):
 def rig_of(text, **measures):
     """Rig of a shape whose faces have the same dots, turned a little from one to the next."""
     dots = 0.001 * np.array([[14, 13], [-13, 12], [-12, -14], [11, -13], [2, 3]])
-    faces = rig_shape(text, **measures).faces
+    shape = rig_shape(text, **measures)
+    faces = shape.faces
     turns = exponential(np.array([[0, 0, 0.1 * k] for k in range(len(faces))]))[:, :2, :2]
     return Rig(
         tuple(
-            face.mounted(build_marker(dots @ turn.T, face.boundary, diameter=0.005, clearance=0.001))
+            face.mounted(
+                replace(
+                    build_marker(dots @ turn.T, face.boundary, diameter=0.005, clearance=0.001),
+                    substrate=shape.substrate,
+                )
+            )
             for face, turn in zip(faces, turns, strict=True)
         )
     )

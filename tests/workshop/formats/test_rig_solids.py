@@ -143,6 +143,13 @@ def test_shapes_of_default_sizes_are_made(text, tmp_path):
     assert len(names) == len(made_of(rig, Fabrication()).parts)
 
 
+@pytest.mark.parametrize("angle", [-60, 0, 60, 90, 150])
+def test_thick_plates_of_a_pair_do_not_overlap(angle):
+    pair = rig_of("pair", angle=angle, thickness=0.008, edge=0.006)
+    assert {plate.marker.substrate.thickness for plate in pair.plates} == {0.008}
+    assert not made_of(pair, Fabrication()).overlap
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_roll_pitch_and_yaw_make_the_rotation(seed):
     turn = (
