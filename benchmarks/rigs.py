@@ -33,7 +33,7 @@ from benchmarks import detection_scenes as scenes
 from benchmarks.detection_scenes import Image, Rows
 from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
-from markergen.detect.detection import body_poses
+from markergen.detect.detector import body_poses
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import polygon_from

@@ -13,7 +13,7 @@ import numpy as np
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.bounds.crowding import crowded, crowding, separating_gap
-from markergen.bounds.reliability import DotReliability, reliability, reliability_json, reliability_table
+from markergen.bounds.dot_covariances import DotReliability, reliability, reliability_json, reliability_table
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.camera import PAPER_CAMERA

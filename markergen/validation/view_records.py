@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
-from markergen.detect.detection import body_poses
+from markergen.detect.detector import body_poses
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.rotation import logarithm

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, ncx2
 
-from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes
-from markergen.bounds.reliability import reliability, reliability_table
+from markergen.bounds.dot_covariances import (
+    dot_covariances,
+    image_jacobian,
+    image_slopes,
+    reliability,
+    reliability_table,
+)
 from markergen.maths.reliability import POWER, RISK, noncentrality
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting

@@ -13,7 +13,7 @@ from sentences import sentence
 
 from markergen.comparison.baselines import line_up
 from markergen.detect import Detector
-from markergen.detect.detection import detect
+from markergen.detect.detector import detect
 from markergen.errors import InputError
 from markergen.exporters.saving import outputs_of
 from markergen.model import camera, marker
