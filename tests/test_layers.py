@@ -33,7 +33,7 @@ DOORS = {
     ("model/camera.py", "Camera.load"): "read.cameras.load_camera",
     ("model/camera.py", "Camera.from_message"): "read.cameras.calibration.camera_of_message",
     ("model/camera.py", "Camera.from_cv2"): "read.cameras.calibration.camera_of_arrays",
-    ("model/camera.py", "Camera.save"): "read.cameras.writing.camera_file",
+    ("model/camera.py", "Camera.save"): "read.cameras.files.camera_file",
     ("model/marker.py", "Marker.load"): "model.body_json.load_marker",
     ("model/rig.py", "Rig.load"): "model.body_json.load_rig",
     ("model/rig.py", "Rig.save"): "api.export.export",

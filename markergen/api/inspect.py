@@ -27,7 +27,7 @@ from markergen.presentation.results import SavableResult, StrPath, files_as_json
 from markergen.presentation.tables import Table
 from markergen.read.cameras import CAMERA_FORMATS, load_camera, sized, sized_document
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.cameras.writing import camera_bytes, check_camera_path
+from markergen.read.cameras.files import camera_bytes, check_camera_path
 from markergen.read.dot_tables import read_layout
 from markergen.read.formats import recognized, written, written_format
 from markergen.read.kinds import kinds_of

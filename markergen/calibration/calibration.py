@@ -47,7 +47,7 @@ from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
-from markergen.read.cameras.writing import camera_bytes, check_camera_path
+from markergen.read.cameras.files import camera_bytes, check_camera_path
 from markergen.validation.setting import setting_of
 
 

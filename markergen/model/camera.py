@@ -185,7 +185,7 @@ class Camera:
         OutputError
             If the file cannot be written.
         """
-        door("read.cameras.writing.camera_file")(self, path, covariance, rms)
+        door("read.cameras.files.camera_file")(self, path, covariance, rms)
 
     @classmethod
     def from_message(cls, message: Any) -> "Camera":
