@@ -123,15 +123,15 @@ class Series:
         """Compare what was found with the true pose, or, of poses that look the same, with the nearest."""
         if sighting.rotation is None or sighting.translation is None:
             return Observation(reason=sighting.reason)
-        turns = [turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns)]
+        symmetries = [turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns)]
         errors = []
-        for turn in turns:
-            seen = to_camera(contestant.points[sighting.ids] @ turn.T, rotation[None], translation[None])
+        for symmetry in symmetries:
+            seen = to_camera(contestant.points[sighting.ids] @ symmetry.T, rotation[None], translation[None])
             errors.append(np.linalg.norm(sighting.pixels - self.camera.to_pixels(perspective(seen))[0], axis=-1))
         best = int(np.argmin([np.max(error) for error in errors]))
         if errors[best].max() > WRONG_PX:
             return Observation(wrong=True, reason=f"wrong: a point is {errors[best].max():.1f} px off")
-        estimate = (sighting.rotation @ turns[best].T)[None], sighting.translation[None]
+        estimate = (sighting.rotation @ symmetries[best].T)[None], sighting.translation[None]
         te_pct = translation_error_pct(sighting.translation, translation)
         return Observation(
             rotation_deg=float(rotation_error_deg(estimate[0][0], rotation)),

@@ -300,26 +300,27 @@ def _turned_as_before(finding: engine.Finding, before: Iterable[engine.Finding],
     if not (finding.ok and len(finding.turns) and earlier and isinstance(target, Marker)):
         return finding
     rotation = finding.placed["R"].reshape(3, 3)
-    turns = [np.eye(3), *turn_z(finding.turns)]
-    turn = max(turns, key=lambda turn: max(np.trace(past.T @ rotation @ turn) for past in earlier))
+    symmetries = [np.eye(3), *turn_z(finding.turns)]
+    symmetry = max(symmetries, key=lambda turned: max(np.trace(past.T @ rotation @ turned) for past in earlier))
     # Dot i is at Q (X - c) + c, with X the place of dot k, as which it is seen when turned.
     row, xyz, center = {number: i for i, number in enumerate(target.ids.tolist())}, target.xyz, target.xyz.mean(axis=0)
     seen = [row[number] for number in finding.ids.tolist()]
-    ids = target.ids[np.linalg.norm((xyz[seen] - center) @ turn + center - xyz[:, None], axis=-1).argmin(axis=0)]
-    order, shift = np.argsort(ids), center - turn @ center
-    placed, plane = finding.placed.copy(), np.array([[*turn[0, :2], shift[0]], [*turn[1, :2], shift[1]], [0, 0, 1]])
-    placed["t"] += rotation @ shift
-    placed["R"] = (rotation @ turn).ravel()
+    ids = target.ids[np.linalg.norm((xyz[seen] - center) @ symmetry + center - xyz[:, None], axis=-1).argmin(axis=0)]
+    order, offset = np.argsort(ids), center - symmetry @ center
+    plane = np.array([[*symmetry[0, :2], offset[0]], [*symmetry[1, :2], offset[1]], [0, 0, 1]])
+    placed = finding.placed.copy()
+    placed["t"] += rotation @ offset
+    placed["R"] = (rotation @ symmetry).ravel()
     second = finding.second and finding.second._replace(
-        rotation=finding.second.rotation @ turn,
-        translation=finding.second.translation + finding.second.rotation @ shift,
+        rotation=finding.second.rotation @ symmetry,
+        translation=finding.second.translation + finding.second.rotation @ offset,
     )
     posed = finding.rotation is not None
     return finding._replace(
         ids=ids[order],
         guess=ids[order],
         **{name: getattr(finding, name)[order] for name in ("pixels", "pixel_covariance", "ellipse_centers")},
-        rotation=rotation @ turn if posed else None,
+        rotation=rotation @ symmetry if posed else None,
         translation=placed["t"] if posed else None,
         homography=None if finding.homography is None else finding.homography @ plane,
         second=second,

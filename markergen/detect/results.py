@@ -371,8 +371,8 @@ _UNREAD = {
 """Words for the states of a tag that was not read."""
 
 
-def _degrees(turns: Array) -> str:
-    return " or ".join(f"{turn:.0f}" for turn in np.rad2deg(turns)) + " deg"
+def _degrees(angles: Array) -> str:
+    return " or ".join(f"{angle:.0f}" for angle in np.rad2deg(angles)) + " deg"
 
 
 def _sigma(pose: PoseEstimate) -> str:

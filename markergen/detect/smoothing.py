@@ -118,8 +118,8 @@ class Smoothed(Motion):
 
     def __repr__(self) -> str:
         place = ", ".join(f"{number:.4f}" for number in self.translation)
-        turn, move = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
-        sigma = f"1 sigma: {np.rad2deg(turn):.2g} deg, {1e3 * move:.2g} mm"
+        rotation, translation = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
+        sigma = f"1 sigma: {np.rad2deg(rotation):.2g} deg, {1e3 * translation:.2g} mm"
         return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
 
 
@@ -194,7 +194,7 @@ def predict(motion: Motion, time: float, limits: Accelerations) -> Motion:
     step = time - motion.time
     if not step >= 0:
         raise InputError("time stamps that increase", f"{time} s after {motion.time} s", "give frames in order")
-    turn = exponential(motion.spin * step)
+    rotation = exponential(motion.spin * step)
     transition = step_jacobian(motion.spin, step)
     # What an acceleration of 1 does: half the step's square to the pose, and the step to the velocity.
     force = np.zeros((12, 6))
@@ -204,7 +204,7 @@ def predict(motion: Motion, time: float, limits: Accelerations) -> Motion:
     return replace(
         motion,
         time=time,
-        rotation=turn @ motion.rotation,
+        rotation=rotation @ motion.rotation,
         translation=motion.translation + step * motion.velocity,
         covariance=transition @ motion.covariance @ transition.T + force @ force.T,
     )

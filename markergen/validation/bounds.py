@@ -141,9 +141,9 @@ def grey_gradient(
     patches = scene(rotation, translation)
     reach = max(float(np.linalg.norm(outline, axis=-1).max()) for patch in patches for outline in patch.outlines)
     expected = expected_levels(patches, camera, rotation, translation, optics, window)
-    shift = STEP_PX * np.linalg.norm(translation) / camera.focal.mean()
+    distance = STEP_PX * np.linalg.norm(translation) / camera.focal.mean()
     # A rotation moves the farthest outline by as much as a translation does.
-    steps = np.diag(np.repeat([shift / reach, shift], 3))
+    steps = np.diag(np.repeat([distance / reach, distance], 3))
     moved = [apply_pose_step(rotation[None], translation[None], sign * steps) for sign in (1, -1)]
     gradient = np.empty((6, *expected.shape), dtype=np.float32)
     for k in range(6):

@@ -141,10 +141,10 @@ def tag_pieces(tag: Tag | None) -> tuple[TagInk, ...]:
         walk = ring[::-1]
         plane = to_plane(walk, tag.cells, tag.cells, tag.side / tag.cells) + tag.center
         arriving, leaving = plane - np.roll(plane, 1, axis=0), np.roll(plane, -1, axis=0) - plane
-        turns = arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0]
+        crosses = arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0]
         corners = tuple(
-            Corner(mm(x), mm(y), bool(turn > 0), visits[tuple(cell)] > 1)
-            for (x, y), turn, cell in zip(plane.tolist(), turns, walk.tolist(), strict=True)
+            Corner(mm(x), mm(y), bool(cross > 0), visits[tuple(cell)] > 1)
+            for (x, y), cross, cell in zip(plane.tolist(), crosses, walk.tolist(), strict=True)
         )
         pieces.setdefault(_beside(ring, labels), []).append(corners)
     return tuple(sorted(map(_piece, pieces.values()), key=lambda ink: min(ink.corners())[::-1]))
