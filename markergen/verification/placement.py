@@ -15,21 +15,23 @@ from markergen.arrays import Array
 from markergen.maths.rotation import rigid_motion
 from markergen.model.body import Body, Plate
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
-from markergen.verification.matching import DotSet
+from markergen.verification.matching import ALIKE, DotSet
 from markergen.verification.rays import CHORDS, difference
 from markergen.verification.result import Check
 from markergen.verification.rims import Rims, dots_of
 from markergen.verification.solid_files import Solid
 from markergen.verification.wanted_solids import WantedSolid, wanted_dots
 from markergen.verification.words import (
-    KNOWN,
+    LENGTHS,
     MOST_LISTED,
     NO_PLATE,
     REMOVE,
     Finding,
+    nearest_mistake,
     scale_finding,
     short_length,
     somewhere,
+    unit_mistakes,
 )
 
 STRAIGHT = np.radians(0.01)
@@ -52,9 +54,6 @@ COARSE, SNAP = 1e-3, 2e-4
 
 MOST_SIDES = 60
 """Maximum number of directions of rims to look from."""
-
-UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
-"""Units, in mm, that a file may have been written in although it is read in another."""
 
 
 # --- One plate -------------------------------------------------------------------------------------------------------
@@ -85,19 +84,12 @@ def placements(solid: Solid, wanted: WantedSolid, kind: str) -> Iterator[Placeme
             # The direction in the file of what is up in the view.
             yield Placement(_direction(rotation[2], kind), solid.mapped(rotation, np.zeros(3)))
     sizes = [float(np.ptp(shell.corners.reshape(-1, 3), axis=0).max()) for shell in (solid.shell, wanted.shell)]
-    seen = {1.0}
-    for usual in ("m", "mm") if kind == "GLB" else ("mm",):
-        for unit, factor in UNITS.items():
-            for times, mistake, remedy in (
-                (factor / UNITS[usual], f"{unit} taken for {usual}", f"export it in {usual}"),
-                (UNITS[usual] / factor, f"{usual} taken for {unit}", f"open it in {usual} where it was saved last"),
-            ):
-                if round(times, 9) in seen or not 1 / ROUGHLY < times * sizes[0] / sizes[1] < ROUGHLY:
-                    continue
-                seen.add(round(times, 9))
-                sentence = f"scaled by {1 / times:.6g} along x, y and z: {mistake}"
-                rescaled = solid.mapped(times * np.eye(3), np.zeros(3))
-                yield Placement(Finding("scaled", sentence, remedy), rescaled, times)
+    homes = ("m", "mm") if kind == "GLB" else ("mm",)
+    for ratio, (mistake, remedy) in unit_mistakes(*homes, units=LENGTHS).items():
+        if 1 / ROUGHLY < sizes[0] / sizes[1] / ratio < ROUGHLY:
+            sentence = f"scaled by {ratio:.6g} along x, y and z: {mistake}"
+            rescaled = solid.mapped(np.eye(3) / ratio, np.zeros(3))
+            yield Placement(Finding("scaled", sentence, remedy), rescaled, 1 / ratio)
 
 
 def _direction(way: Array, kind: str) -> Finding:
@@ -197,6 +189,11 @@ class PlateInFile:
     points: Array
     wanted: Array
 
+    @property
+    def is_mirrored(self) -> bool:
+        """True if the layout is that of the marker seen from behind."""
+        return any(finding.kind == "mirrored" for finding in self.verdict.findings)
+
 
 @dataclass(frozen=True, eq=False)
 class FileMotion:
@@ -241,7 +238,7 @@ def _unit(solid: Solid, wanted: WantedSolid) -> tuple[float, list[Finding]]:
     ratio = sizes[0] / sizes[1]
     if not 0 < ratio < np.inf or abs(np.log(ratio)) < np.log(ROUGHLY) / 2:
         return 1.0, []
-    nearest = min(KNOWN, key=lambda factor: abs(np.log(ratio / factor)))
+    nearest = nearest_mistake(ratio, unit_mistakes("mm", units=LENGTHS))
     if abs(np.log(ratio / nearest)) > np.log(ROUGHLY) / 2:
         return 1.0, []
     return 1 / nearest, [scale_finding(nearest, nearest, np.array([sizes[1], sizes[1]]), 1e-3)]
@@ -268,19 +265,17 @@ def _stretch(compared: _Compared) -> float | None:
 
 
 def _compared(plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> _Compared:
-    found = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
-    motion = _motion(plates, found, tolerance)
+    candidates_of_plates = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
+    motion = _motion(plates, candidates_of_plates, tolerance)
     if motion is None:
         return _Compared(Check("", kind, findings=(NO_PLATE,)), ())
     chosen = [
-        min(candidates, key=lambda placed: _apart(placed, *motion.of(plate)), default=None)
-        for plate, candidates in zip(plates, found, strict=True)
+        min(candidates, key=lambda placed: _misfit(placed, *motion.of(plate), tolerance), default=None)
+        for plate, candidates in zip(plates, candidates_of_plates, strict=True)
     ]
     findings, largest, worst = list[Finding](), 0.0, None
     notes = [wanted.note] if wanted.note else []
-    mirrored = all(
-        any(finding.kind == "mirrored" for finding in placed.verdict.findings) for placed in chosen if placed
-    )
+    mirrored = all(placed.is_mirrored for placed in chosen if placed)
     if mirrored:
         findings.append(Finding("mirrored", "mirrored", MIRRORED))
     elif (at := _frame(motion, plates, tolerance)) and (kind != "3MF" or "turned" in at):
@@ -330,7 +325,7 @@ def _placements(
     placements = []
     for way in _directions(rims, sizes, ways):
         rotation = rotation_up(way)
-        seen = dots_of(rims.mapped(rotation, np.zeros(3)), sizes)
+        seen = _open(dots_of(view := rims.mapped(rotation, np.zeros(3)), sizes), view)
         for dots in _layers(seen) if np.ptp(expected.heights) < LAYER else [seen]:
             level = replace(expected, heights=None), ids, replace(dots, heights=None)
             verdicts = judge_copies(*level, tolerance)
@@ -343,7 +338,8 @@ def _placements(
 def _directions(rims: Rims, sizes: Array, ways: Array) -> Iterator[Array]:
     """Unit normals of rims of about some radii, those with most rims first; expected ones (k, 3) as they are."""
     alike = np.abs(np.log(np.maximum(rims.radii[:, None], 1e-12) / sizes)).min(axis=1) < 0.1
-    normals = rims.normals[alike]
+    # A half-ball has a rim below alone.
+    normals = np.concatenate([rims.normals[alike], -rims.normals[alike]])
     if not len(normals):
         return
     _, first, count = np.unique(np.round(normals / COARSE), axis=0, return_index=True, return_counts=True)
@@ -354,6 +350,19 @@ def _directions(rims: Rims, sizes: Array, ways: Array) -> Iterator[Array]:
         if all(np.linalg.norm(way - earlier) > COARSE for earlier in before):
             before.append(way)
             yield way
+
+
+def _open(dots: DotSet, rims: Rims) -> DotSet:
+    """Dots of a view without those that lie on a face, such as the floor of a pocket below an inlay seen from behind.
+
+    Where that leaves none, they are all there is: half-balls that stand on a plate.
+    """
+    if not len(dots) or dots.heights is None:
+        return dots
+    away = np.linalg.norm(np.column_stack([dots.centers, dots.heights])[:, None] - rims.centers, axis=2)
+    here = (away < LAYER) & (np.abs(np.log(rims.radii / dots.radii[:, None])) < np.log(ALIKE))
+    is_closed = (here & (rims.normals[:, 2] < -0.99)).any(axis=1) & (here & (rims.normals[:, 2] > 0.99)).any(axis=1)
+    return dots if is_closed.all() else dots.take(~is_closed)
 
 
 def _layers(dots: DotSet) -> list[DotSet]:
@@ -406,21 +415,19 @@ def _motion(
             guess = FileMotion.by(plates[k], placed)
             agreed, off = [], 0.0
             for j, others in enumerate(placements):
-                away = [(_apart(candidate, *guess.of(plates[j])), candidate) for candidate in others]
-                distance, nearest = min(away, key=lambda pair: pair[0], default=(np.inf, None))
+                place = guess.of(plates[j])
+                nearest = min(others, key=lambda candidate: _misfit(candidate, *place, tolerance), default=None)
+                distance = np.inf if nearest is None else _apart(nearest, *place)
                 # A marker's own turn is known less well than its place.
                 if nearest is not None and distance < NEARLY * 1e3 * tolerance:
                     agreed.append((j, nearest))
                     off += distance
-            score = off - 1e6 * len(agreed) + 1e3 * (np.linalg.det(placed.rotation) < 0)
+            score = off - 1e6 * len(agreed) + 1e3 * placed.is_mirrored
             if best is None or score < best[0]:
                 best = score, agreed
     if best is None:
         return None
     agreed = best[1]
-    first, placed = agreed[0]
-    if np.linalg.det(placed.rotation) < 0:
-        return FileMotion.by(plates[first], placed)
     source = np.concatenate([1e3 * plates[j].to_body(placed.wanted / 1e3) for j, placed in agreed])
     return FileMotion(*rigid_motion(source, np.concatenate([placed.points for _, placed in agreed])))
 
@@ -430,6 +437,12 @@ def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:
     return float(
         np.linalg.norm(placed.wanted @ (placed.rotation - rotation).T + placed.translation - translation, axis=-1).max()
     )
+
+
+def _misfit(placed: PlateInFile, rotation: Array, translation: Array, tolerance: float) -> tuple[bool, bool, float]:
+    """Order of places by how well they fit a pose; what is seen from behind, if it fits no better, comes last."""
+    distance = _apart(placed, rotation, translation)
+    return distance >= NEARLY * 1e3 * tolerance, placed.is_mirrored, distance
 
 
 def _frame(motion: FileMotion, plates: Sequence[Plate], tolerance: float) -> str:

@@ -136,11 +136,11 @@ def _along(
     solid: Shell, wanted: Shell, axis: int, low: Array, high: Array, pitch: Array, tolerance: float
 ) -> tuple[Crossings, Crossings, Indices, Indices]:
     """Crossings of both along an axis, and the rays on which they differ on all grids in place and in color."""
-    results, bad, pale, some = [], np.zeros(0, int), np.zeros(0, int), None
+    results, bad, pale, differing = [], np.zeros(0, int), np.zeros(0, int), None
     counts = np.ceil((high - low) / pitch).astype(int) + 3
     for number, offset in enumerate(OFFSETS):
         origin = low - pitch * (1 - np.array(offset))
-        mine, theirs = (_crossings(shell.corners, axis, origin, pitch, counts, some) for shell in (solid, wanted))
+        mine, theirs = (_crossings(shell.corners, axis, origin, pitch, counts, differing) for shell in (solid, wanted))
         results.append((mine, theirs))
         here = _differing(mine, theirs, tolerance)
         painted = np.unique(theirs.key[_repainted(solid, wanted, mine, theirs, tolerance)] // 2)
@@ -148,7 +148,7 @@ def _along(
         pale = np.intersect1d(pale, painted) if number else painted
         if not len(bad) + len(pale):
             break
-        some = np.union1d(bad, pale)
+        differing = np.union1d(bad, pale)
     return *results[0], bad, pale
 
 
@@ -194,7 +194,7 @@ def _partners(one: Crossings, other: Crossings, tolerance: float) -> tuple[Indic
 
 
 def _crossings(
-    corners: Array, axis: int, origin: Array, pitch: Array, counts: Indices, some: Indices | None = None
+    corners: Array, axis: int, origin: Array, pitch: Array, counts: Indices, chosen: Indices | None = None
 ) -> Crossings:
     """Crossings of the rays along an axis with triangles, each with its side: 1 where the ray leaves, else 0.
 
@@ -202,15 +202,15 @@ def _crossings(
 
     Parameters
     ----------
-    some : array of int or None
+    chosen : array of int or None
         The only rays to look at.
     """
     u, v = (axis + 1) % 3, (axis + 2) % 3
     flat = (corners[:, :, [u, v]] - origin[[u, v]]) / pitch[[u, v]]
     wanted = None
-    if some is not None:
+    if chosen is not None:
         wanted = np.zeros((counts[v], counts[u]), dtype=bool)
-        wanted.ravel()[some] = True
+        wanted.ravel()[chosen] = True
     rows = [_rays(flat, chunk, wanted) for chunk in _chunks(flat)]
     triangle, column, row = (np.concatenate(arrays) for arrays in zip(*rows, strict=True)) if rows else (
         np.zeros(0, int) for _ in range(3)

@@ -32,7 +32,7 @@ from markergen.model.rig import Rig
 from markergen.verification.reading import READERS, Settings
 from markergen.verification.result import Check
 from markergen.verification.solid_files import read_solid
-from markergen.verification.words import KNOWN, MOST_LISTED, Finding, scale_finding
+from markergen.verification.words import MOST_LISTED, Finding, nearest_mistake, scale_finding
 
 LISTED = 1e-6
 """Default tolerance of lengths in m: nothing rounds them."""
@@ -425,7 +425,7 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
     ratio = float(np.median(ratios)) if ratios else 1.0
     even = bool(ratios) and max(abs(value / ratio - 1) for value in ratios) < 1e-6 if ratio else False
     if even and abs(ratio - 1) > RELATIVE and any(finding.kind in ("shifted", "diameter", "tag") for finding in wrong):
-        times = min(KNOWN, key=lambda factor: abs(np.log(abs(ratio) / factor)))
+        times = nearest_mistake(ratio)
         ratio = times if abs(ratio / times - 1) < 1e-6 else ratio
         wrong = [scale_finding(ratio, ratio, np.array([1e3, 1e3]), 1e-6), *(f for f in wrong if f.kind == "value")]
     findings += wrong

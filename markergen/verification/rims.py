@@ -176,18 +176,17 @@ def dots_of(rims: Rims, sizes: Array) -> DotSet:
         apart = np.linalg.norm(level_rims.centers[:, :2] - level_rims.centers[index, :2], axis=1)
         around = apart <= np.maximum(CONCENTRIC * np.minimum(level_rims.radii, level_rims.radii[index]), FLUSH)
         free &= ~(around & sized)
-        own = around & sized & (level_rims.reach < 2 * ALIKE * level_rims.radii)
-        chosen = own if own.any() else around & sized
+        of_disk = around & sized & (level_rims.reach < 2 * ALIKE * level_rims.radii)
+        chosen = of_disk if of_disk.any() else around & sized
         top = level_rims.centers[chosen, 2].max()
         candidates = np.flatnonzero(chosen & (level_rims.centers[:, 2] > top - FLUSH))
         misfit = np.abs(np.log(level_rims.radii[candidates][:, None] / sizes)).min(axis=1)
         best = candidates[np.argmin(misfit)]
-        level = (
-            around
-            & (np.abs(level_rims.centers[:, 2] - top) < FLUSH)
-            & (level_rims.radii < level_rims.radii[best] / ALIKE)
-        )
-        level &= (level_rims.shell == level_rims.shell[best]) if own.any() else level
-        rows.append((*level_rims.centers[best], level_rims.radii[best], level_rims.radii[level].max(initial=0.0)))
+        # The hole of a half-ball, whose rim faces down, is above it; at its height are its stem and the pocket for it.
+        lowest = top - FLUSH if level_rims.normals[best, 2] > 0 else top + FLUSH
+        inside = around & (level_rims.centers[:, 2] > lowest) & (level_rims.normals[:, 2] > 0)
+        inside &= level_rims.radii < level_rims.radii[best] / ALIKE
+        inside &= (level_rims.shell == level_rims.shell[best]) if of_disk.any() else inside
+        rows.append((*level_rims.centers[best], level_rims.radii[best], level_rims.radii[inside].max(initial=0.0)))
     table = np.array(rows, dtype=float).reshape(-1, 5)
     return DotSet(table[:, :2], table[:, 3], table[:, 4], np.zeros(len(table)), table[:, 2], ordered=False)

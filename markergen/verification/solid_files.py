@@ -71,8 +71,8 @@ class Solid:
         """Whether each triangle is dark; None if one has no color."""
         lightness = []
         for mesh in self.objects:
-            own = np.nan if mesh.color is None else float(LUMA @ np.array(mesh.color))
-            levels = np.array([*(float(LUMA @ np.array(color)) for color in mesh.palette), own])
+            lightness_of_mesh = np.nan if mesh.color is None else float(LUMA @ np.array(mesh.color))
+            levels = np.array([*(float(LUMA @ np.array(color)) for color in mesh.palette), lightness_of_mesh])
             lightness.append(levels[np.full(len(mesh.corners), -1) if mesh.paints is None else mesh.paints])
         levels = np.concatenate(lightness)
         if not np.isfinite(levels).all():

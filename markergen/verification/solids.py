@@ -98,7 +98,8 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
 
     def rank(pair: tuple[Check, WantedSolid]) -> tuple[bool, bool, int, bool]:
         strange = is_strange(pair[0])
-        return bool(pair[0].findings), strange, len(pair[0].findings), strange and pair[1].fabrication != asked
+        preferred = asked if strange or asked != Fabrication() else pair[1].fabrication
+        return bool(pair[0].findings), strange, len(pair[0].findings), pair[1].fabrication != preferred
 
     check, wanted = min(checks, key=rank)
     kinds = {finding.kind for finding in check.findings}
@@ -106,7 +107,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
     notes = [*check.notes]
     if wanted.body != body:
-        thickness, usual = (1e3 * each.plates[0].marker.substrate.thickness for each in (wanted.body, body))
+        thickness, usual = (1e3 * design.plates[0].marker.substrate.thickness for design in (wanted.body, body))
         notes.append(f"the plate is {thickness:.5g} mm thick, where marker.json says {usual:.6g} mm")
     # The kernel's checks depend on the unit.
     flaws = (
@@ -162,7 +163,8 @@ def _placed(plain: Check, ways: Iterable[Placement], wanted: WantedSolid, tolera
     best = plain
     for placement in ways:
         check = _compared(placement.solid, wanted, tolerance)
-        if check.findings and (not is_strange(plain) or _is_elsewhere(check) or best is not plain):
+        # Without dots, any solid of about that size would do.
+        if check.findings and (not check.dots or not is_strange(plain) or _is_elsewhere(check) or best is not plain):
             continue
         right = placement.times == 1.0
         best = replace(
@@ -239,14 +241,14 @@ def _as_thick(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> Mark
 
 def _rough(solid: Solid, verdict: Verdict, dots: DotSet, tol: float) -> list[Finding]:
     """Dots whose rims are polygons that show."""
-    rims, found = solid.rims, []
+    rims, findings = solid.rims, []
     for name, place in zip(verdict.names, dots.centers[verdict.used], strict=True):
         here = (np.linalg.norm(rims.centers[:, :2] - place, axis=1) < 0.1) & (rims.rough > tol)
         if here.any():
             off = short_length(float(rims.rough[here].max()))
             sentence = f"dot {name} is not round: its sides are up to {off} off its circle"
-            found.append(Finding("diameter", sentence, FINER))
-    return found[:MOST_LISTED]
+            findings.append(Finding("diameter", sentence, FINER))
+    return findings[:MOST_LISTED]
 
 
 @dataclass(frozen=True)
@@ -309,12 +311,10 @@ class _Explained:
             center, radius = np.array([1e3 * point.x, 1e3 * point.y]), 500 * point.feature.diameter
             inside = partial(_in_disk, center, radius + AROUND)
             extra, missing = (points[inside(points)] for points in (self.compared.extra, self.compared.missing))
-            named = any(re.search(rf"\bdot {point.id}\b", finding.sentence) for finding in self.before)
-            collective = any(finding.sentence.startswith("all dots") for finding in self.before)
             if not len(extra) + len(missing):
                 continue
             finding = None
-            if not (named or collective):
+            if not _is_named(point.id, self.before):
                 finding = self._ball(point) or self._dot(point.id, 1e3 * point.z, extra, missing)
             explained.append((finding, inside))
         return explained
@@ -387,12 +387,14 @@ class _Explained:
         pieces = pieces_of(places) if places else None
 
         def inside(points: Array) -> Mask:
-            near = np.zeros(len(points), bool)
+            is_explained = np.zeros(len(points), bool)
             if pieces is not None and len(points):
-                near |= np.linalg.norm(seek_among(pieces)(points[:, :2], points[:, :2]) - points[:, :2], axis=1) < NEAR
+                is_explained |= (
+                    np.linalg.norm(seek_among(pieces)(points[:, :2], points[:, :2]) - points[:, :2], axis=1) < NEAR
+                )
             for place in strange:
-                near |= np.linalg.norm(points[:, :2] - place[0], axis=1) < NEAR
-            return near
+                is_explained |= np.linalg.norm(points[:, :2] - place[0], axis=1) < NEAR
+            return is_explained
 
         return findings, inside
 
@@ -401,10 +403,10 @@ class _Explained:
         rims, kind = self.solid.rims, "hole" if "hole" in name else "outline"
         off, ratio = rims.centers[:, :2] - whole[:2], np.abs(np.log(rims.radii / whole[2]))
         away = np.linalg.norm(off, axis=1)
-        near = np.flatnonzero((away < HOLE) & (ratio < np.log(ALIKE)) & (np.abs(rims.normals[:, 2]) > 0.99))
-        if not len(near):
+        candidates = np.flatnonzero((away < HOLE) & (ratio < np.log(ALIKE)) & (np.abs(rims.normals[:, 2]) > 0.99))
+        if not len(candidates):
             return [Finding(kind, f"{name} is missing")]
-        best = near[np.argmin((away + np.abs(rims.radii - whole[2]) + (rims.normals[:, 2] > 0))[near])]
+        best = candidates[np.argmin((away + np.abs(rims.radii - whole[2]) + (rims.normals[:, 2] > 0))[candidates])]
         findings = list[Finding]()
         if away[best] > self.tol:
             findings.append(Finding(kind, f"{name} is {short_length(away[best])} off"))
@@ -469,12 +471,15 @@ class _Explained:
             return [Finding("inverted", sentence, "swap the two materials, or export it again")]
         if len(wrong) == len(points) > 1:
             return [Finding("color", "dots and plate have the same color", AGAIN)]
-        findings = [Finding("color", f"dot {name} has the color of the plate", AGAIN) for name in wrong]
-        findings += [
-            Finding("color", f"the middle of dot {name} does not have the color of the plate", AGAIN)
-            for name, center, radius in disks
-            if _in_disk(center, radius + AROUND, inked).sum() > 8 and name not in wrong
-        ]
+        findings = list[Finding]()
+        for name, center, radius in disks:
+            if _is_named(name, before):
+                continue
+            if name in wrong:
+                findings.append(Finding("color", f"dot {name} has the color of the plate", AGAIN))
+            elif _in_disk(center, radius + AROUND, inked).sum() > 8:
+                sentence = f"the middle of dot {name} does not have the color of the plate"
+                findings.append(Finding("color", sentence, AGAIN))
         if not findings and not before:
             findings = somewhere("color", "the other color than it should be", compared.repainted, AGAIN)
         return findings[:MOST_LISTED]
@@ -491,6 +496,12 @@ class _Explained:
                     Finding("part", f"the part called {called!r} is {place}", "give the parts their own names")
                 )
         return findings[:MOST_LISTED]
+
+
+def _is_named(name: int, findings: Sequence[Finding]) -> bool:
+    """Tell whether findings are about a dot, or all of them."""
+    about = re.compile(rf"\bdots? (?:\d+, )*{name}\b|\bring {name}\b|^all dots")
+    return any(about.search(finding.sentence) for finding in findings)
 
 
 def _in_disk(center: Array, radius: float, points: Array) -> Mask:

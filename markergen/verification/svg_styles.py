@@ -95,7 +95,7 @@ class _Variables(dict[str, str]):
 def _variables(root: Element, texts: list[str]) -> _Variables:
     """Variables with one value in the whole file."""
     of_root = [*(rule for text in texts for rule in _ROOT.findall(text)), root.get("style", "")]
-    declared = [{match.groups() for text in some for match in _CUSTOM.finditer(text)} for some in (of_root, texts)]
+    declared = [{match.groups() for text in styles for match in _CUSTOM.finditer(text)} for styles in (of_root, texts)]
     inner = {match.groups() for element in root.iter() for match in _CUSTOM.finditer(element.get("style", ""))}
     every = declared[0] | declared[1] | inner
     names = [key for key, _ in every]

@@ -140,7 +140,7 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
             continue
         for materials in kinds:
             whole, engraved = (
-                sum(part.volume for part in some if part.material in materials) for some in (parts, made)
+                sum(part.volume for part in solids if part.material in materials) for solids in (parts, made)
             )
             if not whole or (len(materials) == 1 and len({part.material for part in parts}) == 1):
                 continue
@@ -155,7 +155,7 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
     size, usual_size = (float(np.ptp(shell.reshape(-1, 3), axis=0).max()) for shell in (corners, usual_corners))
     ratio = size / usual_size
     corners = corners if 1 / UNIT < ratio < UNIT else corners / ratio
-    measures = [(max(abs(volume_of(some)), 1e-9), area_of(some)) for some in (corners, _around(corners, usual_corners))]
+    measures = [(max(abs(volume_of(mesh)), 1e-9), area_of(mesh)) for mesh in (corners, _around(corners, usual_corners))]
 
     def off(volume: float, area: float | None = None) -> float:
         """Smallest relative difference of volume and area from those of the file, or of what is in the usual box."""
@@ -202,10 +202,10 @@ def wanted_dots(marker: Marker, rims: Rims) -> tuple[DotSet, list[int], Array]:
     up = rims.take(np.abs(rims.normals[:, 2]) > 1 - 1e-5)
     radii = []
     for (x, y), point in zip(places, marker.control_points, strict=True):
-        near = np.flatnonzero(np.hypot(up.centers[:, 0] - x, up.centers[:, 1] - y) < 1e-2)
-        ratio = np.abs(np.log(up.radii[near] / (500 * point.feature.diameter)))
-        if len(near) and ratio.min() < np.log(RIM):
-            radii.append(up.radii[near[np.argmin(ratio)]])
+        candidates = np.flatnonzero(np.hypot(up.centers[:, 0] - x, up.centers[:, 1] - y) < 1e-2)
+        ratio = np.abs(np.log(up.radii[candidates] / (500 * point.feature.diameter)))
+        if len(candidates) and ratio.min() < np.log(RIM):
+            radii.append(up.radii[candidates[np.argmin(ratio)]])
     sizes = np.unique(np.round(radii, 6))
     if not len(sizes):
         return dots_of(up, np.array([np.inf])).take(np.zeros(0, np.intp)), [], sizes

@@ -2,8 +2,9 @@
 
 # tests: tests/verification/test_check.py
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -14,23 +15,38 @@ MOST_LISTED = 8
 
 FIT_TO_PAGE = "print or save it at 100 %, without fitting it to the page"
 
-KNOWN = {
-    25.4: ("inches are taken for mm", "save it in mm"),
-    1 / 25.4: ("mm are taken for inches", "open it in mm, or save it with its unit"),
-    72 / 25.4: ("points are taken for mm", "save it in mm"),
-    25.4 / 72: ("mm are taken for points", "open it in mm"),
-    96 / 25.4: ("pixels of 96 dpi are taken for mm", "save it in mm"),
-    25.4 / 96: ("mm are taken for pixels of 96 dpi", "open it in mm"),
-    96 / 72: ("pixels of 72 dpi instead of 96", "open it with 96 dpi"),
-    72 / 96: ("pixels of 96 dpi instead of 72", "open it with 72 dpi"),
-    96 / 90: ("pixels of 90 dpi instead of 96", "open it with 96 dpi"),
-    90 / 96: ("pixels of 96 dpi instead of 90", "open it with 90 dpi"),
-    10.0: ("cm are taken for mm", "save it in mm"),
-    0.1: ("mm are taken for cm", "open it in mm"),
-    1000.0: ("m are taken for mm", "save it in mm"),
-    1e-3: ("mm are taken for m", "open it in mm"),
-}
-"""Ratios of lengths that mistaken units explain, in words, with the remedy."""
+LENGTHS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
+UNITS = LENGTHS | {"point": 25.4 / 72, "pixel of 90 dpi": 25.4 / 90, "pixel of 96 dpi": 25.4 / 96}
+"""Units in mm, of solids and of sheets, that may be taken for each other."""
+
+
+def unit_mistakes(*homes: str, units: Mapping[str, float] = UNITS) -> dict[float, tuple[str, str]]:
+    """Ratios of wrong to right lengths that mistaken units explain: in words, with the remedy.
+
+    Parameters
+    ----------
+    homes : str
+        Units that a file may be in; each may be taken for another one, or another one for it.
+    """
+    mistakes = dict[float, tuple[str, str]]()
+    for home, (unit, size) in product(homes, units.items()):
+        ratio = UNITS[home] / size
+        for times, why, remedy in (
+            (ratio, f"{unit} taken for {home}", f"export it in {home}"),
+            (1 / ratio, f"{home} taken for {unit}", f"open it in {home} where it was saved last"),
+        ):
+            # Of two explanations the first holds.
+            if unit != home:
+                mistakes.setdefault(float(f"{times:.12g}"), (why, remedy))
+    return mistakes
+
+
+OF_SHEETS = unit_mistakes("mm", "pixel of 96 dpi")
+
+
+def nearest_mistake(ratio: float, mistakes: Mapping[float, tuple[str, str]] = OF_SHEETS) -> float:
+    """Ratio of mistaken units next to a ratio."""
+    return min(mistakes, key=lambda times: abs(np.log(abs(ratio) / times)))
 
 
 @dataclass(frozen=True)
@@ -86,9 +102,9 @@ def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: boo
     else:
         sentence = f"scaled by {numbers[0]} along x and by {numbers[1]} along y"
     ratio = (x * y) ** 0.5
-    nearest = min(KNOWN, key=lambda factor: abs(np.log(ratio / factor)))
+    nearest = nearest_mistake(ratio)
     if both and abs(np.log(ratio / nearest)) < 2e-3:
-        why, remedy = KNOWN[nearest]
+        why, remedy = OF_SHEETS[nearest]
         return Finding("scaled", f"{sentence}: {why}", remedy)
     if pixels:
         return Finding("scaled", sentence, "print it at its full size; export it again if its resolution was changed")

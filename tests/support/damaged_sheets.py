@@ -153,7 +153,7 @@ PDF = {
     "crop box": (pages(lambda page: page.set_cropbox(0, 0, 250, 595)), "hidden", "the page is cropped"),
     "media box": (pages(lambda page: page.set_mediabox(0, 0, 250, 595)), "hidden", "the page is cropped"),
     "smaller paper": (transformed(0.7071, 0, 0, 0.7071), "scaled", "scaled by 0.7071 along x and y, perhaps fitted"),
-    "inches": (transformed(1 / 25.4, 0, 0, 1 / 25.4), "scaled", "mm are taken for inches"),
+    "inches": (transformed(1 / 25.4, 0, 0, 1 / 25.4), "scaled", "inch taken for mm"),
     "sheared": (transformed(1, 0, 0.03, 1), "sheared", "sheared by 1.72 degrees"),
     "mirrored": (transformed(-1, 0, 0, 1), "mirrored", "mirrored"),
 }
@@ -227,7 +227,7 @@ DXF = {
     "outline small": (drawn(smaller), "outline", "has a diameter of 98.666"),
     "polygon": (drawn(polygon), "outline", "is not round: its sides are up to 0.4278 mm off"),
     "layer off": (drawn(lambda document, space: document.layers.get("ENGRAVE").off()), "hidden", "switched off"),
-    "inches": (drawn(unit), "scaled", "inches are taken for mm"),
+    "inches": (drawn(unit), "scaled", "mm taken for inch"),
 }
 
 

@@ -100,8 +100,8 @@ def test_what_is_drawn_of_a_measured_marker_is_the_design(make_ngon, tmp_path, s
     for k, printed in enumerate((remeasure(marker, dots)[0], rescale_body(marker, Rulers(0.199, 0.1985))[0])):
         path = tmp_path / f"{k}{suffix}"
         save(printed, [path])
-        for each in (marker, printed):
-            check = verify(each, path)
+        for marker_to_print in (marker, printed):
+            check = verify(marker_to_print, path)
             assert check.passed, check.findings
 
 
@@ -141,16 +141,16 @@ SCALES = [
 # All scales of some markers, and one of all.
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
-    ("name", "x", "y", "said"),
+    ("name", "x", "y", "expected"),
     [(name, *scale) for name in NAMES for scale in (SCALES if name == "5 alike" else SCALES[:1])],
 )
-def test_a_scale_is_found_and_named(spoiled, name, suffix, x, y, said):
+def test_a_scale_is_found_and_named(spoiled, name, suffix, x, y, expected):
     check = spoiled(name, suffix, "scaled", x, y)
     assert not check.passed
     assert "scaled" in kinds(check)
     np.testing.assert_allclose(check.scale, (x, y), atol=1e-6 if suffix != ".png" else 1e-4)
     if suffix != ".png":
-        assert check.findings[0].sentence == said
+        assert check.findings[0].sentence == expected
 
 
 @pytest.mark.parametrize(("name", "suffix"), FILES)
@@ -203,14 +203,14 @@ def test_a_dot_out_of_place_is_named(markers, tmp_path, name, suffix):
 def test_a_dot_of_another_size_or_kind_is_named(markers, tmp_path, suffix):
     marker = markers["5 skew"]
     path = tmp_path / f"other{suffix}"
-    for feature, said in (
+    for feature, expected in (
         (Feature(0.0125), "dot 3 has a diameter of 12.5"),
         (Feature(0.012, 0.006), "dot 3 is a ring, not a dot"),
     ):
         save(edited(marker, feature=feature), [path], ExportOptions(dpi=DPI))
         check = verify(marker, path)
         assert len(check.findings) == 1
-        assert check.findings[0].sentence.startswith(said)
+        assert check.findings[0].sentence.startswith(expected)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -318,7 +318,7 @@ def test_the_tag_is_looked_at(markers, tmp_path, suffix):
     tag = Tag("apriltag:36h11", 3, 0.02)
     marker = replace(markers["5"], tag=tag)
     shifted = replace(marker, tag=replace(tag, center=(1e-4, 0.0)))
-    for number, (drawn, said) in enumerate(
+    for number, (drawn, expected) in enumerate(
         [
             (marker, []),
             (replace(marker, tag=replace(tag, id=4)), ["the tag apriltag:36h11:3 is not in its place"]),
@@ -328,10 +328,10 @@ def test_the_tag_is_looked_at(markers, tmp_path, suffix):
     ):
         path = tmp_path / f"{number}{suffix}"
         save(drawn, [path], ExportOptions(dpi=DPI))
-        found = [finding.sentence for finding in verify(marker, path).findings]
+        sentences = [finding.sentence for finding in verify(marker, path).findings]
         # Edges of pixels are told to 1 um or so.
-        assert [re.sub(r" \d[\d.]* um", " 100 um", each) for each in found] == said
-        assert all(abs(float(each.split()[-3]) - 100) < 2 for each in found if "corner" in each)
+        assert [re.sub(r" \d[\d.]* um", " 100 um", text) for text in sentences] == expected
+        assert all(abs(float(text.split()[-3]) - 100) < 2 for text in sentences if "corner" in text)
 
 
 @pytest.mark.parametrize("n", [60, 400])

@@ -41,14 +41,14 @@ def verified(marker, folder, suffix, data):
 
 @pytest.mark.parametrize(("suffix", "damage"), TABLE)
 def test_every_damage_is_named_with_its_remedy(marker, sheets, tmp_path, suffix, damage):
-    change, kind, words = DAMAGE[suffix][damage]
+    change, kind, phrase = DAMAGE[suffix][damage]
     data = sheets[suffix]
     changed = change(data.decode()).encode() if suffix == ".svg" else change(data)
     assert changed != data
     check = verified(marker, tmp_path, suffix, changed)
     named = [finding for finding in check.findings if finding.kind == kind]
     assert named, check.findings
-    assert words in named[0].sentence
+    assert phrase in named[0].sentence
     assert named[0].remedy or kind == "tag"
     assert not any(finding.kind == "another marker" for finding in check.findings)
 
@@ -127,7 +127,7 @@ def test_a_pdf_that_unpacks_to_gigabytes_is_refused(marker, sheets, tmp_path, mo
         b"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 420 595] /Contents 4 0 R >>",
         b"<< /Length %d /Filter /FlateDecode >>\nstream\n" % len(packed) + packed + b"\nendstream",
     ]
-    data = b"%PDF-1.5\n" + b"".join(b"%d 0 obj\n" % k + each + b"\nendobj\n" for k, each in enumerate(objects, 1))
+    data = b"%PDF-1.5\n" + b"".join(b"%d 0 obj\n" % k + content + b"\nendobj\n" for k, content in enumerate(objects, 1))
     data += b"trailer << /Root 1 0 R /Size 5 >>\n%%EOF"
     with pytest.raises(InputError, match=r"read within|at most"):
         verified(marker, tmp_path, ".pdf", data)

@@ -36,11 +36,11 @@ PLATE = Substrate(thickness=0.004, holes=HOLES, outline=rectangle(0.12, 0.11))
 class Damage:
     """Damage to a file: another marker or fabrication that it is made from, or what is done to its parts.
 
-    `said` are parts of the sentences and remedies of a finding of `kind`.
+    `phrase` is a part of the sentences and remedies of a finding of `kind`.
     """
 
     kind: str
-    said: str
+    phrase: str
     formats: tuple[str, ...] = EVERY
     marker: Callable = lambda marker: marker
     parts: Callable = lambda parts: parts
@@ -61,23 +61,23 @@ def one(name, change):
     return changed
 
 
-def by(matrix, shift=(0.0, 0.0, 0.0)):
+def by(matrix, translation=(0.0, 0.0, 0.0)):
     """Move a part."""
-    return lambda part: moved(part, np.asarray(matrix, dtype=float), shift)
+    return lambda part: moved(part, np.asarray(matrix, dtype=float), translation)
 
 
 def every(matrix):
     return lambda parts: [by(matrix)(part) for part in parts]
 
 
-def moved(part, matrix, shift):
+def moved(part, matrix, translation):
     if isinstance(part, rewritten.Piece):
-        return part.mapped(matrix, shift)
+        return part.mapped(matrix, translation)
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
     from OCP.gp import gp_Trsf
 
     move = gp_Trsf()
-    rows = [value for row, by in zip(matrix.tolist(), shift, strict=True) for value in (*row, float(by))]
+    rows = [value for row, by in zip(matrix.tolist(), translation, strict=True) for value in (*row, float(by))]
     move.SetValues(*rows)
     return replace(part, shape=BRepBuilderAPI_Transform(part.shape, move, True).Shape())
 
@@ -112,9 +112,9 @@ def middle(part):
 def filled(parts):
     """A dot in place of the ring and its core."""
     disk = next(part for part in parts if part.name == "dot-1")
-    shift = next(middle(part) for part in parts if part.name == "dot-0") - middle(disk)
+    translation = next(middle(part) for part in parts if part.name == "dot-0") - middle(disk)
     kept = [part for part in parts if not part.name.startswith("dot-0")]
-    return [*kept, replace(disk, name="dot-0", corners=disk.corners + shift)]
+    return [*kept, replace(disk, name="dot-0", corners=disk.corners + translation)]
 
 
 def polygon(part):
@@ -242,26 +242,26 @@ def marker(make_marker):
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     """Parts of a marker as triangles or as solids, made once for each way."""
-    folder, known = tmp_path_factory.mktemp("parts"), {}
+    folder, made_parts = tmp_path_factory.mktemp("parts"), {}
 
     def get(marker, process, suffix):
         key = (marker, process, suffix == ".step")
-        if key not in known:
-            path = folder / f"{len(known)}.glb"
+        if key not in made_parts:
+            path = folder / f"{len(made_parts)}.glb"
             if suffix != ".step":
                 save(marker, [path], ExportOptions(fabrication=process))
             solids = suffix == ".step"
-            known[key] = list(solids_of(parts_of(marker, process).parts)) if solids else rewritten.pieces(path)
-        return known[key]
+            made_parts[key] = list(solids_of(parts_of(marker, process).parts)) if solids else rewritten.pieces(path)
+        return made_parts[key]
 
     return get
 
 
-def written(path, some):
+def written(path, parts):
     if path.suffix == ".step":
-        path.write_bytes(write_step(some, "damaged"))
+        path.write_bytes(write_step(parts, "damaged"))
     else:
-        rewritten.write(path, some)
+        rewritten.write(path, parts)
     return path
 
 
@@ -271,8 +271,8 @@ def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     path = tmp_path / f"a{suffix}"
     damaged = written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix)))
     check = verify(marker, damaged, Settings(fabrication=damage.process))
-    said = [str(finding) for finding in check.findings if finding.kind == damage.kind]
-    assert any(damage.said in each for each in said), check.findings
+    sentences = [str(finding) for finding in check.findings if finding.kind == damage.kind]
+    assert any(damage.phrase in text for text in sentences), check.findings
 
 
 def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path):

@@ -33,11 +33,13 @@ def said_of(rig, path):
     return [finding.sentence for finding in check.findings]
 
 
-def moved(rig, k, about=(0, 0, 0), shift=(0, 0, 0)):
+def moved(rig, k, about=(0, 0, 0), translation=(0, 0, 0)):
     """The rig with one marker turned by a rotation vector and shifted, in its own frame."""
-    each, turn = rig.markers[k], exponential(np.array(about, float))
+    plate, rotation = rig.markers[k], exponential(np.array(about, float))
     place = replace(
-        each, rotation=(each.rotation_matrix @ turn).tolist(), translation=tuple(each.to_body(np.array(shift, float)))
+        plate,
+        rotation=(plate.rotation_matrix @ rotation).tolist(),
+        translation=tuple(plate.to_body(np.array(translation, float))),
     )
     return replace(rig, markers=tuple(place if j == k else other for j, other in enumerate(rig.markers)))
 
@@ -47,8 +49,8 @@ def moved(rig, k, about=(0, 0, 0), shift=(0, 0, 0)):
 def test_what_is_written_is_right(process, tmp_path):
     options = ExportOptions(fabrication=Fabrication(process=process, tolerance=5e-5, engrave=False))
     suffixes = (".step", ".brep", ".stl", ".3mf", ".glb", ".urdf", ".sdf", ".mjcf.xml")
-    found = mg.verify(CUBE, *written(CUBE, tmp_path, *suffixes, options=options))
-    for check in found:
+    checks = mg.verify(CUBE, *written(CUBE, tmp_path, *suffixes, options=options))
+    for check in checks:
         assert check.passed, (check.path, check.findings, check.error)
         assert check.dots == len(CUBE)
         assert check.largest < 1e-7
@@ -79,9 +81,9 @@ def test_other_processes_are_right(process, tmp_path):
 @pytest.mark.long
 def test_a_moved_plate_is_named(tmp_path):
     [path] = written(WALL, tmp_path, ".stl")
-    [said] = said_of(moved(WALL, 1, shift=[0.001, 0, 0.002]), path)
+    [finding] = said_of(moved(WALL, 1, translation=[0.001, 0, 0.002]), path)
     # One of two plates: either may be the one that moved.
-    assert re.search(pattern("plate off", "[01]", r"2\.236 mm", "x [+-]1 mm and z [+-]2 mm"), said)
+    assert re.search(pattern("plate off", "[01]", r"2\.236 mm", "x [+-]1 mm and z [+-]2 mm"), finding)
 
 
 @pytest.mark.long
@@ -94,35 +96,35 @@ def test_a_turned_face_is_named(tmp_path):
 def test_a_tilted_plate_is_named(tmp_path):
     three = wall(columns=3, rows=1)
     [path] = written(moved(three, 1, [np.radians(3), 0, 0]), tmp_path, ".stl")
-    [said] = said_of(three, path)
-    assert re.fullmatch(pattern("plate turned", 1, r"(2\.99\d|3)", "x"), said)
+    [finding] = said_of(three, path)
+    assert re.fullmatch(pattern("plate turned", 1, r"(2\.99\d|3)", "x"), finding)
 
 
 @pytest.mark.long
 def test_two_swapped_faces_are_named(tmp_path):
     [path] = written(CUBE, tmp_path, ".stl")
-    markers = [each.marker for each in CUBE.markers]
+    markers = [plate.marker for plate in CUBE.markers]
     markers[0], markers[5] = markers[5], markers[0]
-    places = [(each.rotation_matrix, each.translation_vector) for each in CUBE.markers]
+    places = [(plate.rotation_matrix, plate.translation_vector) for plate in CUBE.markers]
     assert said_of(mounted(markers, *zip(*places, strict=True)), path) == [sentence("plates swapped", 0, 5)]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("factor", "words"),
+    ("factor", "phrase"),
     [
-        (1 / 25.4, "mm are taken for inches"),
-        (1000, "m are taken for mm"),
+        (1 / 25.4, "inch taken for mm"),
+        (1000, "mm taken for m"),
         (0.97, sentence("scaled", "0.97 along x and y")),
     ],
 )
-def test_a_wrong_scale_is_named(factor, words, tmp_path):
+def test_a_wrong_scale_is_named(factor, phrase, tmp_path):
     [path] = written(CUBE, tmp_path, ".stl")
     mesh = trimesh.load(path)
     mesh.apply_scale(factor)
     mesh.export(path)
-    [said] = said_of(CUBE, path)
-    assert words in said
+    [finding] = said_of(CUBE, path)
+    assert phrase in finding
 
 
 @pytest.mark.long
@@ -137,16 +139,16 @@ def test_a_mirrored_rig_is_named(tmp_path):
 @pytest.mark.long
 def test_a_turned_file_is_told_and_in_a_model_an_error(tmp_path):
     path, model = written(CUBE, tmp_path, ".stl", ".mjcf.xml")
-    turn = np.eye(4)
-    turn[:3, :3] = exponential(np.array([0.3, -0.4, 0.5]))
-    for each in (path, *(tmp_path / "meshes").iterdir()):
-        mesh = trimesh.load(each)
-        mesh.apply_transform(turn)
-        mesh.export(each)
+    motion = np.eye(4)
+    motion[:3, :3] = exponential(np.array([0.3, -0.4, 0.5]))
+    for file in (path, *(tmp_path / "meshes").iterdir()):
+        mesh = trimesh.load(file)
+        mesh.apply_transform(motion)
+        mesh.export(file)
     [check] = mg.verify(CUBE, path)
     assert check.passed, check.findings
     assert "turned by 40.51 degrees" in check.notes[0]
-    assert any("is not the mesh" in said for said in said_of(CUBE, model))
+    assert any("is not the mesh" in finding for finding in said_of(CUBE, model))
 
 
 @pytest.mark.long
@@ -170,7 +172,7 @@ def test_a_table_is_no_file_of_a_rig(tmp_path):
 
 @pytest.mark.long
 def test_every_marker_is_found_on_its_page(tmp_path):
-    markers = [each.marker for each in CUBE.markers]
+    markers = [plate.marker for plate in CUBE.markers]
     save(markers, [tmp_path / "all.pdf"])
     [check] = mg.verify(CUBE, tmp_path / "all.pdf")
     assert check.passed, check.findings

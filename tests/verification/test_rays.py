@@ -19,15 +19,15 @@ def plate():
     return box((40, 40, 4))
 
 
-def moved(mesh, *shift):
-    return mesh.copy().apply_translation(shift)
+def moved(mesh, *translation):
+    return mesh.copy().apply_translation(translation)
 
 
 def test_the_same_solid_divided_otherwise_is_the_same():
     ball = icosphere(subdivisions=5, radius=3).apply_translation((0, 0, 10))
-    found = difference(shell(plate().subdivide(), ball), shell(plate(), ball), TOLERANCE)
-    assert not len(found.extra) + len(found.missing) + len(found.twice)
-    assert found.votes.argmax(axis=1).tolist() == [0, 1]
+    compared = difference(shell(plate().subdivide(), ball), shell(plate(), ball), TOLERANCE)
+    assert not len(compared.extra) + len(compared.missing) + len(compared.twice)
+    assert compared.votes.argmax(axis=1).tolist() == [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -44,28 +44,28 @@ def test_what_is_more_is_extra_where_it_is(name, low, high):
     more = box(high - low).apply_translation((low + high) / 2)
     if name == "void":
         more.invert()
-    found = difference(shell(plate(), more), shell(plate()), TOLERANCE)
-    assert len(found.extra) > 20
-    assert not len(found.missing)
-    assert (found.extra > low - 0.1).all()
-    assert (found.extra < high + 0.1).all()
+    compared = difference(shell(plate(), more), shell(plate()), TOLERANCE)
+    assert len(compared.extra) > 20
+    assert not len(compared.missing)
+    assert (compared.extra > low - 0.1).all()
+    assert (compared.extra < high + 0.1).all()
 
 
 def test_what_is_moved_by_more_than_the_tolerance_differs():
-    for shift, differs in ((0.5 * TOLERANCE, False), (2 * TOLERANCE, True)):
-        found = difference(shell(moved(plate(), shift, 0, 0)), shell(plate()), TOLERANCE)
-        assert bool(len(found.extra)) == differs
-        assert bool(len(found.missing)) == differs
+    for offset, differs in ((0.5 * TOLERANCE, False), (2 * TOLERANCE, True)):
+        compared = difference(shell(moved(plate(), offset, 0, 0)), shell(plate()), TOLERANCE)
+        assert bool(len(compared.extra)) == differs
+        assert bool(len(compared.missing)) == differs
 
 
 def test_what_is_there_twice():
-    found = difference(shell(plate(), plate()), shell(plate()), TOLERANCE)
-    assert len(found.twice)
-    assert not len(found.extra)
+    compared = difference(shell(plate(), plate()), shell(plate()), TOLERANCE)
+    assert len(compared.twice)
+    assert not len(compared.extra)
 
 
 def test_other_colors():
     pair = plate(), moved(plate(), 0, 0, 4)
-    found = difference(shell(*pair, dark=[False, False]), shell(*pair, dark=[False, True]), TOLERANCE)
-    assert found.was_dark.all()
-    assert (found.repainted[:, 2] > 1.9).all()
+    compared = difference(shell(*pair, dark=[False, False]), shell(*pair, dark=[False, True]), TOLERANCE)
+    assert compared.was_dark.all()
+    assert (compared.repainted[:, 2] > 1.9).all()

@@ -35,10 +35,10 @@ def marker(make_marker):
 @pytest.fixture(scope="module")
 def files(marker, tmp_path_factory):
     """Folder with the files of a process, written once."""
-    known = {}
+    folders = {}
 
     def get(name, *suffixes):
-        folder = known.setdefault(name, tmp_path_factory.mktemp("solids"))
+        folder = folders.setdefault(name, tmp_path_factory.mktemp("solids"))
         new = [folder / f"a{suffix}" for suffix in suffixes if not (folder / f"a{suffix}").exists()]
         if new:
             save(marker, new, ExportOptions(fabrication=PROCESSES[name]))

@@ -47,21 +47,21 @@ def data(marker, tmp_path_factory):
 
 def test_names_colors_and_volumes_of_a_step(marker, data):
     parts = parts_of(marker, SMALL).parts
-    found = cad_parts(data[".step"])
-    assert [part.name for part in found] == [part.name for part in parts]
-    for part, wanted in zip(found, parts, strict=True):
+    cad = cad_parts(data[".step"])
+    assert [part.name for part in cad] == [part.name for part in parts]
+    for part, wanted in zip(cad, parts, strict=True):
         assert not part.flawed
         # What the writer's fifteen digits leave of closed forms.
         assert part.volume == pytest.approx(wanted.volume, rel=1e-9)
         assert part.color == pytest.approx((1, 1, 1) if wanted.material == "light" else (0.05, 0.05, 0.05), abs=1e-6)
-    ring = found[[part.name for part in found].index("dot-0")]
+    ring = cad[[part.name for part in cad].index("dot-0")]
     place = 1e3 * marker.xyz[0]
     rims = rims_of(ring.corners)
     top = np.flatnonzero(rims.normals[:, 2] > 0.5)
     np.testing.assert_allclose(rims.centers[top], [place, place], atol=1e-7)
     np.testing.assert_allclose(np.sort(rims.radii[top]), [3, 6], atol=1e-7)
     bare = cad_parts(data[".brep"], "BREP")
-    assert [part.volume for part in bare] == pytest.approx([part.volume for part in found], rel=1e-9)
+    assert [part.volume for part in bare] == pytest.approx([part.volume for part in cad], rel=1e-9)
     assert {(part.name, part.color) for part in bare} == {("", None)}
 
 
@@ -155,7 +155,7 @@ def test_glb_that_lie(marker, data, tmp_path):
     assert "inconsistent parts" in said(lambda g: g["meshes"][0]["primitives"][0].pop("attributes"))
     assert "inconsistent parts" in said(lambda g: g.pop("scenes"))
     assert "in another file" in said(lambda g: g["buffers"][0].update(uri="a.bin"))
-    assert "found none" in said(lambda g: [each["primitives"][0].update(mode=1) for each in g["meshes"]])
+    assert "found none" in said(lambda g: [mesh["primitives"][0].update(mode=1) for mesh in g["meshes"]])
     assert "inconsistent parts" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
 
 

@@ -79,7 +79,7 @@ def files(variants, tmp_path_factory):
 
 def rounded(check):
     """Sentences with their numbers to two decimals: the grid of meshes is 15 nm and finer."""
-    return [re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}", said) for said in sentences(check)]
+    return [re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}", text) for text in sentences(check)]
 
 
 def kinds(check):
@@ -187,7 +187,7 @@ def test_a_scale_is_named(variants, files, tmp_path, made, suffix):
 
 @pytest.mark.parametrize("suffix", SOLIDS)
 @pytest.mark.parametrize(
-    ("factor", "said"),
+    ("factor", "expected"),
     [
         (1e-3, sentence("unit", "0.001", "m", "mm")),
         (1 / 25.4, sentence("unit", "0.0393701", "inch", "mm")),
@@ -195,11 +195,11 @@ def test_a_scale_is_named(variants, files, tmp_path, made, suffix):
     ],
 )
 @pytest.mark.parametrize("name", either(["full"], [["plain"]]))
-def test_a_wrong_unit_is_named(variants, files, tmp_path, name, suffix, factor, said):
+def test_a_wrong_unit_is_named(variants, files, tmp_path, name, suffix, factor, expected):
     path = tmp_path / f"unit{suffix}"
     path.write_bytes(resized(files(name, "fdm", suffix).read_bytes(), suffix, factor))
     check = verify(variants(name, "fdm"), path)
-    assert sentences(check) == [said]
+    assert sentences(check) == [expected]
     np.testing.assert_allclose(check.scale, factor, rtol=1e-4)
     assert np.isnan(check.largest)
 
@@ -253,7 +253,7 @@ def test_the_tag_is_looked_at(variants, files, made, suffix):
     moved = verify(replace(marker, tag=replace(marker.tag, center=(1e-4, 0.0))), path)
     assert kinds(moved) == ["tag"] * 4
     # Where solids would touch, an STL has 0.1 um between them.
-    assert [float(said.split()[-3]) for said in sentences(moved)] == pytest.approx([100.0] * 4, abs=0.2)
+    assert [float(text.split()[-3]) for text in sentences(moved)] == pytest.approx([100.0] * 4, abs=0.2)
     larger = verify(replace(marker, tag=replace(marker.tag, side=0.0201)), path)
     assert set(kinds(larger)) == {"tag"}
 
@@ -269,8 +269,8 @@ def test_a_tag_that_is_not_there(variants, files, made, suffix):
 def test_plates_for_sheets_have_no_dots(variants, make_in, shapes, tmp_path):
     marker = variants("plain", "fdm")
     full = replace(variants("full", "fdm"), control_points=marker.control_points)
-    for each in (marker, full):
-        for check in checks(each, each, tmp_path, Fabrication("print")):
+    for drawn in (marker, full):
+        for check in checks(drawn, drawn, tmp_path, Fabrication("print")):
             assert check.passed, check.findings
             assert check.dots == check.copies == 0
             assert check.notes == (SHEET,)
@@ -338,11 +338,11 @@ def test_what_does_not_close_is_named(variants, files, tmp_path):
 def test_an_inlay_that_is_not_flush_is_named(variants, files, tmp_path):
     for name, made in (("plain", "fdm"), ("full", "slip")):
         document, rest = gltf(files(name, made, ".glb").read_bytes())
-        (node,) = [each for each in document["nodes"] if each.get("name") == "dot-3"]
-        for z, said in ((2e-4, "0.2 mm too high"), (-2e-4, "0.2 mm too low")):
+        (node,) = [node for node in document["nodes"] if node.get("name") == "dot-3"]
+        for z, expected in ((2e-4, "0.2 mm too high"), (-2e-4, "0.2 mm too low")):
             node["translation"] = [0, 0, z]
             (tmp_path / "a.glb").write_bytes(glb(document, rest))
-            assert sentences(verify(variants(name, made), tmp_path / "a.glb")) == [f"dot 3 is {said}"]
+            assert sentences(verify(variants(name, made), tmp_path / "a.glb")) == [f"dot 3 is {expected}"]
         node["translation"] = [1e-4, 0, 0]
         (tmp_path / "a.glb").write_bytes(glb(document, rest))
         assert (
@@ -359,8 +359,8 @@ def test_a_file_that_was_moved_up_is_told_once(variants, files, tmp_path, suffix
         path.write_bytes(stl(triangles(data) + [5, -7, 3]))
     elif suffix == ".3mf":
         # Where an item is on the bed does not matter.
-        def lifted(found):
-            return f'<vertex x="{float(found[1]) + 5}" y="{float(found[2]) - 7}" z="{float(found[3]) + 3}"/>'
+        def lifted(parts):
+            return f'<vertex x="{float(parts[1]) + 5}" y="{float(parts[2]) - 7}" z="{float(parts[3]) + 3}"/>'
 
         path.write_bytes(with_model(data, re.sub(r'<vertex x="(.*?)" y="(.*?)" z="(.*?)"/>', lifted, model(data))))
     elif suffix == ".glb":
@@ -373,7 +373,7 @@ def test_a_file_that_was_moved_up_is_told_once(variants, files, tmp_path, suffix
     assert sentences(verify(variants("full", "fdm"), path)) == [sentence("dot too high", "all dots are", "3 mm")]
 
 
-def assembled(data, folder, shift, degrees, move=None):
+def assembled(data, folder, translation, degrees, move=None):
     """STEP of an assembly of the parts of another one, each moved by the assembly."""
     import cadquery
 
@@ -384,10 +384,10 @@ def assembled(data, folder, shift, degrees, move=None):
         by = move if move and number == 3 else (0, 0, 0)
         # Plate and core of the ring are light. Away from where it is made, and back.
         back = cadquery.Location(cadquery.Vector(40, 30, 20))
-        place = cadquery.Location(cadquery.Vector(*shift), cadquery.Vector(0, 0, 1), degrees)
-        own = cadquery.Location(cadquery.Vector(*by))
+        place = cadquery.Location(cadquery.Vector(*translation), cadquery.Vector(0, 0, 1), degrees)
+        offset = cadquery.Location(cadquery.Vector(*by))
         color = cadquery.Color(1, 1, 1) if number in (0, 2) else cadquery.Color(0.05, 0.05, 0.05)
-        assembly.add(solid.moved(back), loc=place * own * back.inverse, name=f"part {number}", color=color)
+        assembly.add(solid.moved(back), loc=place * offset * back.inverse, name=f"part {number}", color=color)
     assembly.export(str(folder / "out.step"))
     return (folder / "out.step").read_bytes()
 
@@ -451,4 +451,4 @@ def test_balls_are_measured_by_their_surface(variants, files, tmp_path):
     corners[ball] += [0.05, 0, 0]
     (tmp_path / "a.stl").write_bytes(stl(corners))
     check = verify(marker, tmp_path / "a.stl")
-    assert any(said.startswith(sentence("dot off", 3, "0.05 mm") + " (x +") for said in rounded(check))
+    assert any(text.startswith(sentence("dot off", 3, "0.05 mm") + " (x +") for text in rounded(check))

@@ -455,7 +455,7 @@ def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Outpu
     work = designed_of(bodies, options, ".brep")
     names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
-    return Output(write_brep(solids_of(work.made.parts)), (*work.notes, order), work.beside)
+    return Output(write_brep(solids_of(work.made.parts), work.record), (*work.notes, order), work.beside)
 
 
 def assembly_of(body: Marker | Rig, options: ExportOptions) -> Any:
@@ -602,8 +602,11 @@ def cadquery_assembly(solids: Sequence[NamedSolid], name: str) -> Any:
     return assembly
 
 
-def write_brep(solids: Sequence[NamedSolid]) -> bytes:
-    """Write solids as one compound in mm, in the given order, without triangles; BREP has no names or colors."""
+def write_brep(solids: Sequence[NamedSolid], record: str = "") -> bytes:
+    """Write solids as one compound in mm, in the given order, without triangles; BREP has no names or colors.
+
+    Options of the export stand before the header, where Open CASCADE skips lines of up to 99 characters.
+    """
     import_kernel()
     from OCP.BRep import BRep_Builder
     from OCP.BRepTools import BRepTools
@@ -619,7 +622,8 @@ def write_brep(solids: Sequence[NamedSolid]) -> bytes:
     BRepTools.Write_s(
         compound, stream, False, False, TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1, Message_ProgressRange()
     )
-    return stream.getvalue()
+    lines = f"{EXPORTED} {record}\n".replace(",", ",\n") if record else ""
+    return lines.encode() + stream.getvalue()
 
 
 def normalize(text: str, name: str, record: str = "") -> str:
