@@ -26,7 +26,7 @@ from markergen_paper.measurements import (
     conditions,
     layout_trials,
 )
-from markergen_paper.methods import Decomposition, FromTruth, Harker, OpenCv, PlainDlt
+from markergen_paper.methods import Decomposition, FromDlt, FromPoor, FromTruth, Harker, OpenCv, PlainDlt
 from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, RECTANGLE, REGION, objective_for, poses_of
 from markergen_paper.supersab import supersab
 
@@ -39,7 +39,7 @@ METHODS, LIMITS, SETTLING = "methods", "limits", "settling"
 BOUNDED = 10
 """Number of layouts per pose on which the bounds of the relative error are tested, once each."""
 
-FURTHER = ("dlt", "ippe", "lm", Harker(), OpenCv(), PlainDlt(), Decomposition())
+FURTHER = ("dlt", "ippe", "lm", Harker(), OpenCv(), PlainDlt(), Decomposition(), FromDlt())
 """Estimators compared beside the paper's three: names, or estimators of this study."""
 
 FRONTAL, POINTS = 0, 4
@@ -147,7 +147,7 @@ def methods(cell: Cell) -> Result:
     -------
     dict of arrays (P, B)
         Named as those of `conditioned`, with the sets ``ill``, ``metric`` and ``ngon``, the estimators `FURTHER`, and
-        LM from the true pose.
+        LM from the true pose and from poor ones.
     """
     settings = cell.settings
     poses = poses_of(settings["poses"])
@@ -160,15 +160,14 @@ def methods(cell: Cell) -> Result:
 
 def _one_pose_by_all(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> Kept:
     n, starts = settings["n"], settings["starts"]
-    truth = FromTruth(pose.rotation[0], pose.translation[0])
+    truth = (pose.rotation[0], pose.translation[0])
     ill = REGION.sample(starts, n, rng)
     layouts = {"ill": ill, "metric": descend(objective_for("metric", pose), REGION, ill).points}
     layouts["ngon"] = _polygons(n, starts)
     # One batch for all: Levenberg-Marquardt takes as many steps as its slowest trial.
     together = np.concatenate(list(layouts.values()))
-    kept = layout_trials(
-        together, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng, [*FURTHER, truth]
-    )  # fmt: skip
+    estimators = [*FURTHER, FromTruth(*truth), FromPoor(*truth)]
+    kept = layout_trials(together, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng, estimators)
     result: Kept = {"metric.layouts": layouts["metric"].astype(np.float32)}
     for i, name in enumerate(layouts):
         part = slice(i * starts, (i + 1) * starts)

@@ -1,6 +1,6 @@
 """Estimators that the paper mentions but does not plot: other homographies, decomposition, LM from the true pose."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from markergen.estimators import (
 from markergen.estimators.lm import refine
 from markergen.maths.dlt import dlt_matrix, normalization
 from markergen.maths.projection import decompose_homography
+from markergen.maths.rotation import exponential
 
 Array = NDArray[np.float64]
 
@@ -95,10 +96,22 @@ class Decomposition(PoseEstimator):
         return PoseEstimates(rotation[:, None], translation[:, None])
 
 
+class FromDlt(PoseEstimator):
+    """Levenberg-Marquardt from the pose nearest to the normalized DLT's homography: the start of OpenCV's."""
+
+    name = "lm from the dlt"
+    planar_only = True
+
+    def solve(self, batch: Correspondences) -> PoseEstimates:
+        """Poses of the batch, one solution each."""
+        return _refined(batch, *batch.once(Decomposition()).best)
+
+
 class FromTruth(PoseEstimator):
     """Levenberg-Marquardt from the true pose: what LM gives if its initial guess is perfect."""
 
     name = "lm from the truth"
+    off_deg: ClassVar[float] = 0.0
 
     def __init__(self, rotation: Array, translation: Array) -> None:
         self._pose = rotation, translation
@@ -106,9 +119,22 @@ class FromTruth(PoseEstimator):
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, one solution each."""
         trials = len(batch.image_points)
-        start = (np.broadcast_to(part, (trials, *part.shape)) for part in self._pose)
-        rotation, translation = refine(batch, *start)
-        return PoseEstimates(rotation[:, None], translation[:, None])
+        axes = np.random.default_rng(trials).standard_normal((trials, 3))
+        off = exponential(np.radians(self.off_deg) * axes / np.linalg.norm(axes, axis=-1, keepdims=True))
+        rotation, translation = self._pose
+        return _refined(batch, rotation @ off, np.broadcast_to(translation, (trials, 3)))
+
+
+class FromPoor(FromTruth):
+    """Levenberg-Marquardt from the true pose turned about a random axis of the marker, by 45 deg."""
+
+    name = "lm from poor starts"
+    off_deg = 45.0
+
+
+def _refined(batch: Correspondences, rotation: Array, translation: Array) -> PoseEstimates:
+    rotation, translation = refine(batch, rotation, translation)
+    return PoseEstimates(rotation[:, None], translation[:, None])
 
 
 def _unscaled(h: Array, object_center: Array, object_scale: Array, center: Array, scale: Array) -> Array:

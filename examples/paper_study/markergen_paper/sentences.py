@@ -24,7 +24,6 @@ class Sentence:
 
 
 _OTHERS = "it reports what others found"
-_STARTS = "LM is started from IPPE and from the true pose alone, not from the DLT, nor from poor poses"
 _FOOTNOTE = "the paper's footnote, that the two hardly differ, is tested below"
 
 SENTENCES = (
@@ -67,7 +66,7 @@ SENTENCES = (
     Sentence("II", "return only a single pose solution, which might not be the true one", reason=_OTHERS),
     Sentence("II", "can only guarantee a local minimum", reason=_OTHERS),
     Sentence("II", "rather slow, neither convergence nor optimality can be guaranteed", reason=_OTHERS),
-    Sentence("II", "a good initial guess is usually needed to converge to the right solution", reason=_OTHERS),
+    Sentence("II", "a good initial guess is usually needed to converge to the right solution", ("good start",)),
     Sentence(
         "II",
         "early non-iterative solvers were also computational demanding and worse for a larger number of points",
@@ -95,7 +94,7 @@ SENTENCES = (
     ),
     Sentence("III-B", "the golden standard for non-iterative pose estimation", reason="it is a judgment"),
     Sentence("IV", "optimal for planar pose estimation using the (normalized) DLT algorithm", ("c is optimal",)),
-    Sentence("IV", "requires a good initial guess, which is obtained from the DLT", reason=_STARTS),
+    Sentence("IV", "requires a good initial guess, which is obtained from the DLT", ("good start", "start of the DLT")),
     Sentence("IV", "small singular values ... cause the estimation ... to be extremely sensitive", ("c tells",)),
     Sentence("IV", "the smaller the singular value spectrum, the less perturbed the estimation is", ("c tells",)),
     Sentence(
@@ -143,7 +142,7 @@ SENTENCES = (
     Sentence("V-B", "from a square-like configuration to a perfect square is very small", ("perfect square",)),
     Sentence("V-B", "from random points to the square-like shapes ... is radical", ("square-like",)),
     Sentence("V-B", "the smaller the number ... the more is the relative improvement", ("small n gains more",)),
-    Sentence("V-B", "always better than random point configurations with more points", ("better than more",)),
+    Sentence("V-B", "always better than random point configurations with more points", ("always better",)),
     Sentence("V-B", "more effect on the accuracy than the number of control points", ("better than more",)),
     Sentence("V-B", "more pronounced than for LM", ("EPnP and IPPE gain more",)),
     Sentence(

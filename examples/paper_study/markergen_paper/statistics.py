@@ -111,14 +111,14 @@ def within(values: Array, margin: float) -> Judged:
     return replace(low, p=max(low.p, high.p_against), p_against=min(low.p_against, high.p))
 
 
-def majority(successes: int, count: int) -> Judged:
-    """Share of successes, and the binomial test that it exceeds one half."""
+def majority(successes: int, count: int, share: float = 0.5) -> Judged:
+    """Share of successes, and the binomial test that it exceeds a share."""
     from scipy.stats import binomtest
 
     if not count:
         return NOTHING
     low, high = share_interval(successes, count, CONFIDENCE)
-    p, against = (binomtest(successes, count, 0.5, alternative=side).pvalue for side in ("greater", "less"))
+    p, against = (binomtest(successes, count, share, alternative=side).pvalue for side in ("greater", "less"))
     return Judged(successes / count, low, high, float(p), float(against), count)
 
 

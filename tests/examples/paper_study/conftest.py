@@ -14,7 +14,7 @@ TINY = PaperOptions(runs=2, scale=0.2)
 
 
 HOMOGRAPHIES = ("dlt", "harker", "opencv", "plain")
-ALL = (*HOMOGRAPHIES, "ippe", "lm", "decomposition", "lm from the truth")
+ALL = (*HOMOGRAPHIES, "ippe", "lm", "decomposition", "lm from the dlt", "lm from the truth", "lm from poor starts")
 
 
 def _errors(before, shape, rng, level, estimators=ESTIMATORS_FLAT):

@@ -37,11 +37,13 @@ def findings(study):
 
 METRIC_ONLY = {
     "decomposition",
+    "good start",
     "initial guess",
     "normalization",
     "other DLTs",
     "rectangle",
     "some views are better",
+    "start of the DLT",
 }
 """Claims about estimators and limits, on layouts with the least c(A) as the paper writes A."""
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from markergen_paper.methods import Decomposition, FromTruth, Harker, OpenCv, PlainDlt
+from markergen_paper.methods import Decomposition, FromDlt, FromPoor, FromTruth, Harker, OpenCv, PlainDlt
 from markergen_paper.options import REGION, poses_of
 
 from markergen.estimators import ESTIMATORS, Correspondences
@@ -49,7 +49,10 @@ def test_four_points_have_one_homography():
         np.testing.assert_allclose(seen.once(estimator) / dlt, 1, atol=1e-6)
 
 
-@pytest.mark.parametrize("estimator", [Decomposition(), FromTruth(POSE.rotation[0], POSE.translation[0])])
+@pytest.mark.parametrize(
+    "estimator",
+    [Decomposition(), FromDlt(), *(start(POSE.rotation[0], POSE.translation[0]) for start in (FromTruth, FromPoor))],
+)
 def test_without_noise_poses_are_true(estimator):
     rotation, translation = batch(6, 0.0).once(estimator).best
     np.testing.assert_allclose(rotation, np.broadcast_to(POSE.rotation, rotation.shape), atol=1e-9)

@@ -97,3 +97,10 @@ def test_rank_correlation_by_rows():
     found = rank_correlation(first, second)
     assert found[:2] == pytest.approx([1, -1])
     assert np.isnan(found[2:]).all()
+
+
+def test_a_majority_may_be_asked_to_be_large():
+    assert majority(400, 400, 0.95).holds
+    assert not majority(200, 200, 0.95).holds  # 0.95**200 is 3.5e-5
+    assert majority(340, 400, 0.95).refuted
+    assert not majority(375, 400, 0.95).refuted
