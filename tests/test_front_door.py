@@ -84,6 +84,7 @@ def flange(_, model):
         model.add_circle((x, y), radius)
 
 
+@pytest.mark.long
 def test_a_day_with_the_library(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("plate.dxf").write_text(dxf(flange))

@@ -30,6 +30,7 @@ def hostile(found):
     return type(found)(dict(found.results) | {"contestants": entries})
 
 
+@pytest.mark.long
 def test_markers_paths_dictionaries_and_texts(found, pentagon, tmp_path):
     path = tmp_path / "m.json"
     path.write_bytes(to_json(pentagon))
@@ -102,6 +103,7 @@ def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monk
             compare(path, "square", **options)
 
 
+@pytest.mark.long
 def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     # Processor time differs from run to run.

@@ -257,7 +257,7 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     ("room", "n", "objective", "options"),
     [
         ("rect:150mmx60mm", 7, "pose", {}),
-        ("circle:50mm", 5, "pose", {}),
+        pytest.param("circle:50mm", 5, "pose", {}, marks=pytest.mark.long),
         ("rect:100mmx80mm", 5, "rotation", {"dot": "20mm", "gap": "9mm"}),
     ],
     ids=["for the images", "by smaller dots", "asked for"],

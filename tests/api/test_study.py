@@ -13,6 +13,7 @@ SWEEP = {
 }
 
 
+@pytest.mark.long
 def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
     seen = []
     found = study(SWEEP, tmp_path / "s", workers=1, runs=2, progress=lambda *told: seen.append(told[:2]))

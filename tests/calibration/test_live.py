@@ -54,6 +54,7 @@ def filmed(tmp_path_factory):
     return folder, errors
 
 
+@pytest.mark.long
 def test_still_views_of_a_video_measure_the_print(filmed, capsys):
     folder, errors = filmed
     output = ["-o", str(folder / "measured.json")]

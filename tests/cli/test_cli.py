@@ -81,6 +81,7 @@ def test_the_main_job(here, capsys):
     assert "A1" not in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_same_seed_writes_the_same_bytes(here):
     for folder in ("a", "b"):
         (here / folder).mkdir()
@@ -265,6 +266,7 @@ def test_trials_for_all_measures_the_layouts_beside_it(marker, capsys):
         assert row["bound"]["rotation_deg"] > 0
 
 
+@pytest.mark.long
 def test_a_marker_that_says_nothing_of_its_setting_gets_the_papers(marker, capsys):
     content = json.loads(marker.read_text())
     content["provenance"] = {}

@@ -54,6 +54,7 @@ def test_a_drawing_with_a_hole_and_a_keep_out(here, capsys):
     assert [keep_out.center for keep_out in marker.keep_outs] == [(-0.05, 0.03)]
 
 
+@pytest.mark.long
 def test_keep_outs_of_a_drawing_lie_where_they_were_drawn(here):
     outline, hole = (PLATE.replace("<g", f'<g display="{state}"', 1) for state in ("inline", "none"))
     (here / "outline.svg").write_text(outline.replace('<g id="hole">', '<g id="hole" display="none">'))
@@ -91,6 +92,7 @@ def test_camera_and_poses_of_files_are_used_throughout(here, capsys):
     assert results["views"]["detected"] == 2
 
 
+@pytest.mark.long
 def test_losses_are_printed(here, capsys):
     assert main(quick("--n", "5", "--survive", "1", "--aggregate", "cvar:0.9", "--details")) == 0
     said = capsys.readouterr().out
@@ -184,6 +186,7 @@ def test_what_was_minimized_is_printed(here, capsys):
     assert f"loss of 1 dot, {value:.4g} m, seed 0" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_poses_that_mostly_miss_the_marker_are_told(here, capsys):
     assert main(quick("--n", "4", "--radius", "0.25", "--poses", "cone:distance=0.5..1m,tilt=0..30")) == 0
     said = capsys.readouterr()

@@ -28,6 +28,7 @@ def test_a_tag_in_the_middle(here):
     assert breach(marker.xyz, marker.boundary, marker.blocked, marker.dot_diameter, marker.clearance) <= 1e-9
 
 
+@pytest.mark.long
 def test_a_family_on_one_sheet(here, capsys):
     assert main([*QUICK, "--tag", "aruco:DICT_4X4_50", "--ids", "0-2,9", "--paper", "A2", "-o", "f.pdf"]) == 0
     names = ["f-0.json", "f-1.json", "f-2.json", "f-9.json", "f.pdf"]
@@ -51,6 +52,7 @@ def test_a_member_is_what_a_design_of_its_own_gives(here):
     assert not (here / "f.json").exists()
 
 
+@pytest.mark.long
 def test_the_solid_has_the_tag(here):
     assert main([*QUICK, "--tag", "aruco:DICT_4X4_50:1", "-o", "m.step"]) == 0
     assert "PRODUCT('tag-" in (here / "m.step").read_text(encoding="ascii")

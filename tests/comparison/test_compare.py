@@ -48,6 +48,7 @@ def results(path, few_tuning_views):
     return SimpleNamespace(found=found, calls=calls)
 
 
+@pytest.mark.long
 def test_ours_and_the_peers_are_told_apart(results):
     first, *peers = results.found["contestants"]
     assert (first["detected"], first["wrong"], first["flips"], first["failures"]) == (20, 0, 0, [])

@@ -40,6 +40,7 @@ def test_tables_have_every_contestant_and_error(found):
     assert found.plot().get_yscale() == "log"
 
 
+@pytest.mark.long
 def test_pictures_have_36_plots_of_each(found, tmp_path):
     assert len(degrees_figure(found.results).axes) == 72
     found.save(tmp_path / "c.json", tmp_path / "c.png")

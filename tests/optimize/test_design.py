@@ -106,6 +106,7 @@ def test_a_dot_at_the_center_comes_last():
     np.testing.assert_array_equal(number(points)[-1], [0, 0])
 
 
+@pytest.mark.long
 def test_studies_may_use_bare_points_and_are_warned():
     found = design(Spec(dot=0.0, clearance=0.0, restarts=1, poses=FEW))
     assert found.marker.dot_diameter == 0

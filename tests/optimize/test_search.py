@@ -85,6 +85,7 @@ def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
         assert optimum.value <= objective(corners[None])[0] * (1 + 1e-9)
 
 
+@pytest.mark.long
 def test_it_finds_what_descents_find_in_a_disk(criterion):
     disk = Circle(0.15)
     objective, region = criterion(disk), FeasibleRegion(disk, 0.02, 0.002)

@@ -308,6 +308,7 @@ def test_a_design_is_repeated_from_its_marker_without_the_file(write):
     assert to_json(design(again).marker) == data
 
 
+@pytest.mark.long
 def test_of_a_long_file_the_marker_keeps_the_poses_that_it_was_designed_for(write):
     rotation, translation = Cone((0.5, 1.5), (30, 60), count=2500).sample()
     spec = spec_from_mapping({"n": 4, "restarts": 1, "poses": str(write(as_tum(rotation, translation), "way.txt"))})

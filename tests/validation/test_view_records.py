@@ -58,6 +58,7 @@ def test_groups_add_up(summary):
         assert squares / 200 == pytest.approx(summary["point_px"]["rms"] ** 2)
 
 
+@pytest.mark.long
 def test_any_number_of_workers_gives_the_same(series, summary):
     again = summarize(series, take_records(series, workers=2))
     assert json.dumps(plain(again)) == json.dumps(plain(summary))

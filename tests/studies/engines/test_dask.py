@@ -24,6 +24,7 @@ def alone(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_a_worker_gets_the_same_files(cluster, alone, tmp_path):
     """Its workers have two threads of BLAS at their start, and one of them is killed in the middle."""
 
@@ -38,6 +39,7 @@ def test_a_cluster_that_loses_a_worker_gets_the_same_files(cluster, alone, tmp_p
     assert files(tmp_path) == files(alone)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_lost_is_told_and_the_study_goes_on_elsewhere(cluster, alone, tmp_path):
     def progress(done, total, seconds):
         if done == 15:

@@ -27,6 +27,7 @@ def alone(small, tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_processes_write_the_same_bytes_as_this_one(small, alone, tmp_path):
     told = []
     written = run_sweep(
@@ -58,6 +59,7 @@ def until(count, folder, process):
         time.sleep(0.005)
 
 
+@pytest.mark.long
 def test_ctrl_c_says_how_to_continue(small, alone, tmp_path):
     folder = tmp_path / "study"
     process = start(small, folder)
