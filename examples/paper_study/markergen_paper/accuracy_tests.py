@@ -215,6 +215,14 @@ def other_dlts(study: PaperResults) -> Iterator[ClaimTest]:
         yield ClaimTest(_a(kind), noise_px, label, as_factor(within(ratio, np.log1p(MARGIN))))
 
 
+def orthogonalized(study: PaperResults) -> Iterator[ClaimTest]:
+    """The DLT's homography errs more than that of Harker & O'Leary."""
+    for kind, estimator, noise_px, n, table in _methods(study, ("harker",)):
+        ratio = _ratio(table, "dlt", estimator, "he_px2", kind)
+        label = f"he_px2, dlt over {estimator}, {_layouts(kind)}, n = {n}"
+        yield ClaimTest(_a(kind), noise_px, label, as_factor(above(ratio)))
+
+
 def normalized_dlt(study: PaperResults) -> Iterator[ClaimTest]:
     """The DLT errs more without normalization; four points give the same homography either way."""
     for kind, estimator, noise_px, n, table in _methods(study, ("plain",)):

@@ -160,6 +160,12 @@ CLAIMS = (
         accuracy.other_dlts,
     ),
     Claim(
+        "Harker improves",
+        "Harker & O'Leary's orthogonalization improves the homography.",
+        f"Ratio of the mean HE, DLT over Harker & O'Leary, above 1: {_POSES}.",
+        accuracy.orthogonalized,
+    ),
+    Claim(
         "normalization",
         "Normalization improves the homography.",
         f"Ratio of the mean HE, DLT in m and px over normalized DLT, above 1 for n = 5..8: {_POSES}. Four points give "
@@ -229,6 +235,12 @@ CLAIMS = (
         "The points move away from one another.",
         f"Ratio of their smallest distance after to before above 1: {_POSES}.",
         layouts.apart,
+    ),
+    Claim(
+        "apart in the image",
+        "The images of the points move away from one another.",
+        f"Ratio of their smallest distance after to before above 1: {_POSES}.",
+        layouts.apart_in_the_image,
     ),
     Claim(
         "rectangle",

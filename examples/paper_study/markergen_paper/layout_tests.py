@@ -1,16 +1,18 @@
 """Tests of the claims about layouts and c(A); each yields its single tests."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.information import rotation_bound
+from markergen.model.camera import PAPER_CAMERA
 from markergen.objectives.pose import PoseObjective
 from markergen_paper.options import COORDINATES, NOISE_PX, NUMBERS, QUIET_PX, objective_for, poses_of
 from markergen_paper.results import (
     SQUARE_LIKE,
     PaperResults,
+    PoseLayouts,
     best_square_misfit,
     least_gap,
     mirror_misfit,
@@ -124,16 +126,31 @@ def ranks(study: PaperResults) -> Iterator[ClaimTest]:
 
 def apart(study: PaperResults) -> Iterator[ClaimTest]:
     """The two nearest points end farther apart."""
+    return _apart(study, "points", lambda table, kind: table[f"{kind}.layouts"].astype(float))
+
+
+def apart_in_the_image(study: PaperResults) -> Iterator[ClaimTest]:
+    """The images of the two nearest points end farther apart."""
+    return _apart(study, "images", _images)
+
+
+def _apart(study: PaperResults, what: str, points_of: Callable[[PoseLayouts, str], Array]) -> Iterator[ClaimTest]:
     for name in COORDINATES:
         for n in NUMBERS:
             table = study.table(name, NOISE_PX, n)
-            end = least_gap(table[f"{name}.layouts"].astype(float))
-            begin = least_gap(table["ill.layouts"].astype(float))[:, : end.shape[1]]
+            end, begin = (least_gap(points_of(table, kind)) for kind in (name, "ill"))
             with np.errstate(divide="ignore"):
-                farther = np.mean(np.log(end / begin), axis=1)
-            yield ClaimTest(
-                name, None, f"smallest distance of two points after over before, n = {n}", as_factor(above(farther))
-            )
+                farther = np.mean(np.log(end / begin[:, : end.shape[1]]), axis=1)
+            label = f"smallest distance of two {what} after over before, n = {n}"
+            yield ClaimTest(name, None, label, as_factor(above(farther)))
+
+
+def _images(table: PoseLayouts, kind: str) -> Array:
+    """Images (P, B, n, 2) in px of the layouts of a kind, each under its pose."""
+    poses = poses_of(table.poses.tolist())
+    layouts = table[f"{kind}.layouts"].astype(float)
+    views = zip(layouts, poses.rotation[:, None], poses.translation[:, None], strict=True)
+    return np.stack([PAPER_CAMERA.project(*view)[:, 0] for view in views])
 
 
 def symmetric(study: PaperResults) -> Iterator[ClaimTest]:

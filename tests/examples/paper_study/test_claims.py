@@ -37,6 +37,7 @@ def findings(study):
 
 METRIC_ONLY = {
     "decomposition",
+    "Harker improves",
     "good start",
     "initial guess",
     "normalization",
