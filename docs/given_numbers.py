@@ -295,7 +295,7 @@ GIVEN: Sequence[Given] = tuple(
                 "@ deg (# mm) and @ deg (# mm)",
             ],
         ),
-        (PAPER, SETTING, ["growth #, half where", "of SuperSAB as published # and half"]),
+        (PAPER, SETTING, ["growth #, half where", "of SuperSAB as published # and half", "From starts # deg off"]),
         (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
         (CHOOSING, SETTING, ["a camera of 640 x # px with a focal length of # px, # to # m away"]),
         (CHOOSING, SETTING, ["a tilt of # degrees; a disk of # mm; a print good to # mm."]),

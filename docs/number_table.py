@@ -297,6 +297,14 @@ def _ippe(noise: str, numbers: Sequence[int], at: str = "") -> list[str]:
     return [f"IPPE equals LM,metric,{noise},rotation_deg; ippe over lm; n = {n}{at}" for n in numbers]
 
 
+POSE_ERRORS = ("rotation_deg", "translation_pct")
+
+
+def _poor(coordinates: str, layouts: str) -> list[str]:
+    test = f"good start,{coordinates},4,rotation_deg; lm from poor starts over lm from the dlt; {layouts} layouts"
+    return [f"{test}; n = {n}" for n in range(4, 9)]
+
+
 def _extremes(*values: float) -> Sequence[float]:
     return [min(values), max(values)]
 
@@ -518,6 +526,29 @@ MEASURED: Sequence[Entry] = (
             for n in range(4, 9)
         ],
         lambda *shares: [100 * share for share in _extremes(*shares)],
+    ),
+    _paper(
+        "of its gain from the DLT's pose # to # %",
+        [
+            "initial guess,metric,4,rotation_deg; share of lm's gain from the dlt that is left if it starts from the "
+            f"true pose; n = {n}"
+            for n in range(4, 9)
+        ],
+        lambda *shares: [100 * share for share in _extremes(*shares)],
+    ),
+    _paper(
+        "Nine random ones they beat in # to # % of the poses",
+        [
+            f"always better,metric,4,share of poses; {error}; random 9 over optimized 4"
+            for error in ("dlt he_px2", *(f"{by} {of}" for by in ("epnp", "ippe", "lm") for of in POSE_ERRORS))
+        ],
+        lambda *shares: [100 * share for share in _extremes(*shares)],
+    ),
+    _paper("its rotation errs # to # times as much on optimized layouts", _poor("metric", "optimized"), _extremes),
+    _paper("from the DLT's pose, and # to # times on random ones", _poor("none", "random"), _extremes),
+    _paper(
+        "LM from there errs # times as much as from the true pose",
+        ["start of the DLT,metric,4,rotation_deg; lm from the dlt over lm from the truth; optimized layouts; n = 4"],
     ),
     Number(
         PAPER,

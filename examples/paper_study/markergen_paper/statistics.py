@@ -15,7 +15,7 @@ from markergen.validation.metrics import share_interval
 Array = NDArray[np.float64]
 
 LEVEL = 5e-6
-"""Significance level of a test. With about 2,500 two-sided tests, the probability of any false positive is below 3 %,
+"""Significance level of a test. With about 3,000 two-sided tests, the probability of any false positive is below 3 %,
 however they depend on one another.
 """
 
