@@ -214,7 +214,7 @@ def _pair(sizes: dict[str, float]) -> RigShape:
     if not -170 <= angle <= 170:
         raise InputError("an angle of -170 to 170 degrees", f"{angle:g}", "give --angle such a number")
     square, half = rectangle_outline(plate, plate), radians(angle) / 2
-    substrate = Substrate(**{name: sizes[name] for name in ("thickness", "edge") if name in sizes})
+    substrate = Substrate(sizes.get("thickness", Substrate.thickness), sizes.get("edge"))
     # So far from the line in which their faces' planes meet, plates touch: in front if they face each other, at their
     # backs otherwise.
     setback = substrate.edge_around(square) + substrate.thickness * max(tan(half), 0.0)
