@@ -18,16 +18,16 @@ NEAREST = 0.4
 
 def asked() -> list[str]:
     """Ask three questions, show the command that the answers make, and return its words."""
-    usual = paper_of_locale(os.environ)
-    paper = _answer("Paper in the printer", usual)
+    paper = _answer("Paper in the printer", paper_of_locale(os.environ))
     camera = _answer("Camera: webcam, phone, or its calibration file", "webcam")
-    far = _distance()
-    words = ["design", "--paper", paper]
-    words += ["--camera", camera] if camera != "webcam" else []
-    if far != FARTHEST:
-        words += ["--poses", f"cone:distance={NEAREST * far:.4g}..{far:.4g}m,tilt=0..70"]
-    report(f"markergen {join([*words, '-o', 'marker.pdf'])}")
-    return [*words, "-o", "marker.pdf"]
+    farthest = _distance()
+    command = ["design", "--paper", paper]
+    command += ["--camera", camera] if camera != "webcam" else []
+    if farthest != FARTHEST:
+        command += ["--poses", f"cone:distance={NEAREST * farthest:.4g}..{farthest:.4g}m,tilt=0..70"]
+    command += ["-o", "marker.pdf"]
+    report(f"markergen {join(command)}")
+    return command
 
 
 def _distance() -> float:

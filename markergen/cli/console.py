@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from typer import CallbackParam
 
+from markergen.presentation.stages import STAGES
+
 if TYPE_CHECKING:
     from markergen.optimize.ending import Limit
     from markergen.options import Progress
@@ -41,7 +43,7 @@ def progress_bar() -> Iterator["Progress"]:
     from rich.progress import Progress as Bar
 
     columns = (
-        TextColumn("{task.description:>9}"),
+        TextColumn("{task.description:>27}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
@@ -59,7 +61,7 @@ def progress_bar() -> Iterator["Progress"]:
         # A stage is announced with nothing done, so that the time left is measured from its start.
         def advance(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
+                tasks[stage] = bar.add_task(STAGES.get(stage, stage), total=total)
             bar.update(tasks[stage], completed=done, total=total)
 
         yield advance

@@ -144,6 +144,20 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     )
 
 
+def holes_to_come(substrate: Substrate, diameter: float, clearance: float) -> tuple[str, ...]:
+    """Return a sentence if a search may place dots so close to holes that these reach into quiet zones."""
+    if not substrate.rims or clearance >= diameter / 2 - 1e-9:
+        return ()
+    return (
+        f"dots of {_short(diameter)} may come within {_short(clearance)} of holes, which then reach into their quiet "
+        f"zones: --clearance {_short(diameter / 2).replace(' ', '')} keeps them out",
+    )
+
+
+def _short(length: float) -> str:
+    return format_length(float(f"{length:.3g}"))
+
+
 def _some(ids: Sequence[str]) -> list[str]:
     return [*ids[:3], "others"] if len(ids) > 4 else list(ids)
 

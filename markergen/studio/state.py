@@ -30,6 +30,7 @@ from markergen.options import GROUPS, Option, as_list, declared, settle
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
+from markergen.presentation.stages import STAGES
 from markergen.read.dot_tables import is_table, parsed_layout
 from markergen.read.outlines.boundary import is_drawing, moved_outline
 from markergen.read.poses.conventions import READING
@@ -56,7 +57,7 @@ KEPT = 16
 
 
 def declared_options() -> dict[str, Any]:
-    """All that a page needs: groups of options with help, defaults and choices; units, formats and templates."""
+    """All that a page needs: groups of options with help, defaults and choices; units, formats, templates, stages."""
     return {
         "version": __version__,
         "forms": {"marker": _form(DesignKeywords), "rig": _form(RigKeywords)},
@@ -68,6 +69,7 @@ def declared_options() -> dict[str, Any]:
             {"suffix": SPEC, "words": "spec: the options, for markergen design --template"},
         ],
         "templates": list(map(_template, shipped_templates())),
+        "stages": STAGES,
     }
 
 

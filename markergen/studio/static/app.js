@@ -106,6 +106,8 @@ function buttons() {
   by("redo").disabled = !future.length || Boolean(search);
   by("clear").hidden = ![options.boundary, ...keepOuts()].some(isDrawn);
   by("copy").disabled = Boolean(body) && !body.designed;
+  // Until a search has ended, what is shown only stands in for its result.
+  by("download").disabled = Boolean(search);
   by("optimize").textContent = search ? "Stop" : "Optimize";
   // It would search for a marker that is not shown.
   by("optimize").disabled = Boolean(body) && !search;
@@ -380,7 +382,7 @@ async function searching(path, request, onstep) {
       if (line.stage) {
         by("progress").max = line.total || 1;
         by("progress").value = Math.min(line.done, line.total || 1);
-        said(`${line.stage} ${line.done} of ${line.total}`);
+        said(`${capital(known.stages[line.stage] || line.stage)}, ${line.done} of ${line.total}`);
       }
       onstep?.(line);
     }
@@ -454,7 +456,7 @@ async function download() {
     const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
-    said(`Downloaded ${name}.`);
+    said(`Downloaded ${name}${!body && look.start ? `: ${look.start}, as shown. Optimize searches for the best layout` : ""}.`);
   } catch (error) {
     told(error);
   }

@@ -58,10 +58,11 @@ export function later(more) {
   const [planned, hardest, ...checks] = more.plan;
   by("plan").replaceChildren(make("p", {}, planned), make("p", {}, hardest),
     ...(checks.length ? [make("details", {}, make("summary", {}, "Where first order does not hold"), checks.map((line) => make("p", {}, line)))] : []));
-  by("counts").replaceChildren(more.more_dots.length
-    ? table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
-      more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`]))
-    : make("p", { class: "note" }, "Not computed for a relief."));
+  by("counts").replaceChildren(...(more.more_dots.length
+    ? [table("Expected error of other numbers of dots, same room and print", ["dots", "size", "rotation", "position"],
+      more.more_dots.map((row) => [String(row.n), `${mm(row.diameter, 1)} mm`, `${digits(row.rotation_deg)} deg`, `${digits(row.translation_mm)} mm`])),
+      make("p", { class: "note" }, worded("With --n auto, a search takes the fewest whose error is within 5 % of the least."))]
+    : [make("p", { class: "note" }, "Not computed for a relief.")]));
   by("labels").replaceChildren(make("p", {}, more.labels ? sentence(more.labels.sentence) : "Bare points are not labeled."));
   by("patterns").replaceChildren(...(more.beside.length
     ? [table("Least rotation error that the whole image allows, exact print", ["pattern", "bound"], more.beside.map((row) => [row.name, `${digits(row.rotation_deg)} deg`]), 0)] : []),
