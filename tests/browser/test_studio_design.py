@@ -64,10 +64,18 @@ def test_a_search_can_be_stopped(studio):
     before = studio.state()
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#optimize:text-is('Stop')")
+    assert studio.page.locator("#download").is_disabled()
     studio.page.click("#optimize")
     studio.page.wait_for_selector("#optimize:text-is('Optimize')")
     assert studio.said() == sentence("stopped")
     assert studio.state() == before
+
+
+def test_a_polygon_that_stands_in_for_a_design_is_downloaded_as_such(studio):
+    studio.settle()
+    with studio.page.expect_download():
+        studio.page.click("#download")
+    studio.until("() => document.getElementById('said').textContent.includes('a regular polygon, as shown')")
 
 
 def test_a_search_ends_when_the_design_is_changed(studio):
