@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.estimators import AnyEstimator
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
@@ -166,7 +167,7 @@ def _one_pose_by_all(settings: Mapping[str, Any], pose: PoseDistribution, rng: n
     layouts["ngon"] = _polygons(n, starts)
     # One batch for all: Levenberg-Marquardt takes as many steps as its slowest trial.
     together = np.concatenate(list(layouts.values()))
-    estimators = [*FURTHER, FromTruth(*truth), FromPoor(*truth)]
+    estimators: list[str | AnyEstimator] = [*FURTHER, FromTruth(*truth), FromPoor(*truth)]
     kept = layout_trials(together, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng, estimators)
     result: Kept = {"metric.layouts": layouts["metric"].astype(np.float32)}
     for i, name in enumerate(layouts):
