@@ -115,15 +115,15 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
         partner, is_met = _partners(theirs, mine, tolerance)
         pairs = wanted.owner[theirs.triangle[is_met]], solid.owner[mine.triangle[partner[is_met]]]
         np.add.at(votes, pairs, 1)
-        other = np.isin(theirs.key // 2, pale) & _repainted(solid, wanted, mine, theirs, tolerance)
+        other = pale[theirs.key // 2] & _repainted(solid, wanted, mine, theirs, tolerance)
         collected["repainted"].append(theirs.points[other])
         collected["was"].append(wanted.dark[theirs.triangle[other]] if wanted.dark is not None else other[other])
-        extra = ~_partners(mine, theirs, tolerance)[1] & np.isin(mine.key // 2, bad)
-        missing = ~is_met & np.isin(theirs.key // 2, bad)
+        extra = ~_partners(mine, theirs, tolerance)[1] & bad[mine.key // 2]
+        missing = ~is_met & bad[theirs.key // 2]
         collected["extra"].append(mine.points[extra])
         collected["missing"].append(theirs.points[missing])
         collected["owner"].append(wanted.owner[theirs.triangle[missing]])
-        rest = np.isin(mine.key // 2, bad) & ~np.isin(mine.key, [*mine.key[extra], *theirs.key[missing]])
+        rest = bad[mine.key // 2] & ~np.isin(mine.key, np.concatenate([mine.key[extra], theirs.key[missing]]))
         collected["twice"].append(mine.points[rest & _is_repeated(mine, theirs)])
     whole = {name: np.concatenate(arrays) for name, arrays in collected.items()}
     return Difference(
@@ -134,21 +134,21 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
 
 def _along(
     solid: Shell, wanted: Shell, axis: int, low: Array, high: Array, pitch: Array, tolerance: float
-) -> tuple[Crossings, Crossings, Indices, Indices]:
-    """Crossings of both along an axis, and the rays on which they differ on all grids in place and in color."""
-    results, bad, pale, differing = [], np.zeros(0, int), np.zeros(0, int), None
+) -> tuple[Crossings, Crossings, Mask, Mask]:
+    """Crossings of both along an axis, and on which rays they differ on all grids in place and in color."""
+    results, differing = [], None
     counts = np.ceil((high - low) / pitch).astype(int) + 3
-    for number, offset in enumerate(OFFSETS):
+    bad, pale = np.ones((2, int(np.delete(counts, axis).prod())), dtype=bool)
+    for offset in OFFSETS:
         origin = low - pitch * (1 - np.array(offset))
         mine, theirs = (_crossings(shell.corners, axis, origin, pitch, counts, differing) for shell in (solid, wanted))
         results.append((mine, theirs))
-        here = _differing(mine, theirs, tolerance)
-        painted = np.unique(theirs.key[_repainted(solid, wanted, mine, theirs, tolerance)] // 2)
-        bad = np.intersect1d(bad, here) if number else here
-        pale = np.intersect1d(pale, painted) if number else painted
-        if not len(bad) + len(pale):
+        bad &= _differing(mine, theirs, tolerance, len(bad))
+        painted = theirs.key[_repainted(solid, wanted, mine, theirs, tolerance)] // 2
+        pale &= np.bincount(painted, minlength=len(pale)) > 0
+        differing = bad | pale
+        if not differing.any():
             break
-        differing = np.union1d(bad, pale)
     return *results[0], bad, pale
 
 
@@ -165,12 +165,12 @@ def _repainted(solid: Shell, wanted: Shell, mine: Crossings, theirs: Crossings, 
     return np.asarray(other & (theirs.slope > LEAST_SLOPE))
 
 
-def _differing(mine: Crossings, theirs: Crossings, tolerance: float) -> Indices:
-    """Rays whose crossings differ in number or place."""
-    unmet = [one.key[~_partners(one, other, tolerance)[1]] for one, other in ((mine, theirs), (theirs, mine))]
-    size = max(mine.key.max(initial=0), theirs.key.max(initial=0)) + 1
-    uneven = np.flatnonzero(np.bincount(mine.key, minlength=size) != np.bincount(theirs.key, minlength=size))
-    return np.unique(np.concatenate([*unmet, uneven]) // 2)
+def _differing(mine: Crossings, theirs: Crossings, tolerance: float, rays: int) -> Mask:
+    """Tell on which rays crossings differ in number or place."""
+    differs = np.bincount(mine.key, minlength=2 * rays) != np.bincount(theirs.key, minlength=2 * rays)
+    for one, other in ((mine, theirs), (theirs, mine)):
+        differs[one.key[~_partners(one, other, tolerance)[1]]] = True
+    return np.asarray(differs.reshape(-1, 2).any(axis=1))
 
 
 def _is_repeated(mine: Crossings, theirs: Crossings) -> Mask:
@@ -194,7 +194,7 @@ def _partners(one: Crossings, other: Crossings, tolerance: float) -> tuple[Indic
 
 
 def _crossings(
-    corners: Array, axis: int, origin: Array, pitch: Array, counts: Indices, chosen: Indices | None = None
+    corners: Array, axis: int, origin: Array, pitch: Array, counts: Indices, chosen: Mask | None = None
 ) -> Crossings:
     """Crossings of the rays along an axis with triangles, each with its side: 1 where the ray leaves, else 0.
 
@@ -202,15 +202,12 @@ def _crossings(
 
     Parameters
     ----------
-    chosen : array of int or None
+    chosen : array of bool or None
         The only rays to look at.
     """
     u, v = (axis + 1) % 3, (axis + 2) % 3
     flat = (corners[:, :, [u, v]] - origin[[u, v]]) / pitch[[u, v]]
-    wanted = None
-    if chosen is not None:
-        wanted = np.zeros((counts[v], counts[u]), dtype=bool)
-        wanted.ravel()[chosen] = True
+    wanted = None if chosen is None else chosen.reshape(counts[v], counts[u])
     rows = [_rays(flat, chunk, wanted) for chunk in _chunks(flat)]
     triangle, column, row = (np.concatenate(arrays) for arrays in zip(*rows, strict=True)) if rows else (
         np.zeros(0, int) for _ in range(3)

@@ -103,6 +103,9 @@ QUICK = [
 ]
 """Every process and every format, and every process in a format that is exact and in a mesh."""
 
+EXACT_AND_MESH = pytest.mark.parametrize("suffix", either([".step", ".stl"], [[".3mf"], [".glb"]]))
+"""What is found in triangles, whichever file they are read from."""
+
 
 @pytest.mark.parametrize(("name", "made", "suffix"), either(QUICK, [case for case in EVERY if case not in QUICK]))
 def test_what_was_exported_is_right(variants, files, name, made, suffix):
@@ -121,35 +124,37 @@ def edited(marker, index=3, **changes):
     return replace(marker, control_points=tuple(points))
 
 
-def checks(marker, drawn, folder, fabrication):
-    """Checks of a marker against files of every format that another one is made as."""
-    paths = [folder / f"wrong{suffix}" for suffix in SOLIDS]
-    save(drawn, paths, plain(fabrication))
-    return [verify(marker, path) for path in paths]
+def check_of(marker, drawn, path, fabrication):
+    """Check of a marker against a file that another one is made as."""
+    save(drawn, [path], plain(fabrication))
+    return verify(marker, path)
 
 
+@EXACT_AND_MESH
 @pytest.mark.parametrize("made", either(["slip"], [["laser"], ["half-balls"]]))
-def test_dots_of_another_place_height_or_size_are_named(skew, tmp_path, made):
+def test_dots_of_another_place_height_or_size_are_named(skew, tmp_path, made, suffix):
     marker = raised(skew)
     drawn = edited(marker, x=marker.control_points[3].x + 2e-4)
     drawn = edited(edited(drawn, index=1, z=5.9e-3), index=4, feature=Feature(0.0121))
-    for check in checks(marker, drawn, tmp_path, FABRICATIONS[made]):
-        shifted, diameter, height = rounded(check)
-        assert re.match(pattern("dot off", 3, "0.20? mm") + r" \(x \+(200|199.99|200.0\d) um, y", shifted)
-        assert re.match("dot 4 " + pattern("diameter", "12.10? mm", "12 mm"), diameter)
-        assert re.match(pattern("dot too low", 1, "0.10? mm"), height)
-        assert check.worst == 3
+    check = check_of(marker, drawn, tmp_path / f"wrong{suffix}", FABRICATIONS[made])
+    shifted, diameter, height = rounded(check)
+    assert re.match(pattern("dot off", 3, "0.20? mm") + r" \(x \+(200|199.99|200.0\d) um, y", shifted)
+    assert re.match("dot 4 " + pattern("diameter", "12.10? mm", "12 mm"), diameter)
+    assert re.match(pattern("dot too low", 1, "0.10? mm"), height)
+    assert check.worst == 3
 
 
+@EXACT_AND_MESH
 @pytest.mark.parametrize("made", either(["laser"], [["fdm"], ["half-balls"]]))
-def test_dots_of_another_kind_are_named(skew, tmp_path, made):
+def test_dots_of_another_kind_are_named(skew, tmp_path, made, suffix):
     drawn = edited(edited(skew, index=0, feature=Feature(0.012)), feature=Feature(0.012, 0.006))
-    for check in checks(skew, drawn, tmp_path, FABRICATIONS[made]):
-        assert sentences(check) == [sentence("dot for ring", 0), sentence("ring for dot", 3)]
+    check = check_of(skew, drawn, tmp_path / f"wrong{suffix}", FABRICATIONS[made])
+    assert sentences(check) == [sentence("dot for ring", 0), sentence("ring for dot", 3)]
 
 
+@EXACT_AND_MESH
 @pytest.mark.parametrize("made", either(["laser"], [["fdm"]]))
-def test_dots_too_few_or_too_many_and_other_markers_are_named(skew, make_ngon, tmp_path, made):
+def test_dots_too_few_or_too_many_and_other_markers_are_named(skew, make_ngon, tmp_path, made, suffix):
     points = skew.control_points
     fewer = replace(skew, control_points=(*points[:2], *points[3:]))
     more = replace(skew, control_points=(*points, replace(points[1], id=9, x=0.0, y=0.0)))
@@ -157,20 +162,20 @@ def test_dots_too_few_or_too_many_and_other_markers_are_named(skew, make_ngon, t
         (fewer, "missing"), (more, "extra"), (make_ngon(7, 0.05, 0.012), "another marker"),
         (make_ngon(5, 0.05, 0.005), "no dots"),
     ]:  # fmt: skip
-        for check in checks(skew, drawn, tmp_path, FABRICATIONS[made]):
-            assert kinds(check) == [kind], check
+        check = check_of(skew, drawn, tmp_path / f"wrong{suffix}", FABRICATIONS[made])
+        assert kinds(check) == [kind], check
 
 
-def test_a_marker_without_its_relief_and_the_other_way_around(skew, tmp_path):
-    for check in checks(raised(skew), skew, tmp_path, Fabrication()):
-        assert sentences(check) == [
-            sentence("dot too low", dot, depth) for dot, depth in [(1, "6 mm"), (2, "12 mm"), (4, "6 mm")]
-        ]
-    for check in checks(skew, raised(skew), tmp_path, Fabrication()):
-        assert kinds(check) == ["height"] * 3
+@EXACT_AND_MESH
+def test_a_marker_without_its_relief_and_the_other_way_around(skew, tmp_path, suffix):
+    path = tmp_path / f"wrong{suffix}"
+    assert sentences(check_of(raised(skew), skew, path, Fabrication())) == [
+        sentence("dot too low", dot, depth) for dot, depth in [(1, "6 mm"), (2, "12 mm"), (4, "6 mm")]
+    ]
+    assert kinds(check_of(skew, raised(skew), path, Fabrication())) == ["height"] * 3
 
 
-@pytest.mark.parametrize("suffix", SOLIDS)
+@EXACT_AND_MESH
 @pytest.mark.parametrize("made", either(["fdm", "laser"], [["balls"]]))
 def test_a_scale_is_named(variants, files, tmp_path, made, suffix):
     path = tmp_path / f"scaled{suffix}"
@@ -216,7 +221,7 @@ def test_a_mirrored_mesh_is_named(variants, files, tmp_path, made, suffix):
     assert kinds(verify(variants("plain", "fdm"), path)) == ["mirrored"]
 
 
-@pytest.mark.parametrize("suffix", SOLIDS)
+@EXACT_AND_MESH
 def test_holes_are_looked_at(variants, files, tmp_path, suffix):
     marker = variants("full", "fdm")
     first, second = marker.substrate.holes
@@ -238,13 +243,14 @@ def test_holes_are_looked_at(variants, files, tmp_path, suffix):
     ]  # fmt: skip
 
 
-def test_a_hole_as_large_as_a_dot_is_no_dot(skew, tmp_path):
+@EXACT_AND_MESH
+def test_a_hole_as_large_as_a_dot_is_no_dot(skew, tmp_path, suffix):
     marker = replace(skew, substrate=Substrate(holes=(Hole(0.0, 0.0, 0.012, name="post"),)))
-    for check in checks(marker, marker, tmp_path, Fabrication("laser")):
-        assert check.passed, check.findings
+    check = check_of(marker, marker, tmp_path / f"post{suffix}", Fabrication("laser"))
+    assert check.passed, check.findings
 
 
-@pytest.mark.parametrize("suffix", SOLIDS)
+@EXACT_AND_MESH
 @pytest.mark.parametrize("made", either(["fdm with a gap", "laser"], [["slip"]]))
 def test_the_tag_is_looked_at(variants, files, made, suffix):
     marker, path = variants("full", made), files("full", made, suffix)
@@ -266,27 +272,28 @@ def test_a_tag_that_is_not_there(variants, files, made, suffix):
     assert sentences(check) == [sentence("tag missing", "aruco:DICT_4X4_50:7")]
 
 
-def test_plates_for_sheets_have_no_dots(variants, make_in, shapes, tmp_path):
+@EXACT_AND_MESH
+def test_plates_for_sheets_have_no_dots(variants, make_in, shapes, tmp_path, suffix):
     marker = variants("plain", "fdm")
     full = replace(variants("full", "fdm"), control_points=marker.control_points)
+    path = tmp_path / f"plate{suffix}"
     for drawn in (marker, full):
-        for check in checks(drawn, drawn, tmp_path, Fabrication("print")):
-            assert check.passed, check.findings
-            assert check.dots == check.copies == 0
-            assert check.notes == (SHEET,)
-    other = replace(marker, boundary=make_in(shapes["L"], 5, 0.012).boundary)
-    for suffix in SOLIDS:
-        assert kinds(verify(other, tmp_path / f"wrong{suffix}")) == ["no dots"]
-
-
-def test_recesses_for_printed_dots_are_no_dots(variants, tmp_path):
-    marker = variants("full", "fdm")
-    for check in checks(marker, marker, tmp_path, Fabrication("print")):
+        check = check_of(drawn, drawn, path, Fabrication("print"))
         assert check.passed, check.findings
-        assert check.notes == (sentence("recesses", "50 um"),)
+        assert check.dots == check.copies == 0
+        assert check.notes == (SHEET,)
+    other = replace(marker, boundary=make_in(shapes["L"], 5, 0.012).boundary)
+    assert kinds(verify(other, path)) == ["no dots"]
+
+
+@EXACT_AND_MESH
+def test_recesses_for_printed_dots_are_no_dots(variants, tmp_path, suffix):
+    marker, path = variants("full", "fdm"), tmp_path / f"recesses{suffix}"
+    check = check_of(marker, marker, path, Fabrication("print"))
+    assert check.passed, check.findings
+    assert check.notes == (sentence("recesses", "50 um"),)
     moved = edited(marker, x=marker.control_points[3].x + 1e-4)
-    for suffix in SOLIDS:
-        assert kinds(verify(moved, tmp_path / f"wrong{suffix}")) == ["shifted"]
+    assert kinds(verify(moved, path)) == ["shifted"]
 
 
 @pytest.mark.parametrize("name", ["L", "two squares"])
