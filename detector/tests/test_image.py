@@ -65,6 +65,16 @@ def test_rings_are_told_from_disks(rng, semi):
     assert ((hole < 0.25) == (dots[:, 5] == 0)).all()
 
 
+@pytest.mark.parametrize("semi", [(3.5, 3.5), (4.0, 2.2), (5.0, 3.2)])
+def test_thin_rings_are_found_wherever_their_pixels_lie(rng, semi):
+    centers = 24 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2) + 20
+    angles = rng.uniform(0, np.pi, 400)
+    rings = np.column_stack([centers + rng.uniform(-0.5, 0.5, (400, 2)), np.tile([*semi], (400, 1)), angles])
+    # A shorter axis of 4.4 px with a hole of 0.7 has a wall of 0.7 px.
+    image = drawn((500, 500), np.column_stack([rings, np.full(400, 0.7)]), rng, blur=0.36)
+    assert len(find_blobs(image)) == 400
+
+
 @pytest.mark.parametrize("hole", [0, 0.5])
 def test_what_the_border_cuts_is_as_sure_as_it_is_right(rng, hole):
     squares = []
