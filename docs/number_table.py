@@ -309,6 +309,10 @@ def _extremes(*values: float) -> Sequence[float]:
     return [min(values), max(values)]
 
 
+def _percents(*shares: float) -> Sequence[float]:
+    return [100 * share for share in _extremes(*shares)]
+
+
 def _middle(*values: float) -> Sequence[float]:
     return [sum(_extremes(*values)) / 2]
 
@@ -525,7 +529,7 @@ MEASURED: Sequence[Entry] = (
             f"n = {n}"
             for n in range(4, 9)
         ],
-        lambda *shares: [100 * share for share in _extremes(*shares)],
+        _percents,
     ),
     _paper(
         "of its gain from the DLT's pose # to # %",
@@ -534,7 +538,7 @@ MEASURED: Sequence[Entry] = (
             f"true pose; n = {n}"
             for n in range(4, 9)
         ],
-        lambda *shares: [100 * share for share in _extremes(*shares)],
+        _percents,
     ),
     _paper(
         "Nine random ones they beat in # to # % of the poses",
@@ -542,7 +546,7 @@ MEASURED: Sequence[Entry] = (
             f"always better,metric,4,share of poses; {error}; random 9 over optimized 4"
             for error in ("dlt he_px2", *(f"{by} {of}" for by in ("epnp", "ippe", "lm") for of in POSE_ERRORS))
         ],
-        lambda *shares: [100 * share for share in _extremes(*shares)],
+        _percents,
     ),
     _paper("its rotation errs # to # times as much on optimized layouts", _poor("metric", "optimized"), _extremes),
     _paper("from the DLT's pose, and # to # times on random ones", _poor("none", "random"), _extremes),
