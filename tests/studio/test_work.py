@@ -120,9 +120,9 @@ def test_a_real_search_can_be_stopped():
             return {}
 
         lines = streamed(job)
-        found = [json.loads(await anext(lines)) for _ in range(2)]
+        first = [json.loads(await anext(lines)) for _ in range(2)]
         await lines.aclose()
-        return found
+        return first
 
     assert [line["stage"] for line in asyncio.run(first_lines())] == ["exchange"] * 2
     assert ended.wait(60)
