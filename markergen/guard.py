@@ -49,7 +49,7 @@ class Limits:
     pipes : bool
         True if it may come through a pipe, which is read to its end.
     seconds, seconds_per_byte : float
-        Maximum parsing time in a child process: a constant, plus a time per byte.
+        Maximum processor time of parsing in a child process: a constant, plus a time per byte.
     memory : int
         Maximum address space of that process, in bytes.
     """
@@ -122,6 +122,9 @@ MOST_TRIANGLES = 1_500_000
 
 BEGINNING = 120.0
 """Maximum startup time of a child process, in seconds: a CAD kernel may load from a cold disk."""
+
+WAITING = 10
+"""Ratio of elapsed to processor time after which a child process is ended: a busy machine, or one that hangs."""
 
 _NEIGHBORS = 1000
 """Maximum number of names that are compared with one that does not exist."""
@@ -262,8 +265,9 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     Parameters
     ----------
     kind : str
-        Key of `KINDS`, for the limits of size, time and memory. Where the system cannot limit memory (Windows,
-        macOS), only time is limited, and the log says so.
+        Key of `KINDS`, for the limits of size, time and memory. Time is that of the processor, so that a busy machine
+        refuses no file. Where the system cannot limit memory (Windows, macOS), only time is limited, and the log says
+        so.
     expected : str
         Description of a valid file, for the message if the parser crashes or exceeds its time or memory.
 
@@ -278,9 +282,11 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     check_size(content, kind)
     child = _child(script, kind)
     with child.lock:
-        reply = child.ask(function, content.data, limits.seconds + limits.seconds_per_byte * len(content.data))
+        seconds = limits.seconds + limits.seconds_per_byte * len(content.data)
+        reply = child.ask(function, content.data, seconds)
     if reply is None:
-        raise InputError(expected, "one that breaks it", "export it again")
+        actual = f"one that takes more than {seconds:.3g} s" if child.is_late else "one that breaks it"
+        raise InputError(expected, actual, "export it again")
     if "refused" in reply.values:
         expected, actual, remedy = reply.values["refused"]
         raise InputError(f"{expected} in {content.name}", actual, remedy)
@@ -312,6 +318,7 @@ class _Child:
     process: "subprocess.Popen[bytes] | None" = None
     owner: int = 0
     greeted: bool = False
+    is_late: bool = False
 
     def start(self) -> None:
         """Start the process unless it is running."""
@@ -331,19 +338,19 @@ class _Child:
         )  # fmt: skip
         self.owner, self.greeted = os.getpid(), False
 
-    def ask(self, function: str, data: bytes, patience: float) -> Reply | None:
-        """Return the parser's reply; None if it crashed or timed out."""
+    def ask(self, function: str, data: bytes, seconds: float) -> Reply | None:
+        """Return the parser's reply; None if it crashed or, as `is_late` says, took too long."""
         self._greet()
         assert self.process is not None
         assert self.process.stdin is not None
-        head = json.dumps({"function": function, "size": len(data), "seconds": patience}).encode() + b"\n"
+        head = json.dumps({"function": function, "size": len(data), "seconds": seconds}).encode() + b"\n"
         try:
             self.process.stdin.write(head + data)
             self.process.stdin.flush()
         except OSError:
             self.end()
             return None
-        return self._reply(patience)
+        return self._reply(WAITING * seconds)
 
     def _greet(self) -> None:
         """Wait until the script has started; raises MissingLibraryError if it cannot."""
@@ -364,12 +371,15 @@ class _Child:
         assert process.stdout is not None
         timer = Timer(patience, process.kill)
         timer.start()
+        self.is_late = False
         try:
             values = json.loads(self._part(process.stdout))
             arrays = self._part(process.stdout)
             return Reply(values, _arrays(arrays) if arrays else {})
         except (OSError, ValueError):
+            over = not timer.is_alive()
             self.end()
+            self.is_late = over or process.returncode == -getattr(signal, "SIGPROF", 0)
             return None
         finally:
             timer.cancel()
@@ -436,11 +446,18 @@ def run_parser(script: str, memory: str) -> None:
     while line := sys.stdin.buffer.readline():
         request = json.loads(line)
         data = sys.stdin.buffer.read(request["size"])
-        # The parent kills this process on a timeout; the alarm does it if the parent is gone.
-        alarm: Callable[[int], object] = getattr(signal, "alarm", int)
-        alarm(60 + int(2 * request["seconds"]))
+        # The parent ends this process if it hangs; the second timer does so if the parent is gone.
+        seconds = request["seconds"]
+        _end_after(seconds, 60 + WAITING * seconds)
         _send(replies, *_answer(functions[request["function"]], data))
-        alarm(0)
+        _end_after(0, 0)
+
+
+def _end_after(busy: float, elapsed: float) -> None:
+    """End this process after so many seconds of processor time or in all; 0 stands for never."""
+    if sys.platform != "win32":
+        signal.setitimer(signal.ITIMER_PROF, busy)
+        signal.setitimer(signal.ITIMER_REAL, elapsed)
 
 
 def _functions(script: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
-from markergen.guard import KINDS, Content, in_child
+from markergen.guard import Content, in_child
 from markergen.model.body import Body
 from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
 from markergen.verification.pdf_parser import FINEST
@@ -95,13 +95,7 @@ def read_fabrication_sheet(data: bytes, name: str, body: Body, settings: Setting
 @READERS.register(".pdf")
 def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
-    reply = in_child(
-        PARSER,
-        "parse_pdf",
-        Content(name, data),
-        "PDF",
-        f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}",
-    )
+    reply = in_child(PARSER, "parse_pdf", Content(name, data), "PDF", f"a complete PDF in {name}")
     layers = reply.values["layers"]
     sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)

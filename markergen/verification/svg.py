@@ -59,7 +59,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     if _AT_ENDS.search(data):
         raise InputError(f"an SVG without shapes at the ends of its lines in {name}", "marker", "convert them to paths")
     file = plain(OutlineFile(name, data, PATIENCE))
-    wanted = f"an SVG that browsers draw, within {KINDS['SVG'].seconds:g} s, in {name}"
+    wanted = f"an SVG that browsers draw in {name}"
     with np.errstate(all="ignore"):
         grey = in_child(PARSER, "render", Content(name, file.data), "SVG", wanted).arrays["picture"]
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
