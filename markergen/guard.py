@@ -17,7 +17,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import islice
 from pathlib import Path
@@ -265,9 +267,8 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     Parameters
     ----------
     kind : str
-        Key of `KINDS`, for the limits of size, time and memory. Time is that of the processor, so that a busy machine
-        refuses no file. Where the system cannot limit memory (Windows, macOS), only time is limited, and the log says
-        so.
+        Key of `KINDS`, for the limits of size, processor time and memory. Where memory is not limited (Windows,
+        macOS), the log says so.
     expected : str
         Description of a valid file, for the message if the parser crashes or exceeds its time or memory.
 
@@ -280,7 +281,7 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     """
     limits = KINDS[kind]
     check_size(content, kind)
-    child = _child(script, kind)
+    child = start_child(script, kind)
     with child.lock:
         seconds = limits.seconds + limits.seconds_per_byte * len(content.data)
         reply = child.ask(function, content.data, seconds)
@@ -295,11 +296,12 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
     return reply
 
 
-def start_child(script: Path, kind: str) -> None:
+def start_child(script: Path, kind: str) -> "_Child":
     """Start the process for `in_child` ahead of time, without waiting for it."""
-    child = _child(script, kind)
+    child = _CHILDREN.setdefault(script, _Child(script, KINDS[kind].memory))
     with child.lock:
         child.start()
+    return child
 
 
 def end_children() -> None:
@@ -344,12 +346,10 @@ class _Child:
         assert self.process is not None
         assert self.process.stdin is not None
         head = json.dumps({"function": function, "size": len(data), "seconds": seconds}).encode() + b"\n"
-        try:
+        # If the process is gone, its reply says so.
+        with suppress(OSError):
             self.process.stdin.write(head + data)
             self.process.stdin.flush()
-        except OSError:
-            self.end()
-            return None
         return self._reply(WAITING * seconds)
 
     def _greet(self) -> None:
@@ -371,15 +371,13 @@ class _Child:
         assert process.stdout is not None
         timer = Timer(patience, process.kill)
         timer.start()
-        self.is_late = False
         try:
             values = json.loads(self._part(process.stdout))
             arrays = self._part(process.stdout)
             return Reply(values, _arrays(arrays) if arrays else {})
         except (OSError, ValueError):
-            over = not timer.is_alive()
             self.end()
-            self.is_late = over or process.returncode == -getattr(signal, "SIGPROF", 0)
+            self.is_late = not timer.is_alive() or process.returncode == -getattr(signal, "SIGPROF", 0)
             return None
         finally:
             timer.cancel()
@@ -413,10 +411,6 @@ _CHILDREN: dict[Path, _Child] = {}
 atexit.register(end_children)
 
 
-def _child(script: Path, kind: str) -> _Child:
-    return _CHILDREN.setdefault(script, _Child(script, KINDS[kind].memory))
-
-
 def _arrays(data: bytes) -> "dict[str, np.ndarray[Any, Any]]":
     import numpy as np
 
@@ -443,21 +437,15 @@ def run_parser(script: str, memory: str) -> None:
     except ImportError as error:
         hello = {"missing": " ".join(str(error).split())}
     _send(replies, hello, {})
+    # A signal ends this process. On Windows only the parent does.
+    has_timer = hasattr(signal, "setitimer")
+    end_after: Callable[[float], object] = partial(signal.setitimer, signal.ITIMER_PROF) if has_timer else float
     while line := sys.stdin.buffer.readline():
         request = json.loads(line)
         data = sys.stdin.buffer.read(request["size"])
-        # The parent ends this process if it hangs; the second timer does so if the parent is gone.
-        seconds = request["seconds"]
-        _end_after(seconds, 60 + WAITING * seconds)
+        end_after(request["seconds"])
         _send(replies, *_answer(functions[request["function"]], data))
-        _end_after(0, 0)
-
-
-def _end_after(busy: float, elapsed: float) -> None:
-    """End this process after so many seconds of processor time or in all; 0 stands for never."""
-    if sys.platform != "win32":
-        signal.setitimer(signal.ITIMER_PROF, busy)
-        signal.setitimer(signal.ITIMER_REAL, elapsed)
+        end_after(0)
 
 
 def _functions(script: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.read.outlines.formats import OutlineFile
 from markergen.verification import verify
-from markergen.verification.svg_styles import plain
+from markergen.verification.svg import plain
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm">{}</svg>'
 
